@@ -188,8 +188,10 @@ def test_a_lock_that_was_removed_while_it_was_waited_for_is_taken_anew(
         flock(file, operation)
 
     monkeypatch.setattr(fcntl, "flock", remove_first)
-    with BenchLock(described(), tmp_path), pytest.raises(BenchInUse), BenchLock(described(), tmp_path):
-        pass
+    with BenchLock(described(), tmp_path):
+        assert len(locks(tmp_path)) == len(addresses(described()))
+        with pytest.raises(BenchInUse), BenchLock(described(), tmp_path):
+            pass
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
