@@ -7,6 +7,8 @@ from typing import Protocol
 
 
 class Clock(Protocol):
+    """A clock for waits in bench time."""
+
     def now_ns(self) -> int:
         """Time since the bench was opened, in integer nanoseconds."""
 

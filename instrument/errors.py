@@ -1,16 +1,16 @@
 """Every error that palpate raises on purpose.
 
     PalpateError
-    ├── UsageError                   what was asked for cannot be (exit status 2)
+    ├── UsageError                   wrong or impossible arguments (exit status 2)
     │   ├── ConfigError              a bench, scene or calibration file is wrong
     │   ├── QuantityError            a text is not a quantity of the unit asked for   (ValueError)
     │   ├── RangeError               a value lies outside its limits                  (ValueError)
     │   └── UnknownName              no such sample, design, model, effect, scene     (LookupError)
-    ├── BenchError                   the bench could not do it (exit status 1)
+    ├── BenchError                   the bench failed (exit status 1)
     │   ├── LinkError                a bus or connection failed                       (ConnectionError)
     │   │   └── LinkTimeout          no answer in time                                (TimeoutError)
     │   ├── DeviceError              a device answered with an error
-    │   │   └── SettingsLost         it does not hold what was written
+    │   │   └── SettingsLost         the device no longer holds its settings
     │   ├── BenchInUse               another program has the bench or its amplifier
     │   ├── IdentityError            another device, version or word order than the contract's
     │   ├── SampleError              another sample is mounted than the procedure asked for
@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 
 class PalpateError(Exception):
-    """Root of the tree. `exit_code` is the exit status of the command line."""
+    """The base of all errors that palpate raises on purpose; `exit_code` is the exit status of the command line."""
 
     exit_code = 1
 
@@ -57,7 +57,7 @@ MOST_LISTED = 60  # names in a message; a store holds thousands of runs
 
 
 class UnknownName(UsageError, LookupError):
-    """There is nothing of that name. The message lists the valid names and tells the nearest one."""
+    """A name does not exist. The message lists the valid names, and suggests the nearest one."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
         names = sorted(valid)
@@ -67,14 +67,14 @@ class UnknownName(UsageError, LookupError):
 
 
 def named(kind: str, name: str, among: Mapping[str, T]) -> T:
-    """Find by its name. Raises UnknownName."""
+    """The entry with a name. Raises UnknownName: there is none."""
     if name not in among:
         raise UnknownName(kind, name, among)
     return among[name]
 
 
 class BenchError(PalpateError):
-    """The bench could not do what was asked for. `device` is the name of the device that failed, where it is known."""
+    """The bench failed to do something. `device` is the name of the device that failed; empty: unknown."""
 
     def __init__(self, *args: object, device: str = "") -> None:
         super().__init__(*args)
@@ -90,7 +90,7 @@ class LinkTimeout(LinkError, TimeoutError):
 
 
 class DeviceError(BenchError):
-    """A device answered with an error. `code` is the code of a Modbus exception response, 0 where there was none."""
+    """A device answered with an error. `code` is the code of a Modbus exception response; 0: there was none."""
 
     def __init__(self, *args: object, device: str = "", code: int = 0) -> None:
         super().__init__(*args, device=device)
@@ -130,6 +130,6 @@ class RecordError(PalpateError, OSError):
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """`" (did you mean 'x'?)"` for the valid name nearest to `name`, or `""` where none is near."""
+    """`" (did you mean 'x'?)"` for the valid name that is most similar to `name`; empty if none is similar."""
     close = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.6)
     return f" (did you mean {close[0]!r}?)" if close else ""

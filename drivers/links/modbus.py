@@ -206,15 +206,18 @@ class ModbusLink:
 
 
 def read_registers(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
+    """A request for `ModbusLink.transact`: read holding registers (function 3)."""
     reply: ModbusPDU = client.read_holding_registers(address, count=count, device_id=unit)
     return reply
 
 
 def write_registers(client: Any, address: int, registers: list[int], unit: int) -> ModbusPDU:
+    """A request for `ModbusLink.transact`: write holding registers (function 16)."""
     reply: ModbusPDU = client.write_registers(address, registers, device_id=unit)
     return reply
 
 
 def read_identity(client: Any, category: int, unit: int) -> ModbusPDU:
+    """A request for `ModbusLink.transact`: read a category of identity objects (function 43/14)."""
     reply: ModbusPDU = client.read_device_information(read_code=category, object_id=0, device_id=unit)
     return reply

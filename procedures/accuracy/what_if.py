@@ -131,6 +131,7 @@ def measured_contrasts() -> dict[str, float]:
 
 
 def mean_of(by_sample: Mapping[str, float]) -> float:
+    """Mean over the samples."""
     return math.fsum(by_sample.values()) / len(by_sample)
 
 

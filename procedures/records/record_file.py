@@ -44,6 +44,7 @@ def chain_of(header: Mapping[str, object]) -> bytes:
 
 
 def header_frame(header: Mapping[str, object]) -> Content:
+    """The frame of a run's header."""
     return HEADER, 0, [as_json({"format": FORMAT, "header": header}).encode()]
 
 
@@ -64,7 +65,7 @@ def point_frames(point_id: int, data: Mapping[str, object], waveforms: Waveforms
 
 
 def event_frame(event_id: int, kind: str, message: str, bench_ns: int) -> Content:
-    # A file's name in a message can hold bytes that are not UTF-8.
+    """The frame of an event. Bytes of a file's name in the message that are not UTF-8 are escaped."""
     text = message.encode(errors="backslashreplace").decode()
     return EVENT, event_id, [as_json({"bench_ns": bench_ns, "kind": kind, "message": text}).encode()]
 

@@ -41,19 +41,25 @@ class CanFault(Fault):
 
 
 class LostFrame(CanFault):
-    pass
+    """A frame is lost."""
 
 
 class DuplicatedFrame(CanFault):
+    """A frame comes twice."""
+
     def frames(self, frame: Frame) -> list[Frame]:
         return [frame, frame]
 
 
 class DelayedFrame(CanFault):
+    """A frame comes after several later ones."""
+
     overtaken: ClassVar[int] = DELAY
 
 
 class ReorderedFrames(CanFault):
+    """A frame comes after the next one."""
+
     overtaken: ClassVar[int] = 1
 
 
@@ -78,6 +84,8 @@ class BusOverload(CanFault):
 
 
 class NoHeartbeat(CanFault):
+    """A node sends no heartbeat."""
+
     targets: ClassVar[tuple[Target, ...]] = (Beats,)
     function: ClassVar[int | None] = HEARTBEAT
 
@@ -100,6 +108,8 @@ class CounterRepeats(_Counter):
 
 
 class CounterSkips(_Counter):
+    """A sample has the number of the sample after it."""
+
     step: ClassVar[int] = 1
 
 

@@ -63,10 +63,14 @@ class _Trip(DeviceFault):
 
 
 class OverCurrent(_Trip):
+    """The amplifier trips on too much current."""
+
     latches: ClassVar[str] = "over_current"
 
 
 class OverTemperature(_Trip):
+    """The amplifier trips on too high a temperature."""
+
     latches: ClassVar[str] = "over_temperature"
 
 

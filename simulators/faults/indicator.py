@@ -18,6 +18,8 @@ NO_READING = 0x7FFF_FFFF
 
 
 class IndicatorFault(DeviceFault):
+    """A fault that replaces readings of the strain indicator while it lasts."""
+
     targets: ClassVar[tuple[Target, ...]] = ("strain_indicator",)
 
     def begin(self, sim: Faulty) -> None:
@@ -33,7 +35,7 @@ class IndicatorFault(DeviceFault):
 
 
 class StuckReading(IndicatorFault):
-    """The display is no longer renewed."""
+    """The display is no longer updated."""
 
     targets: ClassVar[tuple[Target, ...]] = (Reads,)
 
@@ -44,6 +46,8 @@ class StuckReading(IndicatorFault):
 
 
 class BridgeOpen(IndicatorFault):
+    """The load cell's bridge is open, so that there is no reading."""
+
     def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
         open_ = {"reading": NO_READING, "reading_float": math.nan}
 
@@ -56,6 +60,8 @@ class BridgeOpen(IndicatorFault):
 
 
 class Overload(IndicatorFault):
+    """The status says that the reading exceeds the full scale."""
+
     def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
         return lambda name: int(read(name)) | 1 << BITS["overload"] if name == "status" else read(name)
 

@@ -25,6 +25,8 @@ class NodeReboot(DeviceFault):
 
 
 class Emergency(DeviceFault):
+    """The node sends an emergency message with a `code`."""
+
     targets: ClassVar[tuple[Target, ...]] = ("canopen",)
     code: int = Field(default=HARDWARE, ge=0, le=0xFFFF, strict=True)
 
@@ -56,6 +58,8 @@ class FilmFault(DeviceFault):
 
 
 class SaturatedFilm(FilmFault):
+    """The film's voltage exceeds every input range."""
+
     def added(self, seconds: Any) -> Any:
         return BEYOND
 

@@ -48,6 +48,8 @@ class LostBytes(RtuFault):
 
 
 class LeadingGlitch(RtuFault):
+    """A glitch comes before the reply, when the device begins to drive the line."""
+
     def received(self, reply: bytes) -> bytes:
         return GLITCH + reply
 
@@ -59,6 +61,8 @@ class LateAnswer(RtuFault):
 
 
 class TwoReplies(RtuFault):
+    """The reply comes twice."""
+
     def received(self, reply: bytes) -> bytes:
         return reply + reply
 

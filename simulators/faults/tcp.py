@@ -49,6 +49,8 @@ class LateReply(TcpFault):
 
 
 class SplitReply(TcpFault):
+    """The reply comes in four segments."""
+
     def segments(self, request: bytes, reply: bytes) -> list[bytes]:
         return [reply[:3], reply[3:HEADER], reply[HEADER : COUNT + 2], reply[COUNT + 2 :]]
 
@@ -61,16 +63,22 @@ class MergedReplies(TcpFault):
 
 
 class TruncatedReply(TcpFault):
+    """The last byte of the reply is missing."""
+
     def segments(self, request: bytes, reply: bytes) -> list[bytes]:
         return [reply[:-1]]
 
 
 class WrongTransaction(TcpFault):
+    """The reply has another transaction id."""
+
     def segments(self, request: bytes, reply: bytes) -> list[bytes]:
         return [_with_transaction(reply, 7)]
 
 
 class WrongUnit(TcpFault):
+    """The reply has another unit id."""
+
     def segments(self, request: bytes, reply: bytes) -> list[bytes]:
         return [reply[:UNIT] + bytes([reply[UNIT] ^ 0x10]) + reply[FUNCTION:]]
 
@@ -103,14 +111,20 @@ class _Exception(TcpFault):
 
 
 class DeviceBusy(_Exception):
+    """The device refuses the request with exception 6, device busy."""
+
     code: ClassVar[int] = DEVICE_BUSY
 
 
 class DeviceFailure(_Exception):
+    """The device refuses the request with exception 4, device failure."""
+
     code: ClassVar[int] = DEVICE_FAILURE
 
 
 class IllegalValue(_Exception):
+    """The device refuses the request with exception 3, illegal value."""
+
     code: ClassVar[int] = ILLEGAL_VALUE
 
 

@@ -1,4 +1,4 @@
-"""What the documentation says of the code is what stands there."""
+"""The documentation is true of the code."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 
 from palpate.procedures.commands import palpate as main
 from palpate.procedures.steps.policy import POLICIES
+from palpate.simulators.faults import FAULTS, fault_class
 from tests.procedures.conftest import Palpate
 
 DOCUMENTATION = Path(__file__).parents[2] / "docs"
@@ -27,6 +28,10 @@ def table(page: str) -> list[tuple[str, ...]]:
 
 def test_the_table_of_incidents_is_that_of_the_policies() -> None:
     assert table("explanation/incidents.md") == [(p.incident, p.does, str(p.attempts)) for p in POLICIES]
+
+
+def test_every_fault_says_what_it_does() -> None:
+    assert [name for name in FAULTS if not fault_class(name).__doc__] == []
 
 
 def test_the_table_of_extras_has_each_once() -> None:

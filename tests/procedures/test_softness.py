@@ -100,7 +100,7 @@ def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public
         (("--samples", "1", "--dwell", "0 s"), "dwell 0 s is not above 0"),
         (("--samples", "1", "--thickness", "0 mm", "--modulus", "1 kPa"), "not both"),
         (("--modulus", "1 kPa", "--thickness", "0 mm"), "thickness 0 m of sample '1 kPa' is not above 0"),
-        (("--modulus", "50 kPa, 50 kPa"), "name one at least, each once"),
+        (("--modulus", "50 kPa, 50 kPa"), "give at least one, and each only once"),
     ],
 )
 def test_what_cannot_be_measured_is_one_error_before_anything_moves(
@@ -114,7 +114,7 @@ def test_what_cannot_be_measured_is_one_error_before_anything_moves(
 
 def test_objects_of_several_thicknesses_are_refused() -> None:
     thick = replace(get_sample("2"), thickness=5e-3)
-    with pytest.raises(RangeError, match="objects of several thicknesses need a ratio curve each"):
+    with pytest.raises(RangeError, match="different thicknesses, each of which needs its own ratio curve"):
         SoftnessTest((get_sample("1"), thick)).check(REAL)
 
 
@@ -125,6 +125,6 @@ def test_a_sensor_of_more_films_than_the_nodes_take_is_refused() -> None:
 
 def test_several_unknown_objects_on_a_real_bench_have_names() -> None:
     one, other = unknown_object(SINGLE), unknown_object(SINGLE)
-    with pytest.raises(RangeError, match="name one at least, each once"):
+    with pytest.raises(RangeError, match="give at least one, and each only once"):
         SoftnessTest((one, other)).check(REAL)
     SoftnessTest((one, unknown_object(SINGLE, name="tissue"))).check(REAL)

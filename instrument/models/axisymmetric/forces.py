@@ -96,5 +96,6 @@ def charge_of(at: OnMesh, body: Body) -> float:
 
 
 def capacitance_of(body: Body) -> float:
+    """Capacitance of a film [F]."""
     assert body.film is not None
     return capacitance(body.film, body.area, body.heights[1] - body.heights[0])

@@ -219,6 +219,7 @@ def interpolate(values: Array) -> Array:
 
 
 def model_of(parameters: Parameters) -> str:
+    """Name of the finite-element model for these parameters."""
     return "axisymmetric" if isinstance(parameters, RoundParameters) else "solid"
 
 

@@ -34,6 +34,8 @@ TABLE = "A2.7"
 
 @dataclass(frozen=True, slots=True)
 class PositionStep(Step):
+    """One position of the point load, along the base."""
+
     position_mm: float
 
 
@@ -67,7 +69,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
         check_nodes(target.design, target.nodes)
         sample = get_sample(self.sample)
         if len(self.positions) < FEWEST:
-            raise RangeError(f"{len(self.positions)} positions make no sweep; give {FEWEST} or more")
+            raise RangeError(f"{len(self.positions)} positions are too few for a sweep; give {FEWEST} or more")
         check_increasing("positions", self.positions, "m")
         for position in self.positions:
             check_place(target.design, position)

@@ -62,9 +62,12 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         """
         names = [each.name for each in self.objects]
         if not names or len(set(names)) < len(names):
-            raise RangeError(f"objects {names}: name one at least, each once")
+            raise RangeError(f"objects {names}: give at least one, and each only once")
         if len({each.thickness for each in self.objects}) > 1:
-            raise RangeError("objects of several thicknesses need a ratio curve each; measure them apart")
+            raise RangeError(
+                "the objects have different thicknesses, each of which needs its own ratio curve; measure them in "
+                "separate runs"
+            )
         check_nodes(target.design, target.nodes)
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")

@@ -36,7 +36,7 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
         table,
         *legend(table, marks={**MARKS, "any": "every modulus agrees with the ratio"}),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}",
-        *([f"not told apart by 95 %: {alike}"] if alike else []),
+        *([f"cannot be told apart at 95 %: {alike}"] if alike else []),
         f"price          {result.price}",
         *where(outcome, plot),
     )
