@@ -81,7 +81,7 @@ def test_an_option_of_one_value_that_is_given_twice_is_refused_by_every_command(
         ("sweep loads", "--tolerance", "5"),
         ("calibrate load-cell", "--positions", "a"),
         ("softness", "--modulus", "60 kPa, x"),
-        ("scene explain ideal", "--load", "3"),
+        ("scene explain ideal", "--load", "x"),
         ("accuracy dwell", "--dwell", "1 s,"),
         ("model ratio --sensed-modulus 1kPa", "--plate-modulus", "hard"),
         ("model ratio --sensed-modulus 1kPa", "--at", "1 mm"),
