@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 from palpate.instrument.models.prices.price_list import PriceList
 from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
@@ -54,19 +54,6 @@ class Part:
         return asdict(self)
 
 
-class Integrated(Protocol):
-    """One integrator at one setting; see `palpate.simulators.linear.integrators`."""
-
-    @property
-    def method(self) -> str: ...
-    @property
-    def setting(self) -> float | None: ...
-    @property
-    def error(self) -> float | None: ...
-    @property
-    def seconds(self) -> float: ...
-
-
 def of_models(prices: PriceList, design: str) -> Part:
     """Part for the models, from the stored list: each model that answers for the rubber samples, at each refinement.
 
@@ -87,9 +74,8 @@ def of_models(prices: PriceList, design: str) -> Part:
     return Part(MODELS, f"force ratio of design {design}", CPU, tuple(ways), recommended)
 
 
-def of_integrators(measured: Iterable[Integrated]) -> Part:
+def of_integrators(ways: Sequence[Way]) -> Part:
     """Part for the integrators of a stiff chain."""
-    ways = [Way(m.method, "" if m.setting is None else f"{m.setting:.3g}", m.error, m.seconds) for m in measured]
     return _part(INTEGRATORS, "output of a stiff chain over 10 s", CPU, ways)
 
 
