@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any, TypeVar, get_args
 
 from palpate.drivers.clock import BenchClock
@@ -40,20 +39,16 @@ class Fitted:
         devices = description.devices
         self._listed = {each.name: each for each in devices}
         self._filling = {role: [each.name for each in filling(role, devices)] for role in get_args(Role)}
-        self._devices: dict[str, Device] = {}
-        driving = [self._listed[name] for role in DRIVING for name in self._filling[role]]
-        self._make(driving, clock)
+        self.clock = WatchedClock(clock)
+        self._devices = {each.name: self._made(each) for each in devices}
         self._exciter = self._driven()
-        self.clock = WatchedClock(clock, self._exciter, description.watchdog)
-        self._make(self._listed.values(), self.clock)
-        self._devices = {name: self._devices[name] for name in self._listed}
+        if self._exciter is not None:
+            self.clock.look_after(self._exciter, description.watchdog)
 
-    def _make(self, listed: Iterable[Listed], clock: Any) -> None:
-        """Make the drivers of devices that have none yet. Raises ConfigError: a driver cannot be loaded."""
-        for each in listed:
-            if each.name not in self._devices:
-                driver = load(each.kind.driver, f"driver of {each.name}")
-                self._devices[each.name] = driver.at(Place(self.links[each.link], each.unit, each.settings, clock))
+    def _made(self, each: Listed) -> Device:
+        """The driver of a device. Raises ConfigError: it cannot be loaded."""
+        driver: type[Device] = load(each.kind.driver, f"driver of {each.name}")
+        return driver.at(Place(self.links[each.link], each.unit, each.settings, self.clock))
 
     def _driven(self) -> Exciter | None:
         """The exciter; None: the bench has none. Raises ConfigError: its driver does not fit."""

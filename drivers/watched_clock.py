@@ -36,22 +36,23 @@ class WatchedClock:
     which is a thread, feeds the watchdog.
     """
 
-    def __init__(self, clock: BenchClock, exciter: Watched | None, watchdog: float) -> None:
-        """Make the clock of a bench.
-
-        Args:
-            clock: the clock that keeps the time.
-            exciter: the exciter to watch; None: there is none, so that the clock never watches.
-            watchdog: time-out of the watchdog [s].
-        """
+    def __init__(self, clock: BenchClock) -> None:
+        """Make the clock of a bench from the one that keeps the time. It has no exciter to watch yet."""
         self._clock = clock
-        self._exciter = exciter
-        self._guard = exciter.guard if exciter else None
-        self._longest = watchdog / 2 if self._guard else LOOKS
+        self._exciter: Watched | None = None
+        self._guard: Fed | None = None
+        self._longest = LOOKS
         self._fed_ns = 0
-        self._heartbeat = Heartbeat(self._guard.live, watchdog / 4) if self._guard and clock.goes_on else None
+        self._heartbeat: Heartbeat | None = None
         self._heard: Callable[[int], object] = lambda _now_ns: None
         self._watching = False
+
+    def look_after(self, exciter: Watched, watchdog: float) -> None:
+        """Watch this exciter whenever it drives; `watchdog`: time-out of its watchdog, if it has one [s]."""
+        self._exciter, self._guard = exciter, exciter.guard
+        if self._guard:
+            self._longest = watchdog / 2
+            self._heartbeat = Heartbeat(self._guard.live, watchdog / 4) if self._clock.goes_on else None
 
     def tap(self, heard: Callable[[int], object]) -> None:
         """From now on call `heard` with each time that somebody reads [ns]."""
@@ -72,7 +73,7 @@ class WatchedClock:
         if self._heartbeat:
             self._heartbeat.expect(0.0 if watching else math.inf)
             self._heartbeat.failure()  # forgets an earlier failure
-        elif watching:
+        elif watching and self._guard:
             self._fed_ns = self._clock.now_ns()  # it has just been enabled
 
     def now_ns(self) -> int:

@@ -56,5 +56,7 @@ def _guest(name: str, table: dict[str, Any], where: str) -> Guest:
         raise ConfigError(f"{where}: {error}") from None
     if found.simulator is None:
         raise ConfigError(f"{where}: kind: {kind} has no simulator; leave the device out of the scene")
-    settings = check({key: value for key, value in table.items() if key != "role"}, found.settings, where)
+    settings = check(
+        {key: value for key, value in table.items() if key not in ("role", "optional")}, found.settings, where
+    )
     return Guest(name, found, settings, table)

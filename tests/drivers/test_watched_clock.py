@@ -53,7 +53,9 @@ class Waits:
 
 def watched(goes_on: bool) -> tuple[WatchedClock, list[str]]:
     amplifier = Amplifier()
-    return WatchedClock(Waits(amplifier.asked, goes_on), amplifier, 2.0), amplifier.asked  # type: ignore[arg-type]
+    clock = WatchedClock(Waits(amplifier.asked, goes_on))  # type: ignore[arg-type]
+    clock.look_after(amplifier, 2.0)  # type: ignore[arg-type]
+    return clock, amplifier.asked
 
 
 def test_a_clock_that_watches_cuts_waits_and_looks_at_the_amplifier_after_each_piece() -> None:

@@ -12,6 +12,7 @@ import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import Exciter, LoadIndicator
 from palpate.instrument.errors import SafetyError
+from palpate.procedures.logs.shown import read_log
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
@@ -41,7 +42,7 @@ def ratio(result: SweepResult) -> float:
     return point.force_ratio
 
 
-@pytest.mark.parametrize("name", ["exciter", "drive"])
+@pytest.mark.parametrize("name", [pytest.param("exciter", marks=pytest.mark.slow), "drive"])
 def test_an_exciter_drives_a_sweep_and_finds_the_ratio_that_generator_and_amplifier_find(
     name: str, ideal: Scene, usual: float, tmp_path: Path
 ) -> None:
@@ -67,19 +68,55 @@ def test_an_indicator_reads_the_loads_of_a_sweep(
     assert found == pytest.approx(usual, rel=1e-3)
 
 
-def test_the_record_of_a_run_says_that_the_exciter_has_no_watchdog_and_a_trip_ends_it(
+def written(folder: Path, devices: dict[str, dict[str, Any]], faults: str = "") -> Path:
+    """A file of the thesis' scene with these devices and faults."""
+    scene = folder / "scene.toml"
+    scene.write_text(read_scene("thesis_single").with_devices(devices).to_toml() + faults, encoding="utf-8")
+    return scene
+
+
+@pytest.mark.slow
+def test_a_record_names_each_device_of_a_kind_and_says_which_is_absent_and_that_the_exciter_has_no_watchdog(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    with installed("exciter"):
-        scene = tmp_path / "scene.toml"
-        file = read_scene("thesis_single").with_devices({"shaker": {"kind": "acme-exciter"}})
-        trip = '[[fault]]\nkind = "over_current"\non = "shaker"\nat = "100 s"\n'
-        scene.write_text(file.to_toml() + trip, encoding="utf-8")
-        with palpate.open_bench(scene=str(scene)) as bench:
-            asked = palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=30.0)
-            with pytest.raises(SafetyError, match=r"exciter at .*: has tripped"):
-                palpate.run(asked, bench, out=tmp_path / "run")
+    monkeypatch.setenv("PALPATE_STORE", str(tmp_path))
+    devices: dict[str, dict[str, Any]] = {
+        "shaker": {"kind": "acme-exciter"},
+        "left": {"kind": "acme-oven"},
+        "right": {"kind": "acme-oven", "role": "chamber"},
+        "spare": {"kind": "acme-oven", "optional": True},
+    }
+    faults = """
+[[fault]]
+kind = "connection_refused"
+on = "spare"
+transaction = 1
+[[fault]]
+kind = "over_current"
+on = "shaker"
+at = "100 s"
+"""
+    with installed("exciter", "oven"), palpate.open_bench(scene=str(written(tmp_path, devices, faults))) as bench:
+        asked = palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=30.0)
+        with pytest.raises(SafetyError, match=r"exciter at .*: has tripped"):
+            palpate.run(asked, bench, out=tmp_path / "run")
     run = palpate.read(tmp_path / "run")
     assert tomllib.loads(run.header["bench"])["watchdog"] == "none"
-    assert [each["message"] for each in run.events() if "has no watchdog, so that nothing" in each["message"]] != []
+    cautions = [each["message"] for each in run.events() if each["kind"] == "caution"]
+    assert [text.partition(":")[0] for text in cautions] == ["spare is not used", "exciter at 127.0.0.1"]
+    ovens = {name: serial for name, serial in run.header["devices"].items() if name.startswith("oven at")}
+    assert list(ovens.values()) == ["SIM-OV-0001", "SIM-OV-0002"]
+
+
+@pytest.mark.slow
+def test_a_bus_log_of_a_drive_on_canopen_can_be_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PALPATE_STORE", str(tmp_path))
+    log = tmp_path / "log.pcapng"
+    with installed("drive"):
+        scene = written(tmp_path, {"shaker": {"kind": "acme-drive"}})
+        with palpate.open_bench(scene=str(scene), log=log) as bench:
+            sweep = palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=0.5)
+            done = palpate.run(sweep, bench, out=tmp_path / "run")
+        said = [line.text for line in read_log(log) if line.who == "node 2"]
+        assert "controlword = on, amplitude = 0 V" in said
+        assert palpate.replay(log, tmp_path / "again").run.digest() == done.run.digest()
