@@ -59,12 +59,13 @@ def test_a_mistake_is_in_the_code_and_no_other() -> None:
 
 def test_tests_that_reach_a_line_are_run_fastest_first_and_all_for_what_runs_before_any_test() -> None:
     seconds = {"a": 0.3, "b": 0.1, "tests/test_source.py::c": 0.2, "d": 0.05}
-    reached = Reach(seconds, {"source.py": {6: ["a", "b", "tests/test_source.py::c"]}})
+    on_a_busy_machine = dict.fromkeys(seconds, 9.0)
+    reached = Reach(on_a_busy_machine, seconds, {"source.py": {6: ["a", "b", "tests/test_source.py::c"]}})
     inside = Mutant(0, 6, 0, False, "")
     assert reached.tests(Path("source.py"), inside) == ["tests/test_source.py::c", "b", "a"]
     at_import = Mutant(0, 2, 0, True, "")
     assert reached.tests(Path("source.py"), at_import) == ["tests/test_source.py::c", "b", "a", "d"]
-    called_at_import = Reach(seconds, {"source.py": {6: ["", "a"]}})
+    called_at_import = Reach(on_a_busy_machine, seconds, {"source.py": {6: ["", "a"]}})
     assert called_at_import.tests(Path("source.py"), inside) == ["tests/test_source.py::c", "a", "d", "b"]
     assert reached.tests(Path("source.py"), Mutant(0, 99, 0, False, "")) == []
 
