@@ -88,7 +88,7 @@ class Registers:
         return WriteMultipleRegistersResponse(address=address, count=len(registers))
 
     def read_device_information(self, *, read_code: int, object_id: int, device_id: int) -> Any:
-        information = {number: text.encode() for number, text in self.objects.items()}
+        information = {number: text.encode(errors="surrogateescape") for number, text in self.objects.items()}
         return ReadDeviceInformationResponse(read_code=read_code, information=information)
 
 

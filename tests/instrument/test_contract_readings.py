@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity, probe
 from palpate.instrument.contracts.sensor_node import bus_load, place, shortest_transfer, stuff_bits
 from palpate.instrument.errors import RangeError, UnknownName
@@ -182,3 +183,30 @@ def test_samples_of_a_node_load_the_bus_by_their_bits() -> None:
 @pytest.mark.parametrize(("channel", "where"), [(1, (1, 1)), (4, (1, 4)), (5, (2, 1)), (9, (3, 1))])
 def test_a_film_is_wired_to_the_next_channel_four_on_a_node(channel: int, where: tuple[int, int]) -> None:
     assert place(channel) == where
+
+
+# --- what a device holds when it is switched on ----------------------------------------------------------
+
+SWITCHED_ON = {
+    "signal_generator": {"frequency": 10.0},
+    "shaker_amplifier": {"gain": 2.0, "current_limit": 5.0},
+    "strain_indicator": {"gage_factor": 8.98, "full_scale": 200.0, "filter": 0.1},
+    "positioner": {"speed": 1e-3, "limit_high": 0.025},
+    "sample_changer": {"speed": 0.02},
+    "sensor_node": {
+        "device_type": 0x0002_0194,  # CiA 404, analogue inputs
+        "sync_cob_id": 0x80, "emergency_cob_id": 0x80, "tpdo1_cob_id": 0x180, "tpdo2_cob_id": 0x280,  # CiA 301, 7.3.5
+        "tpdo1_type": 1, "tpdo2_type": 1,  # at every SYNC
+        "sync_period": 1e-3, "heartbeat": 1.0,
+        "device_name": "Palpate SN-1", "hardware_version": "1.0",
+        "vendor": 0x50414C50, "product": 0x534E0001, "revision": 0x0001_0000,
+        **{f"unit_{channel}": 0x0026_0000 for channel in range(1, 5)},  # volt, CiA 303-2
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SWITCHED_ON)
+def test_a_device_that_was_switched_on_holds_what_was_written_down_here_and_else_zeros(name: str) -> None:
+    contract = CONTRACTS[name]
+    held = {field.name: field.default for field in contract.fields if field.name != "probe"}
+    assert {name: value for name, value in held.items() if value not in (0.0, "")} == SWITCHED_ON[name]
