@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import socket
 from dataclasses import replace
 from typing import Any
@@ -9,7 +11,10 @@ from typing import Any
 import pytest
 from pymodbus.pdu import ModbusPDU
 
+from palpate.drivers import bench as bench_module
+from palpate.drivers import fitted, ownership
 from palpate.drivers.bench import Bench
+from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.contracts.contract import Identity
 from palpate.instrument.errors import BenchError, IdentityError, LinkError, LinkTimeout, SafetyError
 from palpate.instrument.sensor.sample import SAMPLES
@@ -157,3 +162,11 @@ def test_mounting_a_sample_needs_the_probe_at_home(bench: Bench) -> None:
     bench.device("positioner").move(5e-3)
     with pytest.raises(BenchError, match="stands at 5 mm: move it home"):
         bench.operator.mount(SAMPLES["3"])
+
+
+def test_the_bench_names_no_device() -> None:
+    """It is made of what its file lists: no kind, and no module of a kind, stands in its source."""
+    for module in (bench_module, fitted, ownership):
+        source = inspect.getsource(module)
+        assert [name for name in KINDS if name in source] == []
+        assert set(re.findall(r"devices\.(\w+) import", source)) <= {"device", "exciter"}
