@@ -9,6 +9,7 @@ no bound.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ from palpate.simulators.bounds.rounding import reaches_rail, step_changes, steps
 from palpate.simulators.bounds.sides import Side, certain, deterministic, reach, sides
 from palpate.simulators.bounds.strays import strays
 from palpate.simulators.linear.lti import Complexes
-from palpate.simulators.physics.dwells import begun, met, touched
+from palpate.simulators.physics.dwells import ROUNDING, begun, met, touched
 from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Rates
 from palpate.simulators.physics.in_order import Effects
 
@@ -93,7 +94,8 @@ def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
     if not before.dwell.period:  # the drive stands still below the generator's step: a fit finds rounding and noise
         return BEYOND
     beyond = BETWEEN[before.linear]
-    gains = _gains(before, after) if before.scatter.any() else np.ones((1, 1, 1))
+    scatters = bool(before.scatter.any())
+    gains = _gains(before, after) if scatters else np.ones((1, 1, 1))
     was = gains * before.passed + before.added  # (gains, phases, films)
     became = gains * after.passed + after.added
     if effect is after.effects.scattering:  # both sides differ in their gains alone
@@ -102,9 +104,11 @@ def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
         factor = np.where(became == was, 1.0, became / was)
         beside = _beside(case, effect, before, after, factor[0])
         # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): a part that both sides share dilutes the change.
-        missed = np.where(factor == 1.0, 0.0, np.abs(1 - factor) * beside.common) + beside.apart
-        slack = np.where(missed == 0, 0.0, missed / np.maximum(np.abs(was) - beside.least, 0.0))
-        slack = slack + _rounded_off(before, after, was[0], factor[0])
+        missed = np.where(factor == 1.0, 0.0, np.abs(1 - factor)).max(axis=0) * beside.common + beside.apart
+        lost = [_lost(case, each) for each in (before, after)]
+        least = np.where(missed > sum(lost), _least(before) - lost[0] if scatters else np.abs(was[0]), np.abs(was[0]))
+        slack = np.where(missed == 0, 0.0, missed / np.maximum(least - beside.least, 0.0))
+        slack = slack + _rounded_off(before, after, lost, was[0], factor[0])
         low, high = np.maximum(np.abs(factor) - slack, 0.0), np.abs(factor) + slack
         pairs = _pairs(case.design)
         total = [i for i, film in enumerate(case.design.films) if film.kind == FILM_KINDS[1]]
@@ -122,27 +126,53 @@ def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
 
 
 def _gains(before: Side, after: Side) -> Floats:
-    """Gains (5, phases, films) within reach: 1, the ends, and those at which a film changes most or least.
+    """Gains (7, phases, films) within reach: 1, the ends, and those at which a film changes most or least.
 
-    A film that is g P + A becomes g Q + B. The squares of both are polynomials of g, and their quotient is greatest or
-    least at an end or where its derivative, a polynomial of second degree, is zero.
+    A film that is g P + A becomes g Q + B. The squares of both and of their difference are polynomials of g. A quotient
+    of two of them is greatest or least at an end or where its derivative, a polynomial of second degree, is zero.
     """
-    (p2, p1, p0), (q2, q1, q0) = (
-        (abs(each.passed) ** 2, 2 * (each.passed * each.added.conj()).real, abs(each.added) ** 2)
-        for each in (before, after)
+    size, other, difference = (
+        (np.square(abs(passed)), 2 * (passed * added.conj()).real, np.square(abs(added)))
+        for passed, added in (
+            (before.passed, before.added),
+            (after.passed, after.added),
+            (after.passed - before.passed, after.added - before.added),
+        )
     )
-    c2, c1, c0 = q2 * p1 - q1 * p2, 2 * (q2 * p0 - q0 * p2), q1 * p0 - q0 * p1
-    with np.errstate(all="ignore"):
-        middle = -(c1 + np.copysign(np.sqrt(np.maximum(c1**2 - 4 * c2 * c0, 0.0)), c1)) / 2
-        extreme = [np.where(np.isfinite(each), each, 1.0) for each in (middle / c2, c0 / middle)]
+    extreme = [*_extreme(other, size), *_extreme(difference, size)]
     low, high = (np.broadcast_to(1 + sign * before.scatter, before.passed.shape) for sign in (-1, 1))
     return np.stack([np.ones_like(low), low, high, *(np.clip(each, low, high) for each in extreme)])
 
 
-def _rounded_off(before: Side, after: Side, was: Complexes, factor: Complexes) -> Floats:
-    """Change (phases, films) of factors by round-off of both sides, where they differ."""
-    lost = (np.abs(factor) * before.uncertain + after.uncertain) / np.abs(was)
-    return np.where((before.volts != after.volts).any(axis=(0, 2)), lost, 0.0)
+def _extreme(above: Sequence[Floats], below: Sequence[Floats]) -> list[Floats]:
+    """Where a quotient of polynomials of second degree, greatest power first, is greatest or least; 1: nowhere."""
+    (q2, q1, q0), (p2, p1, p0) = above, below
+    c2, c1, c0 = q2 * p1 - q1 * p2, 2 * (q2 * p0 - q0 * p2), q1 * p0 - q0 * p1
+    with np.errstate(all="ignore"):
+        middle = -(c1 + np.copysign(np.sqrt(np.maximum(c1**2 - 4 * c2 * c0, 0.0)), c1)) / 2
+        return [np.where(np.isfinite(each), each, 1.0) for each in (middle / c2, c0 / middle)]
+
+
+def _least(side: Side) -> Floats:
+    """Least amplitudes (phases, films) with any gains within reach: |g P + A| where g P is nearest to -A."""
+    with np.errstate(all="ignore"):
+        nearest = -(side.passed.conj() * side.added).real / np.abs(side.passed) ** 2
+    gains = np.clip(np.where(np.isfinite(nearest), nearest, 1.0), 1 - side.scatter, 1 + side.scatter)
+    return np.asarray(np.abs(gains * side.passed + side.added), dtype=np.float64)
+
+
+def _lost(case: Case, side: Side) -> Floats:
+    """What round-off may change in amplitudes (films,) [V] beside the round-off of films."""
+    added = [sum(each.largest(case, side.rates(i)) for each in side.effects.input) for i in range(len(side.scatter))]
+    return np.asarray(ROUNDING * (np.abs(side.volts).max(axis=(0, 2)) + np.array(added)), dtype=np.float64)
+
+
+def _rounded_off(before: Side, after: Side, lost: Sequence[Floats], was: Complexes, factor: Complexes) -> Floats:
+    """Change (phases, films) of factors by round-off of both sides, and where films differ by what is wrong in them."""
+    changed = (before.volts != after.volts).any(axis=(0, 2))
+    wrong = [rounded + changed * side.uncertain for rounded, side in zip(lost, (before, after), strict=True)]
+    more = (np.abs(factor) * wrong[0] + wrong[1]) / np.abs(was)
+    return np.where(changed | (before.effects.input != after.effects.input), more, 0.0)
 
 
 def _pairs(design: Design) -> list[tuple[int, int]]:
