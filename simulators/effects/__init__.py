@@ -61,9 +61,9 @@ def in_order(effects: Mapping[str, T]) -> dict[str, T]:
 
 
 def origin(name: str) -> str:
-    """The text ", of PACKAGE VERSION" for an effect of an installed package; empty for palpate's own effects."""
+    """The text ", from PACKAGE VERSION" for an effect of an installed package; empty for palpate's own effects."""
     entry = addition(GROUP, WHAT, name) if name not in EFFECTS else None
-    return f", of {entry.origin}" if entry else ""
+    return f", from {entry.origin}" if entry else ""
 
 
 def effect_class(name: str) -> type[Effect]:

@@ -67,7 +67,7 @@ def scene_of(effects: str, folder: Path) -> Scene:
 def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -> None:
     scene = scene_of('[effects.wet_glue]\nloss = 0.2\ndried = "3 ms"\n[effects.adc]\n', tmp_path)
     assert list(scene.effects) == ["adc", "wet_glue"]
-    assert scene.called["wet_glue"] == "called for, of acme 1.2"
+    assert scene.called["wet_glue"] == "called for, from acme 1.2"
     assert scene.effects["wet_glue"].model_dump() == {"loss": 0.2, "dried": "0.003 s"}
     (priced,) = [each for each in plan(scene, QUESTION).included if each.name == "wet_glue"]
     assert priced.seconds >= 0
