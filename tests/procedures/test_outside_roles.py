@@ -10,7 +10,7 @@ import pytest
 
 import palpate
 from palpate.drivers.bench import Bench
-from palpate.drivers.roles import Exciter, LoadIndicator
+from palpate.drivers.roles import Exciter, LoadIndicator, SensorNode
 from palpate.instrument.errors import SafetyError
 from palpate.procedures.logs.shown import read_log
 from palpate.procedures.measurements.loads.result import SweepResult
@@ -64,6 +64,18 @@ def test_an_indicator_reads_the_loads_of_a_sweep(
         with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
             assert bench.role(LoadIndicator) is bench.device("gauge")
             monkeypatch.setattr(bench.device("strain_indicator"), "read", pytest.fail)
+            found = ratio(sweep(bench, tmp_path / "run", **SMALL))
+    assert found == pytest.approx(usual, rel=1e-3)
+
+
+def test_a_logger_samples_the_films_of_a_sweep(
+    ideal: Scene, usual: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with installed("logger"):
+        scene = ideal.with_devices({"logger": {"kind": "acme-logger", "role": "sensor_node"}})
+        with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+            assert bench.all(SensorNode) == [bench.device("logger")]
+            monkeypatch.setattr(bench.device("sensor_node_1"), "arm", pytest.fail)
             found = ratio(sweep(bench, tmp_path / "run", **SMALL))
     assert found == pytest.approx(usual, rel=1e-3)
 
