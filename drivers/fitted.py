@@ -104,7 +104,9 @@ class Fitted:
         found = self.maybe(kind)
         if found is None:
             what = role_of(kind) or kind.__name__
-            raise BenchError(f"bench {self.description.name} has no {what}; list a device in its file that can be one")
+            raise BenchError(
+                f"bench {self.description.name} has no {what}; add a device whose kind fills this role to its file"
+            )
         return found
 
     def leave_out(self, part: Device | ModbusLink | CanLink, why: Exception) -> bool:

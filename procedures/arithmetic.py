@@ -27,7 +27,10 @@ def same_everywhere() -> None:
 
 @functools.cache
 def arithmetic() -> dict[str, str]:
-    """What the last digits rest on; `processor` says whose they are, and has no part in them by itself."""
+    """The hardware and libraries on which the last digits of results depend.
+
+    `processor` is only for people: two processors with the same other entries give the same digits.
+    """
     import numpy as np
     from threadpoolctl import threadpool_info
 

@@ -176,13 +176,17 @@ class CanopenDevice(Device):
         self._get("probe")
         data = self._received.get(pdo)
         if data is None:
-            raise DeviceError(f"{self.name}: has sent no {pdo} yet; start it, and see that SYNC comes")
-        parts = self.contract.parts(sent, data)
-        if len(data) != sum(map(len, parts.values())) or len(parts) != len(sent.fields):
             raise DeviceError(
-                f"{self.name}: {pdo} came with {len(data)} bytes, the contract has another length; not used"
+                f"{self.name}: has sent no process data {pdo!r} yet; start the node, and check that the "
+                "bus has a SYNC producer"
             )
-        return {name: self._value(name, part) for name, part in parts.items()}
+        size = sum(self.contract[name].size for name in sent.fields)
+        if len(data) != size:
+            raise DeviceError(
+                f"{self.name}: process data {pdo!r} came with {len(data)} bytes instead of {size} and are not used; "
+                "check the PDO mapping of the node"
+            )
+        return {name: self._value(name, part) for name, part in self.contract.parts(sent, data).items()}
 
     def send(self, pdo: str, **values: Value) -> None:
         """Send a PDO to the node, once; there is no answer. The driver remembers its values like other settings.

@@ -48,7 +48,7 @@ def recorded(
 
     Args:
         folder: where the run's folder goes.
-        seed: of the scene; None: its own.
+        seed: seed of the scene; None: the scene's own.
         model, parameters: sensor model from which force ratios come, and its parameter set; None: the scene's.
     """
     taken = sum(1 for path in folder.iterdir() if path.is_dir())

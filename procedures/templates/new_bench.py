@@ -53,7 +53,7 @@ def new_bench(name: str, kinds: Sequence[str], folder: Path) -> list[Path]:
 
 
 def _section(kind: DeviceKind, number: int) -> str:
-    """Of a bench file; a device on TCP has a link of its own."""
+    """The section of a bench file for a device. A device on TCP also gets a link of its own."""
     name, link = _called(kind), kind.links[0]
     if link == "modbus-tcp":
         place = f'link = "{name}"\nunit = 1\n'

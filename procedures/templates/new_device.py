@@ -15,7 +15,14 @@ from palpate.procedures.templates.new_files import check_module, check_name, pro
 
 @dataclass(frozen=True, slots=True)
 class Bus:
-    """What differs between buses. `form`: of its templates; `suites`: of its tests; `fixture`: its driver there."""
+    """What differs between the templates of two buses.
+
+    Attributes:
+        title: name of the bus.
+        form: stem of the file names of its templates.
+        suites: test suites that a device on this bus must pass.
+        fixture: name of the driver in these tests.
+    """
 
     title: str
     form: str
@@ -37,10 +44,10 @@ def new_device(name: str, bus: str, kind: str, folder: Path) -> list[Path]:
     Its identity holds its whole name, on CANopen as a hash of 64 bits, so that no two packages have the same.
 
     Args:
-        name: of its module, such as `force_gauge`.
+        name: name of the module, such as `force_gauge`.
         bus: one of `BUSES`.
         kind: one of `KINDS_OF_DEVICE`.
-        folder: in which the package's folder is made.
+        folder: where the package's folder goes.
 
     Returns:
         Its pyproject.toml, module, golden frames and test.

@@ -40,9 +40,9 @@ def write_files(kind: str, name: str, files: Mapping[str, str], folder: Path, te
     """Write the files of a `kind` of thing into a new folder of that name.
 
     Args:
-        name: of the folder and of the module, such as `force_gauge`.
+        name: name of the folder and of the module, such as `force_gauge`.
         files: where a file goes in the folder, with {} for the name -> its template's text.
-        terms: what stands for the templates' words; those of the name itself are added.
+        terms: replacements for the placeholders in the templates; those made from the name are added.
 
     Returns:
         The files, in that order.

@@ -137,11 +137,11 @@ def serving(wish: Wish) -> Iterator[Served]:
 
 
 def serve_until_told(wish: Wish, announce: Callable[[BenchDescription], None], shows_status: bool) -> None:
-    """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit"; `announce` is told once by what description clients find it.
+    """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit"; `announce` gets the description by which clients find it, once.
 
     Raises:
-        BenchError: as `serving` raises it; or the simulation failed while it was served.
-        RecordError: as `serving` raises it.
+        BenchError: the bench cannot be served (see `serving`), or the simulation failed while it was served.
+        RecordError: a file cannot be written (see `serving`).
     """
     with taken(ENDINGS, _end), serving(wish) as served, ExitStack() as stack:
         announce(served.description)

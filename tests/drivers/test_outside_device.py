@@ -103,7 +103,7 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
             assert bench.maybe(Chamber) is None
             assert bench.role(Positioner) is bench.device("positioner")
             assert bench.cautions[0].startswith("oven is not used: nothing answers at 127.0.0.1:1")
-            with pytest.raises(BenchError, match="has no chamber; list a device"):
+            with pytest.raises(BenchError, match="has no chamber; add a"):
                 bench.role(Chamber)
             with pytest.raises(UnknownName, match="unknown device of this bench 'oven'"):
                 bench.device("oven")

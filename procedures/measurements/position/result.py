@@ -20,10 +20,11 @@ class PositionPoint:
     """A load at a place: forces peak to peak, shares of the whole force, and place and size found by the films alone.
 
     Attributes:
-        model_share_left, model_share_right: by the table of the solid model.
-        thesis_share_left, thesis_share_right: of Table A2.7, None where it has no such place.
-        found_mm: with `found_u`, and `found_low_mm` to `found_high_mm`, a 95 % interval.
-        found_force_N: by the base film.
+        model_share_left, model_share_right: shares by the table of the solid model.
+        thesis_share_left, thesis_share_right: shares in Table A2.7; None: the table does not have this place.
+        found_mm, found_u: place that the films alone find, and its standard uncertainty.
+        found_low_mm, found_high_mm: ends of its 95 % interval.
+        found_force_N, found_force_u: force by the base film, and its standard uncertainty.
     """
 
     position_mm: float
@@ -53,7 +54,13 @@ class PositionPoint:
 
 @dataclass(frozen=True, slots=True)
 class PositionResult:
-    """`rms_mm`: of the found places from the set ones; `inside`: share of them within their interval; None: none."""
+    """The result of a position sweep.
+
+    Attributes:
+        points: the points.
+        rms_mm: root mean square of the distances between found and set places; None: no point is valid.
+        inside: share of the points whose interval holds the set place; None: no point is valid.
+    """
 
     points: list[PositionPoint]
     rms_mm: float | None

@@ -151,7 +151,7 @@ def unknown_object(
     """An object that is none of the rubber samples, as large as they are.
 
     Args:
-        design: of the sensor.
+        design: design of the sensor.
         thickness: thickness of the object [m].
         modulus: Young modulus [Pa], for a simulated bench; None: a real object has its own, and it is what is sought.
         name: name of the object; None: its modulus, or "unknown".
