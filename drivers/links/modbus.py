@@ -200,7 +200,7 @@ class ModbusLink:
                     self._heard(False, came)
             self._reply_due = False
         if reply.isError():
-            code = getattr(reply, "exception_code", 0)
+            code = reply.exception_code
             raise DeviceError(f"{who}: answered exception {code}, {EXCEPTIONS.get(code, 'unknown')}", code=code)
         return reply
 

@@ -74,7 +74,8 @@ def test_a_reply_is_found_among_other_bytes_with_the_place_where_it_ends(
 )
 def test_what_does_not_answer_the_request_is_no_reply(request_: bytes, data: bytes) -> None:
     framer = ReplyFramer(DecodePDU(False))
-    framer.request = request_
+    if request_:
+        framer.request = request_
     assert framer.decode(data) == NONE
 
 

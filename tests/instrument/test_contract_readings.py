@@ -210,3 +210,19 @@ def test_a_device_that_was_switched_on_holds_what_was_written_down_here_and_else
     contract = CONTRACTS[name]
     held = {field.name: field.default for field in contract.fields if field.name != "probe"}
     assert {name: value for name, value in held.items() if value not in (0.0, "")} == SWITCHED_ON[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "order"),
+    [
+        ("shaker_amplifier", "clear_faults"),
+        ("signal_generator", "phase_reset"),
+        *(("sensor_node", f"reset_{channel}") for channel in range(1, 5)),
+    ],
+)
+def test_an_order_that_is_given_by_writing_1_takes_nothing_else(name: str, order: str) -> None:
+    contract = CONTRACTS[name]
+    assert contract.encode(order, 1)
+    for value in (0, 2):
+        with pytest.raises(RangeError, match=f"{order} = {value} is outside 1 to 1"):
+            contract.encode(order, value)
