@@ -20,6 +20,8 @@ REPLY = checked(bytes.fromhex("02 03 04 12345678"))
 CONFIRMED = checked(bytes.fromhex("02 10 0014 0001"))
 REFUSED = checked(bytes.fromhex("02 83 02"))
 SAID = checked(bytes.fromhex("02 2b 0e 01 01 00 00 01 00 02 4142"))
+LONGEST_READ = checked(bytes.fromhex("02 03 0000 007d"))  # 125 registers
+LONGEST_REPLY = checked(b"\x02\x03\xfa" + bytes(range(250)))
 NONE = (0, 0, 0, b"")
 
 
@@ -38,6 +40,7 @@ NONE = (0, 0, 0, b"")
         (READ, REPLY + REPLY, 9),  # repeated
         (READ, b"\xff" + READ + b"\x02\x03" + REPLY, 20),
         (READ, REPLY[:4] + REPLY, 13),
+        (LONGEST_READ, LONGEST_REPLY, 255),
     ],
 )
 def test_a_reply_is_found_among_other_bytes_with_the_place_where_it_ends(

@@ -226,3 +226,29 @@ def test_an_order_that_is_given_by_writing_1_takes_nothing_else(name: str, order
     for value in (0, 2):
         with pytest.raises(RangeError, match=f"{order} = {value} is outside 1 to 1"):
             contract.encode(order, value)
+
+
+WHOLE = 2**32 - 1
+LIMITS = {
+    "signal_generator": {"frequency": (0, 20e3), "amplitude": (0, 10), "offset": (-10, 10), "phase_reset": (1, 1)},
+    "shaker_amplifier": {
+        "gain": (0, 20), "current_limit": (0.1, 6), "clear_faults": (1, 1), "watchdog": (0, 60),
+        "temperature": (-40, 150), "token": (1, WHOLE), "counter": (1, WHOLE), "order_value": (0, 65535),
+        "release": (1, WHOLE),
+    },
+    "strain_indicator": {"gage_factor": (0.5, 20), "full_scale": (10, 30e3), "filter": (0.01, 10), "decimals": (0, 9)},
+    "positioner": {
+        "target": (0, 0.025), "speed": (1e-6, 5e-3), "limit_low": (0, 0.025), "limit_high": (0, 0.025),
+    },
+    "sample_changer": {"speed": (1e-3, 0.2)},
+    "sensor_node": {
+        "sync_cob_id": (0, WHOLE), "sync_period": (1e-4, 10), "emergency_cob_id": (0x81, 0x8000_07FF),
+        "heartbeat": (0, 60), **{f"reset_{channel}": (1, 1) for channel in range(1, 5)},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_field_takes_what_lies_within_the_limits_that_were_written_down_here(name: str) -> None:
+    limited = [field for field in CONTRACTS[name].fields if field.minimum is not None or field.maximum is not None]
+    assert {field.name: field.limits for field in limited} == LIMITS[name]
