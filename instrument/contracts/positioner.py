@@ -13,7 +13,7 @@ CONTRACT = Contract(
     title="micro-positioner",
     bus="modbus",
     identity=Identity("Palpate", "MP-1", "1.0"),
-    about=__doc__ or "",
+    about=__doc__,
     fields=(
         probe(0x00),
         Field("target", 0x10, "int32", "target position, counted downwards from home", "m", 1e-6, "rw", 0, 0.025),

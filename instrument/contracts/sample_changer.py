@@ -21,7 +21,7 @@ CONTRACT = Contract(
     title="sample changer",
     bus="modbus",
     identity=Identity("Palpate", "SC-1", "1.0"),
-    about=__doc__ or "",
+    about=__doc__,
     fields=(
         probe(0x00),
         Field("speed", 0x02, "uint16", "speed of the carriage", "m/s", 1e-3, "rw", 1e-3, 0.2, 0.02),

@@ -20,7 +20,7 @@ CONTRACT = Contract(
     title="shaker amplifier",
     bus="modbus",
     identity=Identity("Palpate", "PA-1", "1.0"),
-    about=__doc__ or "",
+    about=__doc__,
     fields=(
         probe(0x00),
         Field("gain", 0x10, "uint16", "voltage gain", "V/V", 0.01, "rw", 0, 20, 2),

@@ -15,7 +15,7 @@ CONTRACT = Contract(
     title="signal generator",
     bus="modbus",
     identity=Identity("Palpate", "SG-1", "1.0"),
-    about=__doc__ or "",
+    about=__doc__,
     fields=(
         probe(0x00),
         Field("writes", 0x0E, "uint32", "writes that were taken since power-on, from anybody or at the front panel; "

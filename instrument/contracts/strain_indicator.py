@@ -15,7 +15,7 @@ CONTRACT = Contract(
     title="strain indicator",
     bus="modbus",
     identity=Identity("Palpate", "SI-1", "1.0"),
-    about=__doc__ or "",
+    about=__doc__,
     fields=(
         probe(0x00),
         Field("gage_factor", 0x10, "uint16", "gage factor of the bridge", "", 1e-3, "rw", 0.5, 20, 8.98),

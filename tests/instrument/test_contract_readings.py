@@ -252,3 +252,8 @@ LIMITS = {
 def test_a_field_takes_what_lies_within_the_limits_that_were_written_down_here(name: str) -> None:
     limited = [field for field in CONTRACTS[name].fields if field.minimum is not None or field.maximum is not None]
     assert {field.name: field.limits for field in limited} == LIMITS[name]
+
+
+@pytest.mark.parametrize("contract", CONTRACTS.values(), ids=list(CONTRACTS))
+def test_a_unit_is_one_of_those_that_devices_speak_in(contract: Contract) -> None:
+    assert {field.unit for field in contract.fields} <= {"", "A", "Hz", "V", "V/V", "degC", "m", "m/s", "mV", "s"}
