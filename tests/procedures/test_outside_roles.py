@@ -132,3 +132,17 @@ def test_a_bus_log_of_a_drive_on_canopen_can_be_replayed(tmp_path: Path, monkeyp
         said = [line.text for line in read_log(log) if line.who == "node 2"]
         assert "controlword = on, amplitude = 0 V" in said
         assert palpate.replay(log, tmp_path / "again").run.digest() == done.run.digest()
+
+
+@pytest.mark.slow
+def test_a_load_cell_is_calibrated_with_an_indicator_whose_settings_the_certificate_lists(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PALPATE_STORE", str(tmp_path))
+    with installed("gauge"):
+        scene = written(tmp_path, {"gauge": {"kind": "acme-gauge", "role": "load_indicator"}})
+        with palpate.open_bench(scene=str(scene)) as bench:
+            palpate.run(palpate.LoadCellSeries(loads=(2.0, 4.0, 6.0)), bench, out=tmp_path / "run")
+    certificate = (tmp_path / "run" / "certificate.md").read_text(encoding="utf-8")
+    assert "SIM-FG-0001" in certificate
+    assert "full scale" not in certificate  # which is a setting of the strain indicator

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.calibration.classification import Classification, iso_376_class_of
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
+from palpate.instrument.config import check
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
 from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING
 from palpate.procedures.records.run import Run, storing
@@ -52,20 +54,22 @@ def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
 
 def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
     header: dict[str, Any] = dict(run.header)
-    settings, bench = header["settings"], tomllib.loads(header["bench"])
+    settings = header["settings"]
+    bench = check(tomllib.loads(header["bench"]), BenchDescription, f"{run.folder}: its bench file")
+    indicator = bench.filling("load_indicator")[0].settings.model_dump(mode="json", exclude={"gage_factor"})
     points = run.points()
     pair = ("", "")
     return [
         Section("Identities", pair, [
             ("load cell with indicator", c.device),
-            ("bench", bench["name"]),
+            ("bench", bench.name),
             *((name, serial or "unknown") for name, serial in header["devices"].items()),
             ("record", run.folder.name),
             ("software", f"palpate {header['versions']['palpate']}, commit {header['commit'] or 'unknown'}"),
         ]),
         Section("Settings", pair, [
             ("gage factor", f"{c.gage_factor:g}"),
-            ("full scale", str(bench["strain_indicator"]["full_scale"])),
+            *((name.replace("_", " "), str(value)) for name, value in indicator.items()),
             ("filter, waiting time before a reading", f"{FILTER:g} s, {SETTLING:g} s"),
             ("readings averaged for a point", f"{settings['repeats']}"),
             ("runs up and down in each position", f"{settings['runs']}"),
