@@ -73,7 +73,6 @@ def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -
     assert priced.seconds >= 0
     automatic = scene_of('[effects.wet_glue]\nwhen = "auto"\n', tmp_path)
     assert automatic.called["wet_glue"].startswith("can change force by 0.1")
-    assert not scene_of('[effects.wet_glue]\nwhen = "auto"\nloss = 1e-9\n', tmp_path).effects
     with pytest.raises(ConfigError, match=r"mine.toml: effects.wet_glue: dried: .*needs a unit"):
         scene_of("[effects.wet_glue]\ndried = 3.0\n", tmp_path)
     with pytest.raises(
