@@ -85,6 +85,7 @@ def test_the_last_note_is_the_hash_of_all_before_it_at_the_time_of_the_last_pack
     assert struct.unpack_from("<III", last, 8) == (3, 0, 6)
     assert hashlib.sha256(content).hexdigest().encode() in last
     assert b"sha256" in last
+    assert struct.unpack_from("<III", written()[len(BEGINNING) :], 8) == (3, 0, 0)  # there was none
 
 
 def tcp_of(data: bytes, number: int) -> tuple[bytes, bytes]:
