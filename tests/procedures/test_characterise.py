@@ -211,3 +211,13 @@ def test_what_cannot_be_characterised_is_one_error_before_anything_moves(
     assert said.status == 2
     assert message in said.complaint
     assert not list(Path("runs").glob("*"))
+
+
+def test_twice_the_input_range_of_the_nodes_adds_six_decibels_to_the_dynamic_range() -> None:
+    decibels = [
+        budget.value
+        for volts in (5.0, 10.0)
+        for budget in evaluate(measured(), SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=1e6, widest=volts).budgets
+        if budget.quantity == "dynamic range, total"
+    ]
+    assert decibels[1] - decibels[0] == pytest.approx(20 * math.log10(2))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import get_sample
@@ -109,7 +110,8 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         return Characterising(lab, record, self)
 
     def evaluate(self, points: Sequence[FilmsPoint], lab: Lab) -> CharacteriseResult:
-        return evaluate(points, lab.design, lab.calibration, self.dwell, lab.bench.force_limit)
+        widest = max(lab.bench.role(SensorNode).ranges.values())
+        return evaluate(points, lab.design, lab.calibration, self.dwell, lab.bench.force_limit, widest)
 
     def report(self, result: CharacteriseResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.characterise.report import plot_characteristics, print_characteristics

@@ -130,7 +130,12 @@ Row = tuple[Characteristic, Budget]
 
 
 def evaluate(
-    points: Sequence[FilmsPoint], design: Design, calibration: LoadCellCalibration, dwell: float, force_limit: float
+    points: Sequence[FilmsPoint],
+    design: Design,
+    calibration: LoadCellCalibration,
+    dwell: float,
+    force_limit: float,
+    widest: float = max(RANGE_VOLTS),
 ) -> CharacteriseResult:
     """Find the figures of merit of every film and of the sensor.
 
@@ -140,6 +145,7 @@ def evaluate(
         calibration: calibration of the load cell.
         dwell: dwell of each point [s].
         force_limit: force limit of the bench [N].
+        widest: widest input range of its sensor nodes [V].
 
     Raises:
         EstimateError: too few points are valid for a line.
@@ -148,7 +154,7 @@ def evaluate(
     found = [
         each
         for number, film in enumerate(design.films)
-        for each in _film(film, number, valid, calibration, dwell, force_limit)
+        for each in _film(film, number, valid, calibration, dwell, force_limit, widest)
     ]
     pitch = min(design.cell)
     how = "by the design; palpate sweep position tells more"
@@ -181,6 +187,7 @@ def _film(
     calibration: LoadCellCalibration,
     dwell: float,
     force_limit: float,
+    widest: float,
 ) -> list[Row]:
     ways = {way: [p for p in points if p.direction == way] for way in (LOADING, UNLOADING, HOLDING)}
     up, down, held = ways[LOADING], ways[UNLOADING], ways[HOLDING]
@@ -203,7 +210,7 @@ def _film(
     reach = proportional * float(loads.max())
     top = up[-1]
     resolution = SEEN * noise_u / slope
-    converter = 2 * max(RANGE_VOLTS) / slope
+    converter = 2 * widest / slope
     largest, ends = (converter, "converter") if converter < force_limit else (force_limit, "bench's force limit")
     minutes = [p.time_s / 60 for p in held]
     amplitudes = np.array([p.voltages_V[number] for p in held])
