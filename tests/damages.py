@@ -36,7 +36,7 @@ Files = dict[str, bytes]
 BAD = ("silent", "whole point not returned", "wrong point returned", "crashed")
 HEADER: dict[str, Any] = {
     "procedure": "sweep-loads", "simulated": True, "started": "2026-11-22T03:04:05+00:00", "seed": 7, "settings": {},
-    "scene": None, "bench": "", "devices": {}, "contracts": "", "calibration": {}, "film_calibration": None,
+    "scene": {"toml": ""}, "bench": "", "devices": {}, "contracts": "", "calibration": {}, "film_calibration": None,
     "versions": {},
 }  # fmt: skip
 POINTS = 6

@@ -310,7 +310,7 @@ def test_a_tolerance_that_no_mesh_meets_is_refused_with_the_best_there_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(axisymmetric, "REFINEMENTS", (1, 2))
-    with pytest.raises(RangeError, match="its best here is"):
+    with pytest.raises(RangeError, match="its least error here is"):
         solve_to(IDENTIFIED, 1e-10)
     with pytest.raises(RangeError, match="tolerance nan"):
         solve_to(IDENTIFIED, math.nan)

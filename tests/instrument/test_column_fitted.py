@@ -124,7 +124,7 @@ def test_what_has_no_table_is_refused(design: Design, sensed: Sample, message: s
 
 def test_what_it_has_no_place_for_is_refused_by_name() -> None:
     for name, value in (("sensed_thickness", 3e-3), ("interface", "bonded"), ("plate_modulus", 3e9)):
-        with pytest.raises(RangeError, match=f"{name} .*: model 'column_fitted' has its own"):
+        with pytest.raises(RangeError, match=f"{name} .*: model 'column_fitted' always takes its own"):
             Question("single", "column_fitted", settings={name: value})
     with pytest.raises(UnknownName, match="identified"):
         Question("single", "column_fitted", "identified")

@@ -126,7 +126,7 @@ def test_what_every_table_shares_does_not_average_out_over_an_arrangement() -> N
 def test_each_class_is_held_to_its_own_and_the_exit_status_says_so(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch, found: list[Row], met: bool
 ) -> None:
-    def run(_open: object, done: Everything, _progress: object) -> None:
+    def run(done: Everything, _seed: int | None, _progress: object) -> None:
         whole = table(*found)
         done.tables.append((whole, whole.write(done.models.folder)))
 

@@ -313,11 +313,12 @@ def test_no_measurement_changes_by_more_than_the_bound_and_some_by_a_tenth_of_it
     assert nearest > 0.1
 
 
-def test_what_cannot_change_anything_is_bounded_by_nothing() -> None:
+def test_what_cannot_change_anything_is_bounded_by_round_off() -> None:
     case = settled(Question())[1]
     silent = (WhiteNoise(density="0 V/√Hz"), PinkNoise(density="0 V/√Hz"), MainsHum(amplitude="0 V"))
     for effect in (*silent, Jitter(delay="0 s")):
-        assert bound_of(case, effect) == Bound(0.0, 0.0)
+        found = bound_of(case, effect)
+        assert max(found.force, found.ratio) < 10 * np.finfo(float).eps
 
 
 def test_a_film_that_gives_hardly_anything_leaves_no_bound_of_the_ratio() -> None:

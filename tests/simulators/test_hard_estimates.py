@@ -69,7 +69,7 @@ def test_a_time_in_single_precision_is_off_by_seconds_where_number_and_period_gi
 )
 def test_nothing_and_full_scale_are_converted_where_a_cast_turns_round(volts: float, cast: int, counts: int) -> None:
     assert np.array(round(volts / 5.0 * 2**15)).astype(np.int16) == cast
-    node = SensorNode(VirtualClock(), 1, 1, Rig(scene(), VirtualClock()), lambda: None)
+    node = SensorNode(VirtualClock(), 1, 1, Rig(scene(), VirtualClock()))
     samples = node.sample(np.arange(1, 4) * MS, np.full((4, 3), volts), MS)
     assert (samples.counts == counts).all()
     assert (samples.saturation == (0b1111 if volts >= 5.0 else 0)).all()
