@@ -46,7 +46,7 @@ def progress(self):
 Output.progress = progress
 
 def volts():
-    output = Told.bench.device("shaker_amplifier").voltage()
+    output = Told.bench.amplifier.voltage()
     return abs(output.mean) + sum(abs(output.amplitude))
 
 asked = []
