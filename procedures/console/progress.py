@@ -36,7 +36,8 @@ def bar(first: str) -> Iterator[Progress]:
         task = drawn.add_task(first, total=None)
 
         def report(done: int, total: int, what: str) -> None:
-            drawn.update(task, completed=done, total=total, description=what)
+            begins = drawn.tasks[0].total is None  # how much there is to do is shown at once, however short it is
+            drawn.update(task, completed=done, total=total, description=what, refresh=begins)
 
         _bars.append(drawn)
         try:
