@@ -80,8 +80,10 @@ def comparable(header: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a header that must not change. A simulated bench has new addresses; its scene counts."""
     found = {key: header[key] for key in COMPARED}
     found["devices"] = {}
-    for name, serial in header["devices"].items():
-        title = name.partition(" at ")[0]
+    listed = [(name.partition(" at ")[0], serial) for name, serial in header["devices"].items()]
+    if found["scene"] is not None:
+        listed.sort()  # they stand in the order of their addresses, which a simulated bench has anew each time
+    for title, serial in listed:
         several = sum(known.partition(" #")[0] == title for known in found["devices"])
         found["devices"][f"{title} #{several + 1}" if several else title] = serial
     if found["scene"] is not None:

@@ -12,7 +12,7 @@ import pytest
 from palpate.instrument.bench.comparison import compared
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import check
-from palpate.procedures.records.headers import comparable, differences
+from palpate.procedures.records.headers import COMPARED, comparable, differences
 from tests.drivers.benches import new_form
 from tests.drivers.outside import installed
 
@@ -140,3 +140,10 @@ def test_serial_numbers_of_two_devices_of_one_kind_are_both_compared() -> None:
     }  # fmt: skip
     swapped = {**header, "devices": {"oven at 10.0.0.3:502 unit 1": "C", "oven at 10.0.0.3:502 unit 2": "B"}}
     assert list(differences(comparable(header), comparable(swapped))) == ['devices.oven: "A" in the record, "C" now']
+
+
+def test_devices_of_one_kind_on_a_simulated_bench_may_have_any_ports() -> None:
+    rest: dict[str, object] = {**dict.fromkeys(COMPARED), "scene": {"toml": ""}, "bench": ""}
+    before = {**rest, "devices": {"oven at 127.0.0.1:1": "A", "oven at 127.0.0.1:2": "B"}}
+    now = {**rest, "devices": {"oven at 127.0.0.1:1": "B", "oven at 127.0.0.1:2": "A"}}
+    assert comparable(before) == comparable(now)
