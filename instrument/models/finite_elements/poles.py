@@ -1,6 +1,7 @@
 """A mesh's answers in closed form over the modulus of the sensed object.
 
-    found = curve(sensor, sensed, modes, Goals(rows, offsets, jump))
+    sensor = Sensor(condensed, films, capacitances)
+    found = curve(sensor, sensed, modes, rows, offsets, ratio)
     found.values(np.array([24e3, 1e5]))
 
 The stiffness is K0 + E K1, with the sensor in K0 and the object of modulus E in K1. Both share the displacements u of
@@ -22,17 +23,49 @@ from palpate.instrument.models.finite_elements.fronts import Condensed
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Films:
-    """Films of the sensor as loads on it.
+class Sensor:
+    """A sensor with open films, condensed onto its contact.
 
     Attributes:
-        loads: places of the films' forces under 1 V among the loads of the condensed sensor.
+        stiffness: (contact, contact), with open films.
+        charges: (contact, films), charges that leave the films in short circuit, by the contact's displacements.
+        capacity: (films, films), voltages of open films by these charges [1/F].
+
+    Args:
+        condensed: the sensor with its films in short circuit. Among its loads are the forces of the films under 1 V.
+        films: places of these loads.
         capacitances: (films,), capacitances of clamped films [F].
     """
 
-    loads: slice
-    capacitances: Array
+    def __init__(self, condensed: Condensed, films: slice, capacitances: Array) -> None:
+        self._condensed, self._films = condensed, films
+        self.charges = condensed.loads[:, films]
+        self.capacity = _capacity(capacitances, condensed.work[films, films])
+        self.stiffness = condensed.stiffness + self.charges @ self.capacity @ self.charges.T
+
+    def rows(self, places: slice, volts: Array) -> Array:
+        """Rows (contact, goals) of goals by the displacements of the contact, with open films.
+
+        Args:
+            places: places of the goals, as forces on all unknowns, among the loads.
+            volts: (films, goals), change of each goal with each voltage.
+        """
+        condensed = self._condensed
+        seen = volts - condensed.work[self._films, places]
+        found: Array = condensed.loads[:, places] + self.charges @ (self.capacity @ seen)
+        return found
+
+    def torn(self, place: int, volts: Array, energy: float) -> float:
+        """Twice the energy by a jump inside the sensor with the contact held [J].
+
+        Args:
+            place: place of the jump's forces on all unknowns among the loads.
+            volts: (films,), charges by the jump alone.
+            energy: twice its energy with all unknowns held.
+        """
+        work = self._condensed.work
+        seen = volts - work[self._films, place]
+        return float(energy - work[place, place] + seen @ self.capacity @ seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +77,8 @@ class Curve:
         loads: (poles, loads), a.
         goals: (poles, goals), b.
         offsets: (goals, loads), what each goal is without any displacement of the contact.
-        jump: (poles,), b of the work on the jump that raises all teeth by 1.
+        ratio: (poles,), b of the force ratio, which is the work of a load of 1 N on a jump that raises all teeth by 1.
+        least: twice the energy by that jump under an infinitely soft object [J].
         clamped: (loads,), twice the energy of an object of 1 Pa by each load, with the contact held [J Pa].
         charges: (poles, films), b of the charges that leave the films in short circuit.
         capacity: (films, films), voltages of open films by the charges [1/F].
@@ -54,7 +88,8 @@ class Curve:
     loads: Array
     goals: Array
     offsets: Array
-    jump: Array
+    ratio: Array
+    least: float
     clamped: Array
     charges: Array
     capacity: Array
@@ -90,39 +125,30 @@ class Curve:
         """Twice the energies [J]: under each load (moduli, loads), and by the jump (moduli,)."""
         products = np.multiply.outer(moduli, self.rates)
         load = self.clamped / moduli[:, None] + (1 / (1 + products)) @ self.loads**2
-        return load, (products / (1 + products)) @ self.jump**2
+        return load, self.least + (products / (1 + products)) @ self.ratio**2
 
 
 def curve(
-    sensor: Condensed,
-    sensed: Condensed,
-    modes: Array,
-    rows: Array,
-    offsets: Array,
-    jump: Array,
-    films: Films,
+    sensor: Sensor, sensed: Condensed, modes: Array, rows: Array, offsets: Array, ratio: Array, least: float = 0.0
 ) -> Curve:
     """The curve of a sensor with an object, both condensed onto the unknowns of their contact.
 
     Args:
-        sensor: the sensor with its films in short circuit.
+        sensor: the sensor with open films.
         sensed: the object at a modulus of 1 Pa, with the loads on it.
         modes: (contact, modes), displacements of the contact by which the object moves freely as a rigid body. Their
             poles are exactly 0, which an eigensolver would not quite find: it would spoil hard objects.
-        rows: (contact, goals), goals by the displacements of the contact and with open films.
+        rows: (contact, goals), goals by the displacements of the contact.
         offsets: (goals, loads), what each goal is without any displacement of the contact.
-        jump: (contact,), the jump over the teeth; its work with the sensor's stiffness is the force on the teeth.
-        films: the sensor's films.
+        ratio: (contact,), the force ratio by the displacements of the contact.
+        least: twice the energy by the jump over the teeth under an infinitely soft object [J].
 
     Raises:
         EstimateError: the sensor is not held.
     """
     from scipy.linalg import cholesky, solve_triangular
 
-    polarised = sensor.loads[:, films.loads]
-    capacity = _capacity(films.capacitances, sensor.work[films.loads, films.loads])
-    stiffness = sensor.stiffness + polarised @ capacity @ polarised.T
-    lower = cholesky(stiffness, lower=True, check_finite=False)
+    lower = cholesky(sensor.stiffness, lower=True, check_finite=False)
 
     def turned(columns: Array) -> Array:
         found: Array = solve_triangular(lower, columns, lower=True, check_finite=False)
@@ -134,18 +160,19 @@ def curve(
     turned_rest = reflected[:, count:].T @ ((softened + softened.T) / 2) @ reflected[:, count:]
     rates, vectors = np.linalg.eigh(turned_rest)
     basis = np.concatenate([reflected[:, :count], reflected[:, count:] @ vectors], axis=1)
-    loads, goals, jumped, charges = (
-        basis.T @ turned(columns) for columns in (sensed.loads, rows, (stiffness @ jump)[:, None], polarised)
+    loads, goals, ratios, charges = (
+        basis.T @ turned(columns) for columns in (sensed.loads, rows, ratio[:, None], sensor.charges)
     )
     return Curve(
         rates=np.concatenate([np.zeros(count), np.maximum(rates, 0.0)]),
         loads=loads,
         goals=goals,
         offsets=offsets,
-        jump=jumped[:, 0],
+        ratio=ratios[:, 0],
+        least=least,
         clamped=np.diag(sensed.work),
         charges=charges,
-        capacity=capacity,
+        capacity=sensor.capacity,
     )
 
 
