@@ -67,10 +67,9 @@ def test_from_a_very_soft_object_to_a_very_hard_one_the_line_goes_on() -> None:
     slope = (round_odds(10) - round_odds(1e-3)) / (10 - 1e-3)
     start = round_odds(1e-3) - 1e-3 * slope
     assert round_odds(1e-7) == pytest.approx(start + 1e-7 * slope, rel=1e-9)
-    # From the film's modulus on the object has elements without a pressure: its mesh error is another.
-    for ratio, within in ((1e2, 1e-10), (4e4, 1e-10), (1e6, 0.01)):
+    for ratio in (1e2, 4e4, 1e6):
         found = axisymmetric.solve(replace(ROUND, sensed_modulus=ratio * 24e3), 1)
-        assert 1 - found.force_ratio == pytest.approx(1 / (1 + start + slope * ratio), rel=within)
+        assert 1 - found.force_ratio == pytest.approx(1 / (1 + start + slope * ratio), rel=1e-10)
         assert found.imbalance < 1e-14
 
 

@@ -10,14 +10,16 @@ from palpate.instrument.models.axisymmetric.numbering import Numbering, Part
 from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.condensed import Elements
 from palpate.instrument.models.finite_elements.threads import Each
-from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 
-# Poisson ratios from which on a body keeps its pressure as an unknown: any body, and a body softer than the films.
-MIXED_POISSON, SOFT_MIXED_POISSON = 0.4, 0.2
+# Poisson ratios from which on a body keeps its pressure as an unknown: any body, and those that are of rubber.
+MIXED_POISSON, RUBBER_MIXED_POISSON = 0.4, 0.2
+RUBBER = ("object", "ring")
 # Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
 BULK_BOUND = 1e5
+# Least compliance of the dilatation, over that of shear, with which pressures are eliminated.
+LEAST_COMPLIANCE = 1e-4
 
 
 def assemble(
@@ -43,15 +45,15 @@ def assemble(
 
     def filled(share: list[Part]) -> None:
         for part in share:
-            fill(part.columns, part.rows, _constants(part.body, part.body in kept), out=stiffness[part.elements])
+            fill(part.columns, part.rows, constants(part.body, part.body in kept), out=stiffness[part.elements])
 
     by_size, count = sorted(bodies, key=len, reverse=True), numbering.subdomains
     each(filled, [by_size[share::count] for share in range(count)])
     for part in keeping:
-        nu, shear = part.body.poisson, part.body.shear
+        shear = part.body.shear
         dilatation.append(el.dilatation(r, z, part.columns, part.rows))
         mixed += range(part.elements.start, part.elements.stop)
-        compliance += [(1 - 2 * nu) / (2 * shear * nu)] * len(part)
+        compliance += [compliance_of(part.body) / shear] * len(part)
         bound += [1 / (BULK_BOUND * shear)] * len(part)
     return Elements(
         stiffness=stiffness,
@@ -69,7 +71,7 @@ def assemble(
     )
 
 
-def _constants(body: Body, mixed: bool) -> el.Constants:
+def constants(body: Body, mixed: bool) -> el.Constants:
     """Stiffness of the body's material; without the dilatation where the pressure is an unknown."""
     if body.film is not None:
         c, _, _ = body.film.stiff()
@@ -78,13 +80,19 @@ def _constants(body: Body, mixed: bool) -> el.Constants:
     return el.Constants.isotropic(shear, 0.0 if mixed else 2 * shear * nu / (1 - 2 * nu))
 
 
-def keeps_pressure(body: Body, parameters: RoundParameters) -> bool:
-    """Whether a body keeps its pressure as an unknown.
+def keeps_pressure(body: Body) -> bool:
+    """Whether a body keeps its pressure as an unknown, whatever its modulus.
 
-    A nearly incompressible body would lock without it. A soft body that hard ones press errs several times less with
-    it.
+    A nearly incompressible body would lock without it. Rubber that hard bodies press errs several times less with it.
     """
-    if body.film is not None:
-        return False
-    soft = body.modulus < parameters.film.modulus
-    return body.poisson >= (SOFT_MIXED_POISSON if soft else MIXED_POISSON)
+    return body.film is None and body.poisson >= (RUBBER_MIXED_POISSON if body.name in RUBBER else MIXED_POISSON)
+
+
+def compliance_of(body: Body) -> float:
+    """Compliance 1/λ of a body's dilatation over that of its shear, 1/G."""
+    return (1 - 2 * body.poisson) / (2 * body.poisson)
+
+
+def keeps_volume(body: Body) -> bool:
+    """Whether a body's compliance is too small to eliminate its pressures with."""
+    return keeps_pressure(body) and compliance_of(body) < LEAST_COMPLIANCE

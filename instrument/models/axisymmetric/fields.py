@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+Number = TypeVar("Number", bound=np.generic)
 
 POINTS = 5  # along a side of an element
 
@@ -80,7 +83,7 @@ class OnMesh:
         return 2 * math.pi * on(self.internal, self.parts[body])
 
 
-def on(local: Array, part: Part) -> Array:
+def on(local: NDArray[Number], part: Part) -> NDArray[Number]:
     """Element vectors of a body as (columns, rows, axis, radial shape, axial shape)."""
     shapes = math.isqrt(local.shape[1] // 2)
     return local[part.elements].reshape(len(part.columns), len(part.rows), 2, shapes, shapes)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.models.axisymmetric.bodies import constants
 from palpate.instrument.models.axisymmetric.fields import OnMesh, on
 from palpate.instrument.models.axisymmetric.mesh import Body, Grid
 from palpate.instrument.models.axisymmetric.numbering import AXIAL, RADIAL, Part, within
@@ -18,13 +19,13 @@ from palpate.instrument.models.parameters import RoundParameters
 Array = NDArray[np.float64]
 
 
-def pressing(elements: Elements, r: el.Line, body: Part) -> Array:
-    """Forces of 1 N, spread evenly over the top of the object, per radian: (elements, n)."""
-    load = np.zeros(elements.unknowns.shape)
-    top = on(load, body)[:, -1, AXIAL]
+def pressing(r: el.Line, part: Part) -> Array:
+    """Forces of 1 N, spread evenly over the top of the object, per radian: (elements of the object, n)."""
+    shapes = r.dofs.shape[1]
+    load = np.zeros((len(part.columns), len(part.rows), 2, shapes, shapes))
     # The first shape function is 1, so these are the integrals ∫ r φ.
-    top[:, :, :2] -= r.value_value[body.columns][:, :, :1] / (math.pi * body.body.radii[1] ** 2)
-    return load
+    load[:, -1, AXIAL, :, :2] -= r.value_value[part.columns][:, :, :1] / (math.pi * part.body.radii[1] ** 2)
+    return load.reshape(len(part), -1)
 
 
 def raising(elements: Elements, mesh: Grid, r: el.Line, parameters: RoundParameters, body: Part) -> Array:
@@ -38,15 +39,12 @@ def raising(elements: Elements, mesh: Grid, r: el.Line, parameters: RoundParamet
     return el.differences(nodal, np.zeros_like(nodal))
 
 
-def charging(elements: Elements, r: el.Line, z: el.Line, film: Part) -> Array:
-    """Forces (elements, n) of a film under 1 V, against its voltage, per radian."""
-    assert film.body.film is not None
-    low, high = film.body.heights
-    _, stress, _ = film.body.film.stiff()
-    forces = np.zeros(elements.unknowns.shape)
-    plane, normal = stress[0] / (high - low), stress[2] / (high - low)
-    forces[film.elements] = el.polarised(r, z, film.columns, film.rows, plane, normal)
-    return forces
+def charging(r: el.Line, z: el.Line, part: Part) -> Array:
+    """Forces of a film under 1 V, against its voltage, per radian: (elements of the film, n)."""
+    assert part.body.film is not None
+    low, high = part.body.heights
+    _, stress, _ = part.body.film.stiff()
+    return el.polarised(r, z, part.columns, part.rows, stress[0] / (high - low), stress[2] / (high - low))
 
 
 def counts_above(parameters: RoundParameters) -> bool:
@@ -99,3 +97,21 @@ def capacitance_of(body: Body) -> float:
     """Capacitance of a film [F]."""
     assert body.film is not None
     return capacitance(body.film, body.area, body.heights[1] - body.heights[0])
+
+
+def stressing(r: el.Line, z: el.Line, part: Part) -> tuple[Array, Array]:
+    """Forces (elements of the film, n) per radian whose work is what strains add to the film's mean stresses.
+
+    These are the stress in the plane and that along the axis.
+    """
+    c, volume = constants(part.body, mixed=False), part.body.volume
+    plane = el.polarised(r, z, part.columns, part.rows, (c.c11 + c.c12) / 2 / volume, c.c13 / volume)
+    return plane, el.polarised(r, z, part.columns, part.rows, c.c13 / volume, c.c33 / volume)
+
+
+def stress_by_voltage(body: Body) -> tuple[float, float]:
+    """What 1 V across a film adds to its mean stresses in the plane and along the axis [Pa/V]."""
+    assert body.film is not None
+    _, stress, _ = body.film.stiff()
+    thickness = body.heights[1] - body.heights[0]
+    return float(stress[0]) / thickness, float(stress[2]) / thickness

@@ -34,7 +34,7 @@ from palpate.instrument.models.axisymmetric.forces import (
     stresses,
 )
 from palpate.instrument.models.axisymmetric.mesh import grid
-from palpate.instrument.models.axisymmetric.numbering import number, parts
+from palpate.instrument.models.axisymmetric.numbering import Part, number, parts
 from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.condensed import Elements
 from palpate.instrument.models.finite_elements.coupling import Circuits
@@ -202,12 +202,12 @@ def solve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     bodies = parts(mesh)
     numbering = number(parameters, mesh, r, z, bodies)
     with one_each(numbering.subdomains) as each:
-        keeping = [part for part in bodies if mixed and keeps_pressure(part.body, parameters)]
+        keeping = [part for part in bodies if mixed and keeps_pressure(part.body)]
         elements = assemble(numbering, r, z, bodies, keeping, each)
         built = time.process_time()
         films = [part for part in bodies if part.body.film]
-        polarised = [charging(elements, r, z, part) for part in films]
-        load = elements.gather(pressing(elements, r, bodies[0]))
+        polarised = [_everywhere(elements, part, charging(r, z, part)) for part in films]
+        load = elements.gather(_everywhere(elements, bodies[0], pressing(r, bodies[0])))
         raised = bodies[0] if counts_above(parameters) else films[0]
         sources = [Source(load), Source(np.zeros_like(load), raising(elements, mesh, r, parameters, raised))]
         sources += [Source(elements.gather(forces)) for forces in polarised]
@@ -217,6 +217,13 @@ def solve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     found = [OnMesh(parameters, mesh, r, named, s.displacement[elements.unknowns], s.internal) for s in solved]
     polarised = [el.nodal(forces) for forces in polarised]
     return _evaluate(found, polarised, elements, solved[0].residual, (start, built, done))
+
+
+def _everywhere(elements: Elements, part: Part, forces: Array) -> Array:
+    """Forces (elements, n) that act on one part alone."""
+    found = np.zeros(elements.unknowns.shape)
+    found[part.elements] = forces
+    return found
 
 
 def _evaluate(

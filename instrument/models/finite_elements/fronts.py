@@ -134,13 +134,12 @@ class _Front:
         return self._own[row:, column:] if row < count else self._between[row - count :, column:]
 
     def fill(self, ranks: Indices, matrices: Array) -> None:
-        """Add element matrices (elements, n, n) of unknowns (elements, n)."""
+        """Add element matrices (elements, n, n) of unknowns (elements, n), some of which may be one and the same."""
         size, count = len(self._ranks), self._count
-        whole = np.zeros((size, size), order="F")
-        for own, matrix in zip(ranks, matrices, strict=True):
-            free = own >= 0
-            places = np.searchsorted(self._ranks, own[free])
-            whole[places[:, None], places] += matrix[free][:, free]
+        places = np.where(ranks >= 0, np.searchsorted(self._ranks, ranks), size)  # the last place is for fixed ones
+        at = places[:, :, None] * (size + 1) + places[:, None, :]
+        total = np.bincount(at.ravel(), matrices.ravel(), (size + 1) ** 2).astype(np.float64, copy=False)
+        whole = total.reshape(size + 1, -1)[:size, :size]
         self._own, self._between, self._rest = (
             np.asfortranarray(part) for part in (whole[:count, :count], whole[count:, :count], whole[count:, count:])
         )

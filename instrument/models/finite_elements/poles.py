@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements.fronts import Condensed
 
 Array = NDArray[np.float64]
@@ -78,6 +79,7 @@ class Curve:
         goals: (poles, goals), b.
         offsets: (goals, loads), what each goal is without any displacement of the contact.
         ratio: (poles,), b of the force ratio, which is the work of a load of 1 N on a jump that raises all teeth by 1.
+        share: what the force ratio is without any displacement of the contact: 1 over rigid teeth, else 0.
         least: twice the energy by that jump under an infinitely soft object [J].
         clamped: (loads,), twice the energy of an object of 1 Pa by each load, with the contact held [J Pa].
         charges: (poles, films), b of the charges that leave the films in short circuit.
@@ -89,6 +91,7 @@ class Curve:
     goals: Array
     offsets: Array
     ratio: Array
+    share: float
     least: float
     clamped: Array
     charges: Array
@@ -100,10 +103,16 @@ class Curve:
         found: Array = np.einsum("em,mg,ml->egl", shares, self.goals, self.loads, optimize=True) + self.offsets
         return found
 
+    def force_ratios(self, moduli: Array) -> Array:
+        """Force on the teeth over the whole force (moduli, loads)."""
+        shares = 1 / (1 + np.multiply.outer(moduli, self.rates))
+        found: Array = self.share + (shares * self.ratio) @ self.loads
+        return found
+
     def slopes(self, moduli: Array) -> Array:
-        """Derivatives (moduli, goals, loads) of the goals by the modulus [1/Pa]."""
+        """Derivatives (moduli, loads) of the force ratio by the modulus [1/Pa]."""
         shares = -self.rates / (1 + np.multiply.outer(moduli, self.rates)) ** 2
-        found: Array = np.einsum("em,mg,ml->egl", shares, self.goals, self.loads, optimize=True)
+        found: Array = (shares * self.ratio) @ self.loads
         return found
 
     def voltages(self, moduli: Array) -> Array:
@@ -129,7 +138,14 @@ class Curve:
 
 
 def curve(
-    sensor: Sensor, sensed: Condensed, modes: Array, rows: Array, offsets: Array, ratio: Array, least: float = 0.0
+    sensor: Sensor,
+    sensed: Condensed,
+    modes: Array,
+    rows: Array,
+    offsets: Array,
+    ratio: Array,
+    share: float = 0.0,
+    least: float = 0.0,
 ) -> Curve:
     """The curve of a sensor with an object, both condensed onto the unknowns of their contact.
 
@@ -141,6 +157,7 @@ def curve(
         rows: (contact, goals), goals by the displacements of the contact.
         offsets: (goals, loads), what each goal is without any displacement of the contact.
         ratio: (contact,), the force ratio by the displacements of the contact.
+        share: what the force ratio is without any displacement of the contact.
         least: twice the energy by the jump over the teeth under an infinitely soft object [J].
 
     Raises:
@@ -148,7 +165,13 @@ def curve(
     """
     from scipy.linalg import cholesky, solve_triangular
 
-    lower = cholesky(sensor.stiffness, lower=True, check_finite=False)
+    try:
+        lower = cholesky(sensor.stiffness, lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        raise EstimateError(
+            "finite elements: the stiffness of the sensor is not positive definite to working precision; bring moduli"
+            " and dimensions closer together"
+        ) from None
 
     def turned(columns: Array) -> Array:
         found: Array = solve_triangular(lower, columns, lower=True, check_finite=False)
@@ -169,8 +192,9 @@ def curve(
         goals=goals,
         offsets=offsets,
         ratio=ratios[:, 0],
+        share=share,
         least=least,
-        clamped=np.diag(sensed.work),
+        clamped=np.diag(sensed.work).copy(),
         charges=charges,
         capacity=sensor.capacity,
     )
