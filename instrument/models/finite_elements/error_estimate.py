@@ -20,6 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+
+from palpate.instrument.models.finite_elements.poles import Curve
+
 # Factor on the greater of change and product of energies. On three meshes or more, no random sensor's error was more
 # than half of the result (`python -m tests.benchmarks estimates`).
 SAFETY = 1.5
@@ -100,3 +104,29 @@ def _product(coarse: Energies, fine: Energies) -> float:
     if coarse.load is None or fine.load is None:
         return 0.0
     return math.sqrt(abs(fine.load - coarse.load) * abs(fine.jump - coarse.jump))
+
+
+# --- from curves over the modulus of the object -----------------------------------------------------------
+
+# Moduli beside the one that is asked, over it, at which meshes are compared: where two of them cross, these do not.
+WINDOW = np.logspace(-0.5, 0.5, 9)
+
+
+def estimate(curves: Sequence[Curve], modulus: float, safety: float = 1.0) -> Bounds:
+    """Bounds on the errors of the last of two or more meshes, each finer than the one before.
+
+    The greatest change of the force ratio between the last two meshes and the greatest product of energies, over half a
+    decade of the modulus on either side; and likewise the change of any voltage.
+
+    Args:
+        curves: the curves of the meshes.
+        modulus: modulus of the object [Pa].
+        safety: factor on the result.
+    """
+    coarse, fine = curves[-2:]
+    moduli = modulus * WINDOW
+    change = float(np.abs(fine.force_ratios(moduli) - coarse.force_ratios(moduli)).max())
+    (load, jump), (finer_load, finer_jump) = coarse.energies(moduli), fine.energies(moduli)
+    product = float(np.sqrt(np.abs(finer_load - load) * np.abs(finer_jump - jump)[:, None]).max())
+    voltages = np.abs(fine.voltages(moduli) - coarse.voltages(moduli))
+    return Bounds(safety * max(change, product), VOLTAGE_SAFETY * float(voltages.max(initial=0.0)))
