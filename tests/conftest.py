@@ -58,6 +58,14 @@ def pytest_collection_finish() -> None:
     inject.TIMEOUT = "0.2 s"  # tests wait in vain a hundred times
 
 
+@pytest.fixture(scope="session", autouse=True)
+def curves(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Curves of sensors are kept for these tests alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PALPATE_CURVES", str(tmp_path_factory.mktemp("curves")))
+        yield
+
+
 def open_ends() -> set[str]:
     """Every thread, socket and terminal of this process."""
     ends = {f"thread {thread.name} {thread.ident}" for thread in threading.enumerate()}

@@ -6,6 +6,7 @@ found.force_ratios(np.array([24e3, 1e5]))
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ from palpate.instrument.models.axisymmetric.numbering import AXIAL, Part, number
 from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.incompressible import extrapolated
+from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.poles import Curve, Sensor, curve
 from palpate.instrument.models.parameters import RoundParameters
 
@@ -41,12 +43,23 @@ def curve_on(parameters: RoundParameters, degree: int, layers: int) -> Curve:
     """The curve on a mesh of any degree and number of layers, under 1 N that is spread evenly over the object.
 
     Its goals are the mean stresses of each film, in the plane and along the axis [Pa]. The parameters' modulus of the
-    object has no effect.
+    object has no effect. The curve is kept for the next time, in memory and on disk.
 
     Raises:
         EstimateError: a part is not held.
     """
-    mesh = grid(replace(parameters, sensed_modulus=1.0), layers)
+    return _kept(replace(parameters, sensed_modulus=1.0), degree, layers)
+
+
+@functools.lru_cache(maxsize=64)
+def _kept(parameters: RoundParameters, degree: int, layers: int) -> Curve:
+    text = f"axisymmetric;degree={degree};layers={layers};{parameters.canonical()}"
+    return keep(text, Curve, lambda: _found(parameters, degree, layers))
+
+
+def _found(parameters: RoundParameters, degree: int, layers: int) -> Curve:
+    """The curve of an object of 1 Pa."""
+    mesh = grid(parameters, layers)
     r, z = el.line(mesh.radii, degree, radial=True), el.line(mesh.heights, degree, radial=False)
     bodies = parts(mesh)
     unknowns, size = (numbering := number(parameters, mesh, r, z, bodies)).unknowns, numbering.size

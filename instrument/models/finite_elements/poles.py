@@ -13,7 +13,7 @@ eigenvectors V and eigenvalues μ of L⁻¹ S1 L⁻ᵀ, every linear goal is a s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,11 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements.fronts import Condensed
 
 Array = NDArray[np.float64]
+
+# Poles are left out while the sum of their residues is below this share of that of all.
+NEGLIGIBLE = 1e-15
+SHAPES = ("loads", "goals", "offsets", "ratio", "clamped", "charges", "capacity")
+BY_POLE = ("rates", "loads", "goals", "ratio", "charges")
 
 
 class Sensor:
@@ -96,6 +101,34 @@ class Curve:
     clamped: Array
     charges: Array
     capacity: Array
+
+    def __post_init__(self) -> None:
+        (poles,), (_, loads), (_, goals), (_, films) = (
+            each.shape for each in (self.rates, self.loads, self.goals, self.charges)
+        )
+        found = {name: getattr(self, name).shape for name in SHAPES}
+        told = (poles, loads), (poles, goals), (goals, loads), (poles,), (loads,), (poles, films), (films, films)
+        if tuple(found.values()) != told:
+            raise ValueError(f"{found} of {poles} poles do not go together")
+
+    def without(self, share: float = NEGLIGIBLE) -> Curve:
+        """The same without poles that all together change neither goals nor energies by more than a share of these."""
+        count = len(self.rates)
+        goals = np.column_stack([self.goals, self.ratio, self.charges])
+        sizes = np.column_stack(
+            [
+                np.abs(self.loads[:, :, None] * goals[:, None, :]).reshape(count, -1),
+                self.loads**2,
+                self.ratio**2,
+                np.abs((self.charges @ self.capacity) * self.charges).sum(axis=1),
+            ]
+        )
+        sums = sizes.sum(axis=0)
+        sizes = sizes[:, sums > 0] / sums[sums > 0]
+        greatest = sizes.max(axis=1, initial=0.0)
+        order = np.argsort(greatest)
+        kept = np.sort(order[np.cumsum(greatest[order]) > share])
+        return replace(self, **{name: getattr(self, name)[kept] for name in BY_POLE})
 
     def values(self, moduli: Array) -> Array:
         """Goals (moduli, goals, loads) at moduli of the object [Pa]."""
@@ -186,7 +219,7 @@ def curve(
     loads, goals, ratios, charges = (
         basis.T @ turned(columns) for columns in (sensed.loads, rows, ratio[:, None], sensor.charges)
     )
-    return Curve(
+    found = Curve(
         rates=np.concatenate([np.zeros(count), np.maximum(rates, 0.0)]),
         loads=loads,
         goals=goals,
@@ -198,6 +231,7 @@ def curve(
         charges=charges,
         capacity=sensor.capacity,
     )
+    return found.without()
 
 
 def _capacity(capacitances: Array, work: Array) -> Array:

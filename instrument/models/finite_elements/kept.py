@@ -1,0 +1,213 @@
+"""Results that are kept on disk by their content, so that no mesh of a sensor is set up twice.
+
+    keep("axisymmetric;degree=4;layers=3;sensed_poisson=0.3;...", Curve, lambda: curve_on(parameters, 4, 3))
+
+What is kept is a dataclass of numbers, arrays and other such dataclasses. Its file is named by the SHA-256 of the text
+and of the models' source code: after a change of either, nothing old is found. A file is a line of JSON, with names
+and shapes, and the numbers after it; nothing of it is ever executed. A file that is damaged, or not to be written,
+never stops an answer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import json
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.instrument.errors import ConfigError
+
+Array = NDArray[np.float64]
+Kept = TypeVar("Kept")
+
+# The folder of kept curves; without it, that of the user's caches.
+VARIABLE = "PALPATE_CURVES"
+FORMAT = "palpate curve 1"
+SUFFIX = ".curve"
+LARGEST = 64 * 2**20  # bytes of a file; the array's are of some 100,000
+ROOM = 100 * 2**20  # bytes of all files; those that were not used for longest go
+# What the numbers of the finite-element models depend on, besides what they are asked.
+SOURCES = tuple(f"{each}.py" for each in ("models/*/*", "models/parameters", "sensor/*"))
+
+
+def keep(text: str, kind: type[Kept], find: Callable[[], Kept]) -> Kept:
+    """What is kept under a text; else what `find` gives, which is then kept.
+
+    Args:
+        text: everything on which the result depends, besides the code.
+        kind: the result's dataclass; it raises ValueError where its arrays do not go together.
+        find: function that computes the result.
+    """
+    key, room = key_of(text), folder()
+    if room is None:
+        return find()
+    path = room / f"{key}{SUFFIX}"
+    with contextlib.suppress(ConfigError):
+        found = read(path, kind, key)
+        with contextlib.suppress(OSError):
+            os.utime(path)
+        return found
+    found = find()
+    with contextlib.suppress(OSError):
+        room.mkdir(mode=0o700, parents=True, exist_ok=True)
+        write(path, found, key)
+        _make_room(room)
+    return found
+
+
+def folder() -> Path | None:
+    """The folder of kept curves; None: there is no home to have one in."""
+    named = os.environ.get(VARIABLE)
+    if named:
+        return Path(named)
+    with contextlib.suppress(RuntimeError):  # no home
+        return _caches() / "palpate" / "curves"
+    return None
+
+
+def _caches() -> Path:
+    """The user's caches, where the system wants them."""
+    given = Path(os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", ""))
+    if given.is_absolute():  # a relative one is to be ignored (XDG Base Directory Specification)
+        return given
+    if sys.platform == "win32":
+        return Path.home() / "AppData" / "Local"
+    return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+
+
+def key_of(text: str) -> str:
+    """SHA-256 of a text and of the code that computes what it asks for."""
+    return hashlib.sha256(f"{_code()};{text}".encode()).hexdigest()
+
+
+@functools.cache
+def _code() -> str:
+    """SHA-256 of the models' source code."""
+    digest = hashlib.sha256()
+    instrument = Path(__file__).parents[2]
+    for source in SOURCES:
+        for file in sorted(instrument.glob(source)):
+            digest.update(f"{file.name};".encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+# --- a file ---------------------------------------------------------------------------------------------
+
+
+def write(path: Path, content: object, key: str) -> None:
+    """Write a file at once: whoever reads finds the old one or the new one.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    arrays = dict(_arrays(content))
+    numbers = b"".join(array.astype("<f8").tobytes() for array in arrays.values())
+    head = {"format": FORMAT, "key": key, "arrays": {name: array.shape for name, array in arrays.items()}}
+    line = json.dumps({**head, "sha256": _content_hash(head, numbers)}).encode() + b"\n"
+    descriptor, part = tempfile.mkstemp(suffix=f"{SUFFIX}.part", dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(line + numbers)
+        Path(part).replace(path)
+    except BaseException:  # also Ctrl-C
+        with contextlib.suppress(OSError):
+            Path(part).unlink()
+        raise
+
+
+def read(path: Path, kind: type[Kept], key: str) -> Kept:
+    """Read a file that `write` wrote.
+
+    Raises:
+        ConfigError: there is no such file, it was written for another key, or it is damaged.
+    """
+    try:
+        if not path.is_file():
+            raise ValueError("there is no such file")
+        with path.open("rb") as file:
+            whole = file.read(LARGEST + 1)
+        if len(whole) > LARGEST:
+            raise ValueError(f"it has more than {LARGEST} bytes")
+        line, _, numbers = whole.partition(b"\n")
+        head = json.loads(line)
+        if head.pop("sha256") != _content_hash(head, numbers):
+            raise ValueError("its content hash does not fit its content")
+        if (head["format"], head["key"]) != (FORMAT, key):
+            raise ValueError("it was written for something else, or by another version")
+        return _made(kind, _split(head["arrays"], np.frombuffer(numbers, dtype="<f8")))
+    except Exception as error:  # a damaged file may raise any error
+        raise ConfigError(f"curve {path}: not readable ({error}); build it again") from error
+
+
+def _content_hash(head: dict[str, Any], numbers: bytes) -> str:
+    digest = hashlib.sha256(json.dumps(head).encode())
+    digest.update(numbers)
+    return digest.hexdigest()
+
+
+def _arrays(content: Any, within: str = "") -> Iterator[tuple[str, Array]]:
+    """Every number of a dataclass as an array, by its name."""
+    for field in fields(content):
+        value = getattr(content, field.name)
+        if is_dataclass(value):
+            yield from _arrays(value, f"{within}{field.name}.")
+        else:
+            yield within + field.name, np.asarray(value, dtype=np.float64)
+
+
+def _split(shapes: dict[str, Any], numbers: Array) -> dict[str, Array]:
+    """The arrays of a file. Raises ValueError: a number is not finite, or there are too many or too few."""
+    if not np.isfinite(numbers).all():
+        raise ValueError("a number is not finite")
+    found, start = {}, 0
+    for name, shape in shapes.items():
+        if any(type(length) is not int or length < 0 for length in shape):
+            raise ValueError(f"{name} has the shape {shape}")
+        end = start + math.prod(shape)
+        found[name] = numbers[start:end].reshape(shape).astype(np.float64)
+        start = end
+    if start != len(numbers):
+        raise ValueError(f"{len(numbers)} numbers instead of {start}")
+    return found
+
+
+def _made(kind: type[Kept], arrays: dict[str, Array], within: str = "") -> Kept:
+    """The dataclass with these arrays."""
+    values: dict[str, Any] = {}
+    for name, hint in get_type_hints(kind).items():
+        if is_dataclass(hint):
+            values[name] = _made(hint, arrays, f"{within}{name}.")  # type: ignore[arg-type]
+        elif hint in (float, int):
+            values[name] = hint(arrays[within + name])
+        elif get_origin(hint) is tuple:
+            values[name] = tuple(arrays[within + name].tolist())
+        else:
+            values[name] = arrays[within + name]
+    return kind(**values)
+
+
+# --- the folder -----------------------------------------------------------------------------------------
+
+
+def _make_room(room: Path) -> None:
+    """Delete what was not used for longest, until the rest is no more than ROOM. Others may do so at the same time."""
+    with os.scandir(room) as entries:
+        files = [(entry.stat(), entry.path) for entry in entries if entry.name.endswith((SUFFIX, ".part"))]
+    size = sum(status.st_size for status, _ in files)
+    for status, path in sorted(files, key=lambda file: file[0].st_mtime):
+        if size <= ROOM:
+            return
+        with contextlib.suppress(FileNotFoundError):
+            Path(path).unlink()
+        size -= status.st_size

@@ -1,0 +1,294 @@
+"""Curves on disk: kept by content, checked when read, and never in the way of an answer."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.instrument.errors import ConfigError
+from palpate.instrument.models.axisymmetric import curves
+from palpate.instrument.models.finite_elements import kept
+from palpate.instrument.models.finite_elements.kept import keep, key_of, read, write
+from palpate.instrument.models.finite_elements.poles import Curve
+from palpate.instrument.models.parameters import RoundParameters
+
+CURVE = Curve(
+    rates=np.array([0.0, 1e-5, 1e-4]),
+    loads=np.array([[0.7], [0.5], [0.1]]),
+    goals=np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]),
+    offsets=np.zeros((2, 1)),
+    ratio=np.array([0.2, 0.3, 0.4]),
+    share=0.0,
+    least=0.5,
+    clamped=np.array([2.0]),
+    charges=np.array([[1e-9], [2e-9], [3e-9]]),
+    capacity=np.array([[1e11]]),
+)
+
+
+@pytest.fixture(autouse=True)
+def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "curves"))
+    return tmp_path / "curves"
+
+
+def refused() -> Curve:
+    raise AssertionError("found although it was kept")
+
+
+def same(one: Curve, other: Curve) -> bool:
+    arrays = zip(kept._arrays(one), kept._arrays(other), strict=True)
+    return all(a == b and mine.tobytes() == others.tobytes() for (a, mine), (b, others) in arrays)
+
+
+def only(room: Path) -> Path:
+    (file,) = room.iterdir()
+    return file
+
+
+# --- kept and found again ------------------------------------------------------------------------------
+
+
+def test_a_curve_is_found_once_and_comes_back_bit_for_bit(room: Path) -> None:
+    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+    back = keep("sensor", Curve, refused)
+    assert same(back, CURVE)
+    assert isinstance(back.share, float)
+    assert only(room).stat().st_mode & 0o077 == 0
+
+
+def test_another_sensor_or_other_code_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    keep("sensor", Curve, lambda: CURVE)
+    other = replace(CURVE, least=1.0)
+    assert same(keep("other sensor", Curve, lambda: other), other)
+    monkeypatch.setattr(kept, "_code", lambda: "other code")
+    assert same(keep("sensor", Curve, lambda: other), other)
+
+
+def test_the_code_is_that_of_both_models_and_of_what_they_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    read_files: list[str] = []
+
+    def noted(path: Path) -> bytes:
+        read_files.append(path.as_posix())
+        return b""
+
+    monkeypatch.setattr(Path, "read_bytes", noted)
+    kept._code.__wrapped__()
+    for name in ("axisymmetric/mesh.py", "solid/mesh.py", "finite_elements/poles.py", "models/parameters.py"):
+        assert any(file.endswith(name) for file in read_files), name
+
+
+def test_the_round_sensor_is_set_up_once_for_all_objects_and_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    curves._kept.cache_clear()
+    first = curves.curve_on(RoundParameters(), 3, 1)
+    curves._kept.cache_clear()  # as in another process
+    monkeypatch.setattr(curves, "_found", lambda *_: refused())
+    again = curves.curve_on(RoundParameters(sensed_modulus=5e6), 3, 1)
+    assert same(first, again)
+    with pytest.raises(AssertionError, match="although it was kept"):
+        curves.curve_on(RoundParameters(sensed_poisson=0.31), 3, 1)
+
+
+# --- what is not to be trusted -------------------------------------------------------------------------
+
+
+def _rewritten(path: Path, **changed: Any) -> bytes:
+    """The file with a consistent hash and other contents, as a stranger would make it."""
+    line, _, numbers = path.read_bytes().partition(b"\n")
+    numbers = changed.pop("numbers", numbers)
+    head = {**json.loads(line), **changed}
+    del head["sha256"]
+    return json.dumps({**head, "sha256": kept._content_hash(head, numbers)}).encode() + b"\n" + numbers
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["empty", "cut", "one bit", "text", "other sensor's", "not finite", "other shapes", "too many", "huge", "order"],
+)
+def test_a_damaged_or_foreign_file_is_found_anew_and_replaced(
+    room: Path, monkeypatch: pytest.MonkeyPatch, damage: str
+) -> None:
+    keep("sensor", Curve, lambda: CURVE)
+    path = only(room)
+    whole = path.read_bytes()
+    head = json.loads(whole.partition(b"\n")[0])
+    shapes = dict(head["arrays"])
+    bad = {
+        "empty": b"",
+        "cut": whole[:-8],
+        "one bit": whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:],
+        "text": b"force ratio\n",
+        "other sensor's": _rewritten(path, key=key_of("other")),
+        "not finite": _rewritten(path, numbers=whole.partition(b"\n")[2][:-8] + np.array([np.inf]).tobytes()),
+        "other shapes": _rewritten(path, arrays={**shapes, "rates": [1], "ratio": [5]}),
+        "too many": _rewritten(path, arrays={**shapes, "rates": [2]}),
+        "huge": _rewritten(path, arrays={**shapes, "rates": [10**12]}),
+        "order": _swapped(whole),
+    }[damage]
+    path.write_bytes(bad)
+    with pytest.raises(ConfigError, match="not readable"):
+        read(path, Curve, key_of("sensor"))
+    other = replace(CURVE, least=1.0)
+    assert same(keep("sensor", Curve, lambda: other), other)
+    assert same(keep("sensor", Curve, refused), other)
+
+
+def _swapped(whole: bytes) -> bytes:
+    """Two names of equal shapes exchanged, with the hash as it was."""
+    line, _, numbers = whole.partition(b"\n")
+    head = json.loads(line)
+    names = list(head["arrays"])
+    one, other = names.index("rates"), names.index("ratio")
+    names[one], names[other] = names[other], names[one]
+    head["arrays"] = {name: head["arrays"][name] for name in names}
+    return json.dumps(head).encode() + b"\n" + numbers
+
+
+def test_a_file_that_is_too_large_is_not_read_whole(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keep("sensor", Curve, lambda: CURVE)
+    monkeypatch.setattr(kept, "LARGEST", 100)
+    with pytest.raises(ConfigError, match="more than 100 bytes"):
+        read(only(room), Curve, key_of("sensor"))
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "link to nothing"])
+def test_what_is_no_file_stops_nothing(room: Path, kind: str) -> None:
+    path = room / f"{key_of('sensor')}{kept.SUFFIX}"
+    room.mkdir()
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)  # to open it would wait for ever
+    else:
+        path.symlink_to(room / "nothing")
+    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+
+
+# --- never in the way of an answer ---------------------------------------------------------------------
+
+
+def test_a_folder_that_cannot_be_made_stops_no_answer(room: Path) -> None:
+    room.write_text("a file is here")
+    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+
+
+def test_a_full_disk_stops_no_answer_and_leaves_no_half_file(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+    assert list(room.iterdir()) == []
+
+
+def test_ctrl_c_while_a_file_is_written_leaves_no_half_file(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        keep("sensor", Curve, lambda: CURVE)
+    assert list(room.iterdir()) == []
+
+
+def test_who_has_no_home_keeps_nothing_and_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv(kept.VARIABLE)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    assert kept.folder() is None
+    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+
+
+@pytest.mark.parametrize(
+    "platform, given, expected",
+    [
+        ("linux", {}, "/home/me/.cache/palpate/curves"),
+        ("linux", {"XDG_CACHE_HOME": "/scratch"}, "/scratch/palpate/curves"),
+        ("linux", {"XDG_CACHE_HOME": "relative"}, "/home/me/.cache/palpate/curves"),
+        ("darwin", {}, "/home/me/Library/Caches/palpate/curves"),
+        ("win32", {}, "/home/me/AppData/Local/palpate/curves"),
+        ("linux", {"XDG_CACHE_HOME": "/scratch", "PALPATE_CURVES": "/mine"}, "/mine"),
+    ],
+)
+def test_curves_are_kept_among_the_users_caches(
+    monkeypatch: pytest.MonkeyPatch, platform: str, given: dict[str, str], expected: str
+) -> None:
+    for name in (kept.VARIABLE, "XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(kept.sys, "platform", platform)
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
+    assert kept.folder() == Path(expected)
+
+
+def test_what_was_not_used_for_longest_goes_first(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for age, name in enumerate(("used again", "forgotten", "new")):
+        keep(name, Curve, lambda: CURVE)
+        path = room / f"{key_of(name)}{kept.SUFFIX}"
+        os.utime(path, (1e9 + age, 1e9 + age))
+    keep("used again", Curve, refused)
+    monkeypatch.setattr(kept, "ROOM", int(3.5 * path.stat().st_size))
+    keep("one more", Curve, lambda: CURVE)
+    left = {file.name.removesuffix(kept.SUFFIX) for file in room.iterdir()}
+    assert left == {key_of(name) for name in ("used again", "new", "one more")}
+
+
+def test_readers_find_a_whole_file_while_it_is_written(room: Path) -> None:
+    room.mkdir()
+    path = room / "shared.curve"
+    write(path, CURVE, "key")
+    done = threading.Event()
+
+    def rewrite() -> None:
+        for least in range(40):
+            write(path, replace(CURVE, least=float(least)), "key")
+        done.set()
+
+    writer = threading.Thread(target=rewrite)
+    writer.start()
+    while not done.is_set():
+        assert read(path, Curve, "key").clamped == 2.0
+    writer.join()
+
+
+# --- what is worth keeping -----------------------------------------------------------------------------
+
+
+def test_poles_that_cannot_matter_are_left_out() -> None:
+    tiny = replace(
+        CURVE,
+        loads=np.array([[0.7], [1e-18], [0.1]]),
+        ratio=np.array([0.2, 1e-18, 0.4]),
+        charges=np.array([[1e-9], [1e-28], [3e-9]]),
+    )
+    short = tiny.without()
+    moduli = np.geomspace(1e2, 1e12, 50)
+    assert len(short.rates) == 2
+    for of in (Curve.values, Curve.force_ratios, Curve.voltages, Curve.shorted):
+        np.testing.assert_allclose(of(short, moduli), of(tiny, moduli), rtol=1e-15)
+    for own, other in zip(short.energies(moduli), tiny.energies(moduli), strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-15)
+    assert same(CURVE.without(), CURVE)
+
+
+@pytest.mark.parametrize("alone", ["loads", "ratio", "charges"])
+def test_a_pole_that_matters_to_one_energy_alone_is_kept(alone: str) -> None:
+    columns = {
+        "loads": np.array([[0.7], [0.0], [0.1]]),
+        "ratio": np.array([0.2, 0.0, 0.4]),
+        "charges": np.array([[1e-9], [0.0], [3e-9]]),
+    }
+    columns[alone] = getattr(CURVE, alone)
+    assert len(replace(CURVE, **columns).without().rates) == 3
