@@ -21,8 +21,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.instrument.models.finite_elements.poles import Curve
+
+Array = NDArray[np.float64]
 
 # Factor on the greater of change and product of energies. On three meshes or more, no random sensor's error was more
 # than half of the result (`python -m tests.benchmarks estimates`).
@@ -108,25 +111,46 @@ def _product(coarse: Energies, fine: Energies) -> float:
 
 # --- from curves over the modulus of the object -----------------------------------------------------------
 
-# Moduli beside the one that is asked, over it, at which meshes are compared: where two of them cross, these do not.
-WINDOW = np.logspace(-0.5, 0.5, 9)
+# Meshes are compared at moduli of a fixed grid: within half a decade of the one that is asked, and next to these. Where
+# two meshes cross at one modulus, they do not at all of these.
+STEPS, REACH = 8, 4  # of the grid in a decade, and on either side
 
 
 def estimate(curves: Sequence[Curve], modulus: float, safety: float = 1.0) -> Bounds:
-    """Bounds on the errors of the last of two or more meshes, each finer than the one before.
+    """Bounds on the errors of the last of two or more meshes at one modulus of the object [Pa]; see `estimates`."""
+    ratio, voltage = estimates(curves, np.array([modulus]), safety)
+    return Bounds(float(ratio[0]), float(voltage[0]))
+
+
+def estimates(curves: Sequence[Curve], moduli: Array, safety: float = 1.0) -> tuple[Array, Array]:
+    """Bounds on the errors of force ratio and voltages [V] of the last of two or more meshes, each finer than the one
+    before.
 
     The greatest change of the force ratio between the last two meshes and the greatest product of energies, over half a
-    decade of the modulus on either side; and likewise the change of any voltage.
+    decade of the modulus on either side; and likewise the change of any voltage. More moduli cost next to nothing.
 
     Args:
         curves: the curves of the meshes.
-        modulus: modulus of the object [Pa].
-        safety: factor on the result.
+        moduli: moduli of the object [Pa].
+        safety: factor on the bounds of the force ratio.
     """
     coarse, fine = curves[-2:]
-    moduli = modulus * WINDOW
-    change = float(np.abs(fine.force_ratios(moduli) - coarse.force_ratios(moduli)).max())
-    (load, jump), (finer_load, finer_jump) = coarse.energies(moduli), fine.energies(moduli)
-    product = float(np.sqrt(np.abs(finer_load - load) * np.abs(finer_jump - jump)[:, None]).max())
-    voltages = np.abs(fine.voltages(moduli) - coarse.voltages(moduli))
-    return Bounds(safety * max(change, product), VOLTAGE_SAFETY * float(voltages.max(initial=0.0)))
+    places = STEPS * np.log10(moduli)
+    first, last = np.floor(places).astype(np.intp) - REACH, np.ceil(places).astype(np.intp) + REACH
+    start = int(first.min(initial=0))
+    grid = 10.0 ** (np.arange(start, int(last.max(initial=start)) + 1) / STEPS)
+    change = np.abs(fine.force_ratios(grid) - coarse.force_ratios(grid)).max(axis=1)
+    (load, jump), (finer_load, finer_jump) = coarse.energies(grid), fine.energies(grid)
+    product = np.sqrt(np.abs(finer_load - load).max(axis=1) * np.abs(finer_jump - jump))
+    voltages = np.abs(fine.voltages(grid) - coarse.voltages(grid)).max(axis=(1, 2), initial=0.0)
+    ratio, voltage = (
+        _greatest_around(each, first - start, last - start) for each in (np.maximum(change, product), voltages)
+    )
+    return safety * ratio, VOLTAGE_SAFETY * voltage
+
+
+def _greatest_around(values: Array, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+    """The greatest value from `first` to `last`, for each pair."""
+    # Places between two points of the grid have one more of them than those on a point.
+    found: Array = values[np.minimum(first[:, None] + np.arange(2 * REACH + 2), last[:, None])].max(axis=1)
+    return found

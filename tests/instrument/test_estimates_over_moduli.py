@@ -1,0 +1,53 @@
+"""Error estimates over the modulus of the object, from the curves of two made-up meshes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.instrument.models.finite_elements.error_estimate import estimate, estimates
+from palpate.instrument.models.finite_elements.poles import Curve
+
+
+def _one_pole(rate: float, ratio: float) -> Curve:
+    """Of a made-up mesh."""
+    return Curve(
+        rates=np.array([rate]),
+        loads=np.array([[0.5]]),
+        goals=np.zeros((1, 0)),
+        offsets=np.zeros((0, 1)),
+        ratio=np.array([ratio]),
+        share=0.1,
+        least=0.0,
+        clamped=np.array([1.0]),
+        charges=np.array([[1e-9]]),
+        capacity=np.array([[1e9]]),
+    )
+
+
+COARSE, FINE = _one_pole(1.2e-5, 1.02), _one_pole(1e-5, 1.0)
+
+
+def test_many_moduli_have_the_bounds_of_each() -> None:
+    moduli = np.array([3.1e4, 1e5, 7.7e8, 2.4, 1e5])
+    ratio, voltage = estimates([COARSE, FINE], moduli)
+    each = [estimate([COARSE, FINE], float(modulus)) for modulus in moduli]
+    assert [(bound.force_ratio, bound.voltage) for bound in each] == list(zip(ratio, voltage, strict=True))
+
+
+@pytest.mark.parametrize("modulus", [1e4, 1.03e4, 9.9e3, 5.2e4])
+def test_two_meshes_that_cross_at_a_modulus_are_told_apart_there(modulus: float) -> None:
+    """The finer one's pole is moved so that both give the same ratio there."""
+    crossing = 0.5 * 1.02 / (0.5 / (1 + 1e-5 * modulus)) - 1
+    coarse = _one_pole(crossing / modulus, 1.02)
+    at = np.array([modulus])
+    assert coarse.force_ratios(at)[0, 0] == pytest.approx(FINE.force_ratios(at)[0, 0], abs=1e-15)
+    near = modulus * np.array([10**-0.5, 10**0.5])
+    apart = np.abs(coarse.force_ratios(near) - FINE.force_ratios(near)).max()
+    assert estimate([coarse, FINE], modulus).force_ratio >= apart > 1e-4
+
+
+def test_the_bound_of_voltages_is_of_the_greatest_change_nearby() -> None:
+    at = np.array([1e5 * 10**0.5])
+    change = np.abs(COARSE.voltages(at) - FINE.voltages(at)).max()
+    assert estimate([COARSE, FINE], 1e5).voltage >= 4 * change > 0
