@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.solid.body import PlanElements
-from palpate.instrument.models.solid.forces import evaluate
 from palpate.instrument.models.solid.mesh import TOOTH
 from palpate.instrument.models.solid.model import REFINEMENTS, resolution_of
 from palpate.instrument.models.solid.system import System
@@ -102,15 +101,18 @@ def shear(design: Design, sensed: Sample, refinement: int = REFINEMENTS[0]) -> d
     on_tooth[np.searchsorted(upper.nodes, below.nodes)] = below.integrals / (2 * below.areas.sum())
     off_centre = stack.places[0] - parameters.length / 2 * stack.one
     lever = _first_moments(upper, off_centre)
-    pressed, *others = (
-        _compressions(system, axis, level, weights)
-        for axis, level, weights in (
-            (2, -1, -upper.integrals / parameters.load_area),
-            (2, -1, -lever / (2 * float(lever @ off_centre[upper.nodes]))),
-            (0, 0, on_tooth),
-            (0, -1, upper.integrals / parameters.load_area),
-        )
+    compressions = system.curve(
+        [
+            system.forces(axis, level, weights)
+            for axis, level, weights in (
+                (2, -1, -upper.integrals / parameters.load_area),
+                (2, -1, -lever / (2 * float(lever @ off_centre[upper.nodes]))),
+                (0, 0, on_tooth),
+                (0, -1, upper.integrals / parameters.load_area),
+            )
+        ]
     )
+    pressed, *others = compressions.poles.values(np.array([parameters.sensed_modulus]))[0].T
     films = {}
     for film in design.films:
         place = place_among_films(design, film)
@@ -119,14 +121,6 @@ def shear(design: Design, sensed: Sample, refinement: int = REFINEMENTS[0]) -> d
             float(pressed[place]), leaning, dict(zip(DRAGGED, (tooth, whole), strict=True)), parameters.length
         )
     return films
-
-
-def _compressions(system: System, axis: int, level: int, weights: Vector) -> Vector:
-    """Compressive forces [N] on teeth and then bases, by forces on the object's nodes of one height, along one axis."""
-    load = np.zeros(system.unknowns)
-    np.add.at(load, system.stack.object.names[axis, level], weights)
-    forces = evaluate(system, system.solve(load))
-    return np.concatenate((forces.teeth, forces.bases))
 
 
 def _first_moments(plan: PlanElements, coordinate: Vector) -> Vector:

@@ -197,7 +197,7 @@ def _response(
     )
 
 
-# Default tolerances: answers take about a second, or ten without the extra "fast".
+# Default tolerances: answers take about a second.
 AXISYMMETRIC_TOLERANCE, SOLID_TOLERANCE = 1e-4, 5e-3
 
 MODELS: Mapping[str, Model] = MappingProxyType(

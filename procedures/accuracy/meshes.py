@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-from palpate.instrument.errors import EstimateError, UnknownName
+from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.error_estimate import Judged
 from palpate.instrument.models.parameter_sets import PHYSICAL
@@ -36,7 +36,7 @@ COARSEST = -1
 COARSEST_MESH = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
 # The second way to a reference: no pressure among the unknowns (axisymmetric); another grading and degree (solid):
 OTHER_FAMILY = Resolution(layers=3, ratio=0.15, sectors=1, degree=4)
-FINER = 2  # refinement that is the second way of many teeth, and not priced: minutes and 12 GB, by PARDISO alone
+FINER = 2  # refinement that is the second way of many teeth, and not priced
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def references(design: Design, load: Load) -> list[Mesh]:
 
 
 def solve(mesh: Mesh) -> Solved:
-    """Solve; at TIMED with the core dependencies alone, elsewhere with the fastest solver that is installed."""
+    """Solve. A mesh of the solid model is eliminated once for all moduli, where these are asked in one process."""
     try:
         if isinstance(mesh.parameters, RoundParameters):
             # Degree and layers go on as in axisymmetric.solve.
@@ -117,16 +117,10 @@ def solve(mesh: Mesh) -> Solved:
                 mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, mixed=not mesh.second
             )
             return Solved(found.force_ratio, found.judged, found.seconds)
-        answer = solid.solve_on(mesh.parameters, _resolution(mesh), _solver(mesh))
+        answer = solid.solve_on(mesh.parameters, _resolution(mesh))
         return Solved(answer.force_ratio, answer.judged, (*answer.seconds, 0.0))
-    except (EstimateError, UnknownName) as error:
+    except EstimateError as error:
         return Solved(None, failure=str(error))
-
-
-def _solver(mesh: Mesh) -> str:
-    if mesh.second:
-        return "pardiso" if has_many_teeth(mesh.parameters) else ""
-    return "superlu" if mesh.parameters.sensed_modulus == TIMED else ""
 
 
 def _resolution(mesh: Mesh) -> Resolution:

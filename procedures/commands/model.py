@@ -122,8 +122,8 @@ def ratio(
     none. The model error is the error of what the model leaves out, by the price list; the experiment, and cases that
     the price list lacks, have none. The validation error is the rms difference from the thesis' experiments over their
     samples, with the parameter set alone, without your settings: see palpate accuracy validation.
-    The solid model takes seconds to a minute for a point; the extra "fast" shortens it. It is the only one that accepts
-    a force in one point.
+    The solid model takes seconds for a sensor, whatever the moduli. It is the only one that accepts a force in one
+    point.
     The identified and capped parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
     from palpate.instrument.models.ratio import ask

@@ -9,16 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import sparse
 
-from palpate.instrument.errors import EstimateError, RangeError, UnknownName
+from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.finite_elements import linear_solver
 from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
-from palpate.instrument.models.solid import system as solid_system
+from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.body import Body, Elastic, HeightElements, PlanElements, plan_basis
-from palpate.instrument.models.solid.forces import evaluate
 from palpate.instrument.models.solid.mesh import Cell, Plan, Resolution, graded, plan_mesh
 from palpate.instrument.models.solid.model import point_loads, solve, solve_to
 from palpate.instrument.models.solid.system import System
@@ -39,7 +36,7 @@ def coarse_ratio(compliant_poisson: float) -> float:
 def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     """The smallest mesh, for what holds exactly on any."""
     smallest = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
-    monkeypatch.setattr(solid_system, "RESOLUTIONS", (smallest,) * 4)
+    monkeypatch.setattr(solid, "RESOLUTIONS", (smallest,) * 4)
 
 
 def unit_cell(sectors: int = 1, degree: int = 2) -> tuple[Plan, PlanElements]:
@@ -67,7 +64,7 @@ def test_a_homogeneous_strain_has_the_exact_energy(poisson: float) -> None:
     displacement = body.local(np.einsum("ab,bhn->ahn", strain, places))
     shear, lame = 1e5 / (2 * (1 + poisson)), 1e5 * poisson / ((1 + poisson) * (1 - 2 * poisson))
     density = shear * np.sum(strain**2) + lame / 2 * np.trace(strain) ** 2
-    energy = np.einsum("esi,esij,esj->", displacement, body.stiffness(), displacement) / 2
+    energy = np.einsum("ei,eij,ej->", displacement, body.stiffness(), displacement) / 2
     assert energy == pytest.approx(density * 12e-3**2 * 2e-3, rel=1e-10)
 
 
@@ -103,7 +100,6 @@ def test_curved_elements_have_the_area_of_the_circle(sectors: int) -> None:
 def test_forces_balance(parameters: SolidParameters) -> None:
     solution = solve(parameters, 0)
     assert solution.total_force == pytest.approx(1.0, abs=1e-10)
-    assert solution.residual < 1e-12
 
 
 def test_a_very_hard_object_stands_on_the_tooth_alone() -> None:
@@ -136,20 +132,20 @@ def test_mirrored_loads_give_mirrored_forces(one_layer: None) -> None:
 
 
 def test_a_load_here_moves_there_as_a_load_there_moves_here(one_layer: None) -> None:
-    system = System(SolidParameters(interface="frictionless"), solid_system.RESOLUTIONS[0], mirrored=(False, True))
+    system = System(SolidParameters(interface="frictionless"), solid.RESOLUTIONS[0], mirrored=(False, True))
     here, there = system.load((2e-3, 5e-3)), system.load((8.5e-3, 5e-3))
-    work = there @ system.solve(here).displacement
-    assert work == pytest.approx(here @ system.solve(there).displacement, rel=1e-9)
+    work = there @ system.displacement(here)
+    assert work == pytest.approx(here @ system.displacement(there), rel=1e-9)
 
 
 def test_an_array_is_symmetric_where_no_symmetry_is_made_use_of(one_layer: None) -> None:
     corner = replace(
         solid_parameters(get_design("array"), PHYSICAL.load(1e5)), columns=2, support="rigid", interface="frictionless"
     )
-    system = System(corner, solid_system.RESOLUTIONS[0], mirrored=(False, True))
-    forces = evaluate(system, system.solve(system.load(None)))
-    assert forces.teeth == pytest.approx(np.full(4, forces.teeth[0]), rel=1e-9)
-    assert forces.teeth.sum() < forces.bases.sum()
+    system = System(corner, solid.RESOLUTIONS[0], mirrored=(False, True))
+    *teeth, base = system.curve([system.load(None)]).poles.values(np.array([1e5]))[0, :, 0]
+    assert teeth == pytest.approx(np.full(4, teeth[0]), rel=1e-9)
+    assert sum(teeth) < base
 
 
 @pytest.mark.parametrize("poisson", [0.4999, 0.499999, 0.5])
@@ -181,7 +177,6 @@ def test_the_error_estimate_covers_the_distance_to_the_round_model(change: dict[
 @pytest.mark.parametrize("gap", [1e-5, 1e-7, 0.0])
 def test_a_closed_gap_is_no_singular_case(gap: float) -> None:
     closed = solve(replace(COARSE, ring_inner_radius=COARSE.tooth_radius + gap), 0)
-    assert closed.residual < 1e-12
     assert closed.total_force == pytest.approx(1.0, abs=1e-9)
     assert closed.force_ratio == pytest.approx(coarse_ratio(COARSE.compliant_poisson), abs=0.03)
 
@@ -200,23 +195,6 @@ def test_table_A2_7_is_met_between_the_teeth_and_not_above_one() -> None:
     right, left = (read_table("A2.7").values(f"force_pvdf{film}_N") for film in (1, 3))
     assert middle == pytest.approx([left[12], right[12]], abs=0.005)
     assert over[1] < right[18] - 0.1
-
-
-@pytest.mark.parametrize("backend", sorted(linear_solver.available()))
-def test_every_solver_gives_the_same_ratio(backend: str) -> None:
-    reference = solve(COARSE, 0, "superlu").force_ratio
-    assert solve(COARSE, 0, backend).force_ratio == pytest.approx(reference, rel=1e-10)
-
-
-def test_a_part_that_nothing_holds_is_refused() -> None:
-    with pytest.raises(EstimateError, match="hold every part"):
-        linear_solver.SymmetricSolver(sparse.csc_array(np.diag([1.0, 0.0])), "superlu")
-
-
-def test_without_a_load_nothing_moves() -> None:
-    """A film that gives no charge is no load either."""
-    solution, residual = linear_solver.SymmetricSolver(sparse.csc_array(np.eye(2)), "superlu")(np.zeros(2))
-    assert not solution.any() and residual == 0.0
 
 
 @pytest.mark.parametrize(
@@ -253,12 +231,3 @@ def test_a_tolerance_that_the_model_cannot_meet_is_refused_before_it_is_tried() 
 def test_an_unknown_refinement_is_refused() -> None:
     with pytest.raises(RangeError, match="refinement 9"):
         solve(COARSE, 9)
-
-
-def test_factors_that_do_not_fit_into_memory_are_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
-    def too_large(matrix: object) -> object:
-        raise MemoryError
-
-    monkeypatch.setitem(linear_solver.BACKENDS, "superlu", too_large)
-    with pytest.raises(EstimateError, match=r"2 unknowns do not fit .* give a larger tolerance"):
-        linear_solver.SymmetricSolver(sparse.csc_array(np.eye(2)), "superlu")

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements.elements import differences, nodal
-from palpate.instrument.models.finite_elements.linear_solver import ordered_factors
 from palpate.instrument.models.finite_elements.threads import Each
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
+    from scipy.sparse.linalg import SuperLU
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -246,3 +247,20 @@ def _assembled(matrices: Array, unknowns: NDArray[np.int32], size: int) -> csc_a
     found.has_sorted_indices = True
     found.sum_duplicates()
     return found
+
+
+def ordered_factors(matrix: csc_array) -> SuperLU:
+    """Factors of a symmetric positive definite matrix of unit diagonal, its unknowns in a good order for elimination.
+
+    Raises:
+        EstimateError: the factors do not fit into memory.
+    """
+    from scipy.sparse.linalg import splu
+
+    try:
+        # No step of the elimination can meet a small pivot.
+        return splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except MemoryError:
+        raise EstimateError(
+            f"the factors of {matrix.shape[0]} unknowns do not fit into memory; give a larger tolerance"
+        ) from None

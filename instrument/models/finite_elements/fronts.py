@@ -2,26 +2,31 @@
 
     condense(mesh).stiffness       # against the unknowns that are kept
 
-Elements are halved again and again along whatever coordinate leaves the fewest shared unknowns. From the smallest
-halves upwards, each front adds those of its two halves, eliminates what no element outside knows (Cholesky), and passes
-on the rest (multifrontal method: Duff and Reid 1983). So all work is dense and no sparse matrix is assembled. Nothing
-has to be kept: loads are eliminated along with the matrix.
+From the smallest fronts upwards, each adds those of its two halves, eliminates what no element outside knows
+(Cholesky), and passes on the rest (multifrontal method: Duff and Reid 1983). So all work is dense and no sparse matrix
+is assembled. Nothing has to be kept for later: loads are eliminated along with the matrix.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dsyrk, dtrsm
+from scipy.linalg.lapack import dpotrf
 
 from palpate.instrument.errors import EstimateError
+from palpate.instrument.models.finite_elements.dissection import Front, Indices, Order, dissected
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
-LEAF = 400  # unknowns of elements that are eliminated together; smaller fronts cost more calls than they save work
+# Elements whose matrices are made at once: fewer cost more calls, more cost memory.
+AT_ONCE = 16
+# Least share of the machine's memory that is left to everything else.
+LEFT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,198 +56,200 @@ class Condensed:
         stiffness: (kept, kept).
         loads: (kept, loads), forces on the kept unknowns that act as the loads do.
         work: (loads, loads), work of each load on the displacements of each other with all kept unknowns held.
-        largest: unknowns of the largest front.
+        inside: function that gives the displacements (size,) of all unknowns from those of the kept ones (kept,), under
+            a sum of the loads with these factors (loads,); None: what it needs was not remembered.
     """
 
     stiffness: Array
     loads: Array
     work: Array
-    largest: int
+    inside: Callable[[Array, Array], Array] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Node:
-    """Elements `start` to `stop` in the order of elimination; halves: numbers of two earlier nodes, or none."""
-
-    start: int
-    stop: int
-    halves: tuple[int, ...]
-
-
-def condense(mesh: Mesh) -> Condensed:
+def condense(mesh: Mesh, remembers: bool = False) -> Condensed:
     """Eliminate all unknowns that are not kept.
 
+    Args:
+        mesh: the elements.
+        remembers: whether to keep in memory what gives the displacements of all unknowns later.
+
     Raises:
-        EstimateError: the stiffness is not positive definite to working precision: a part is not held.
+        EstimateError: the fronts do not fit into memory, or the stiffness is not positive definite to working
+            precision: a part is not held.
     """
-    elements, nodes = _dissected(mesh)
-    unknowns = mesh.unknowns[elements]
-    rank, fronts = _numbered(unknowns, nodes, mesh.kept)
-    ranked = np.where(unknowns >= 0, rank[unknowns], -1)
-    loads = np.empty_like(mesh.loads)
-    loads[rank] = mesh.loads
-    work = np.zeros((loads.shape[1], loads.shape[1]))
-    passed: dict[int, tuple[Indices, Array, Array]] = {}
-    for number, (node, (own, rest)) in enumerate(zip(nodes, fronts, strict=True)):
-        front = _Front(np.concatenate([own, rest]), len(own), loads.shape[1])
-        if node.halves:
-            for half in node.halves:
-                front.add(*passed.pop(half))
-        else:
-            numbers = slice(node.start, node.stop)
-            front.fill(ranked[numbers], mesh.matrices(elements[numbers]))
-        passed[number] = (rest, *front.eliminate(loads[own], work))
-    kept, stiffness, moved = passed.popitem()[1]
+    order = dissected(mesh.unknowns, mesh.coordinates, mesh.kept)
+    _require_memory(order, mesh, remembers)
+    elimination = _Elimination(mesh, order, remembers)
+    stiffness, loads = elimination.run()
+    places = order.rank[mesh.kept] - (len(mesh.kept) - np.count_nonzero(mesh.kept))
     lower = np.tril(stiffness, -1)
+    whole = lower + lower.T + np.diag(np.diag(stiffness))
     return Condensed(
-        stiffness=lower + lower.T + np.diag(np.diag(stiffness)),
-        loads=loads[kept] + moved,
-        work=work,
-        largest=max(len(own) + len(rest) for own, rest in fronts),
+        stiffness=whole[np.ix_(places, places)],
+        loads=loads[places],
+        work=elimination.work,
+        inside=elimination.inside if remembers else None,
     )
 
 
-class _Front:
-    """Dense matrix of the unknowns `ranks`, the first `count` of which are to be eliminated. Lower triangles only."""
-
-    def __init__(self, ranks: Indices, count: int, loads: int) -> None:
-        self._ranks, self._count = ranks, count
-        rest = len(ranks) - count
-        self._own, self._rest = (np.zeros((size, size), order="F") for size in (count, rest))
-        self._between = np.zeros((rest, count), order="F")
-        self._loads = np.zeros((len(ranks), loads))
-
-    def add(self, ranks: Indices, matrix: Array, loads: Array) -> None:
-        """Add what is left of one half."""
-        places, count = np.searchsorted(self._ranks, ranks), self._count
-        self._loads[places] += loads
-        cut = int(np.searchsorted(places, count))
-        ends = np.flatnonzero(np.diff(places) != 1) + 1
-        starts = np.unique(np.concatenate([[0], ends, [cut]])[: len(ends) + 2])
-        starts = starts[starts < len(places)]
-        stops = np.append(starts[1:], len(places))
-        runs = list(zip(places[starts].tolist(), starts.tolist(), stops.tolist(), strict=True))
-        for row, (to, low, high) in enumerate(runs):
-            for beside, first, last in runs[: row + 1]:
-                block = matrix[low:high, first:last]
-                self._block(to, beside)[: high - low, : last - first] += block
-
-    def _block(self, row: int, column: int) -> Array:
-        count = self._count
-        if column >= count:
-            return self._rest[row - count :, column - count :]
-        return self._own[row:, column:] if row < count else self._between[row - count :, column:]
-
-    def fill(self, ranks: Indices, matrices: Array) -> None:
-        """Add element matrices (elements, n, n) of unknowns (elements, n), some of which may be one and the same."""
-        size, count = len(self._ranks), self._count
-        places = np.where(ranks >= 0, np.searchsorted(self._ranks, ranks), size)  # the last place is for fixed ones
-        at = places[:, :, None] * (size + 1) + places[:, None, :]
-        total = np.bincount(at.ravel(), matrices.ravel(), (size + 1) ** 2).astype(np.float64, copy=False)
-        whole = total.reshape(size + 1, -1)[:size, :size]
-        self._own, self._between, self._rest = (
-            np.asfortranarray(part) for part in (whole[:count, :count], whole[count:, :count], whole[count:, count:])
+def _require_memory(order: Order, mesh: Mesh, remembers: bool) -> None:
+    """Check that the fronts fit into memory. Raises EstimateError."""
+    entries = order.entries + 2 * mesh.loads.size + AT_ONCE * mesh.unknowns.shape[1] ** 2
+    if remembers:
+        entries += sum(front.count * front.size for front in order.fronts)
+    needed, has = 8 * entries, machine_memory()
+    if has is not None and needed > (1 - LEFT) * has:
+        raise EstimateError(
+            f"finite elements: {len(mesh.kept)} unknowns need {needed / 1e9:.1f} GB of memory, and this machine has"
+            f" {has / 1e9:.1f} GB; give a larger tolerance"
         )
 
-    def eliminate(self, loads: Array, work: Array) -> tuple[Array, Array]:
-        """Matrix and loads of the rest; adds the loads' work to `work`."""
-        from scipy.linalg.blas import dsyrk, dtrsm
-        from scipy.linalg.lapack import dpotrf
 
-        count = self._count
-        rest = self._loads[count:]
-        if not count:
-            return self._rest, rest
-        factor, failed = dpotrf(self._own, lower=1, clean=0, overwrite_a=1)
-        if failed:
-            raise EstimateError("a stiffness is not positive definite: a part is not held; hold every part")
-        forward = dtrsm(1.0, factor, np.asfortranarray(loads + self._loads[:count]), lower=1)
-        work += forward.T @ forward
-        if not len(self._between):
-            return self._rest, rest
-        between = dtrsm(1.0, factor, self._between, side=1, lower=1, trans_a=1, overwrite_b=1)
-        matrix = dsyrk(-1.0, between, beta=1.0, c=self._rest, lower=1, overwrite_c=1)
-        return matrix, rest - between @ forward
+def machine_memory() -> int | None:
+    """Memory of this machine in bytes; None: it does not tell."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
 
 
-def _dissected(mesh: Mesh) -> tuple[Indices, list[_Node]]:
-    """Elements in the order of elimination, and the nodes of the tree, halves before their sums."""
-    unknowns, nodes, order = mesh.unknowns, list[_Node](), list[Indices]()
-    mark = np.zeros(len(mesh.kept) + 1, dtype=bool)  # the last entry is that of fixed unknowns
+@dataclass(frozen=True, slots=True)
+class _Remembered:
+    """Factor of a front, its coupling to the rest, and its part of the forward elimination of the loads."""
 
-    def number(of: Indices) -> int:
-        mark[unknowns[of]] = True
-        mark[-1] = False
-        found = int(np.count_nonzero(mark[unknowns[of]]))
-        mark[unknowns[of]] = False
+    front: Front
+    factor: Array
+    between: Array
+    forward: Array
+
+
+class _Elimination:
+    """Elimination of a mesh in an order; `work` as in `Condensed`."""
+
+    def __init__(self, mesh: Mesh, order: Order, remembers: bool) -> None:
+        self._mesh, self._order, self._remembers = mesh, order, remembers
+        self._remembered: list[_Remembered] = []
+        unknowns = mesh.unknowns[order.elements]
+        ranked = np.where(unknowns >= 0, order.rank[unknowns], -1)
+        self._sequence = np.argsort(ranked, axis=1)
+        self._ranked = np.take_along_axis(ranked, self._sequence, axis=1)
+        self._loads = np.empty_like(mesh.loads)
+        self._loads[order.rank] = mesh.loads
+        self._made: tuple[int, Array] = (-AT_ONCE, np.empty(0))
+        self.work = np.zeros((mesh.loads.shape[1],) * 2)
+
+    def run(self) -> tuple[Array, Array]:
+        """Matrix (lower triangle) and loads of the kept unknowns, in the order of elimination."""
+        passed: list[tuple[Indices, Array, Array]] = []
+        for front in self._order.fronts:
+            assembled = _Assembled(front, self._loads.shape[1])
+            if front.halves:
+                for half in passed[-len(front.halves) :]:
+                    assembled.add(*half)
+                del passed[-len(front.halves) :]
+            else:
+                for place in range(front.start, front.stop):
+                    self._fill(assembled, place)
+            passed.append((front.rest, *self._eliminate(assembled)))
+        _, stiffness, loads = passed.pop()
+        first = len(self._mesh.kept) - len(loads)
+        return stiffness, self._loads[first:] + loads
+
+    def _fill(self, assembled: _Assembled, place: int) -> None:
+        """Add an element, by its place in the order of elimination."""
+        ranks, sequence = self._ranked[place], self._sequence[place]
+        fixed = int(np.searchsorted(ranks, 0))
+        matrix = self._matrix(place)[np.ix_(sequence[fixed:], sequence[fixed:])]
+        ranks = ranks[fixed:]
+        steps = np.diff(ranks)
+        if not steps.all():
+            # An unknown that moves several places of one element stands there several times.
+            begins = np.concatenate([[0], np.flatnonzero(steps) + 1])
+            matrix = np.add.reduceat(np.add.reduceat(matrix, begins, axis=0), begins, axis=1)
+            ranks = ranks[begins]
+            steps = np.diff(ranks)
+        begins = np.concatenate([[0], np.flatnonzero(steps != 1) + 1])
+        ends = np.append(begins[1:], len(ranks))
+        runs = np.stack([ranks[begins], ranks[ends - 1] + 1], axis=1)
+        assembled.add(runs, matrix, np.zeros((len(ranks), 0)))
+
+    def _matrix(self, place: int) -> Array:
+        first, matrices = self._made
+        if not first <= place < first + AT_ONCE:
+            first = place - place % AT_ONCE
+            matrices = self._mesh.matrices(self._order.elements[first : first + AT_ONCE])
+            self._made = first, matrices
+        found: Array = matrices[place - first]
         return found
 
-    def shared(one: Indices, other: Indices) -> int:
-        mark[unknowns[one]] = True
-        mark[-1] = False
-        common = unknowns[other][mark[unknowns[other]]]
-        mark[unknowns[one]] = False
-        return len(np.unique(common))
+    def _eliminate(self, assembled: _Assembled) -> tuple[Array, Array]:
+        """Matrix and loads of the rest."""
+        front, rest = assembled.front, assembled.loads[assembled.front.count :]
+        if not front.count:
+            return assembled.rest, rest
+        factor, failed = dpotrf(assembled.own, lower=1, clean=0, overwrite_a=1)
+        if failed:
+            raise EstimateError("a stiffness is not positive definite: a part is not held; hold every part")
+        own = self._loads[front.first : front.first + front.count] + assembled.loads[: front.count]
+        forward = dtrsm(1.0, factor, np.asfortranarray(own), lower=1)
+        self.work += forward.T @ forward
+        between, matrix = assembled.between, assembled.rest
+        if len(between):
+            between = dtrsm(1.0, factor, between, side=1, lower=1, trans_a=1, overwrite_b=1)
+            matrix = dsyrk(-1.0, between, beta=1.0, c=matrix, lower=1, overwrite_c=1)
+            rest = rest - between @ forward
+        if self._remembers:
+            self._remembered.append(_Remembered(front, factor, between, forward))
+        return matrix, rest
 
-    def halved(of: Indices) -> tuple[Indices, Indices]:
-        best, fewest = None, np.inf
-        for values in mesh.coordinates[of].T:
-            sequence = np.argsort(values, kind="stable")
-            steps = np.flatnonzero(np.diff(values[sequence]) > 1e-9 * np.ptp(values)) + 1
-            if not len(steps):
-                continue
-            middle = int(steps[np.argmin(np.abs(steps - len(of) / 2))])
-            one, other = of[sequence[:middle]], of[sequence[middle:]]
-            price = shared(one, other) * (1 + abs(middle / len(of) - 0.5))
-            if price < fewest:
-                best, fewest = (one, other), price
-        if best is None:
-            return of[: len(of) // 2], of[len(of) // 2 :]
-        return best
-
-    def node(of: Indices, start: int) -> int:
-        halves: tuple[int, ...] = ()
-        if len(of) > 1 and len(of) * unknowns.shape[1] > LEAF:
-            one, other = halved(of)
-            halves = (node(one, start), node(other, start + len(one)))
-        else:
-            order.append(of)
-        nodes.append(_Node(start, start + len(of), halves))
-        return len(nodes) - 1
-
-    node(np.arange(len(unknowns)), 0)
-    return np.concatenate(order), nodes
+    def inside(self, kept: Array, factors: Array) -> Array:
+        """Displacements of all unknowns, as in `Condensed`."""
+        rank, held = self._order.rank, self._mesh.kept
+        moved = np.empty(len(rank))
+        moved[rank[held]] = kept
+        for each in reversed(self._remembered):
+            front = each.front
+            pull = each.forward @ factors
+            if len(each.between):
+                pull = pull - each.between.T @ np.concatenate([moved[low:high] for low, high in front.rest])
+            found = dtrsm(1.0, each.factor, pull[:, None], lower=1, trans_a=1)
+            moved[front.first : front.first + front.count] = found[:, 0]
+        return moved[rank]
 
 
-def _numbered(
-    unknowns: Indices, nodes: list[_Node], kept: NDArray[np.bool_]
-) -> tuple[Indices, list[tuple[Indices, Indices]]]:
-    """New numbers of the unknowns, and by node those that it eliminates and those that it passes on, ascending.
+class _Assembled:
+    """Dense matrices of a front: of what is eliminated, of the rest, and between both. Lower triangles only."""
 
-    Numbers rise with the node that eliminates, then with the first element: so neighbours stay together.
-    """
-    size = len(kept)
-    first, last = np.full(size + 1, len(unknowns)), np.full(size + 1, -1)
-    at = np.arange(len(unknowns)).repeat(unknowns.shape[1])
-    np.minimum.at(first, unknowns.ravel(), at)
-    np.maximum.at(last, unknowns.ravel(), at)
-    last[:-1][kept] = len(unknowns)
-    last[-1] = -1
-    passes: list[Indices] = []
-    eliminated: list[Indices] = []
-    stage = np.full(size, len(nodes))
-    for number, node in enumerate(nodes):
-        if node.halves:
-            own = np.unique(np.concatenate([passes[half] for half in node.halves]))
-        else:
-            own = np.unique(unknowns[node.start : node.stop])
-            own = own[own >= 0]
-        inside = (last[own] < node.stop) & (first[own] >= node.start)
-        stage[own[inside]] = number
-        eliminated.append(own[inside])
-        passes.append(own[~inside])
-    rank = np.empty(size, dtype=np.intp)
-    rank[np.lexsort((first[:-1], stage))] = np.arange(size)
-    # Kept unknowns stay in the order of their own numbers.
-    rank[kept] = np.arange(size - np.count_nonzero(kept), size)
-    return rank, [(np.sort(rank[one]), np.sort(rank[other])) for one, other in zip(eliminated, passes, strict=True)]
+    def __init__(self, front: Front, loads: int) -> None:
+        self.front = front
+        count, rest = front.count, front.passed
+        self.own, self.rest = (np.zeros((size, size), order="F") for size in (count, rest))
+        self.between = np.zeros((rest, count), order="F")
+        self.loads = np.zeros((count + rest, loads))
+        lengths = front.rest[:, 1] - front.rest[:, 0]
+        self._starts = np.concatenate([[front.first], front.rest[:, 0]])
+        self._offsets = np.concatenate([[0], count + np.cumsum(lengths) - lengths])
+
+    def add(self, runs: Indices, matrix: Array, loads: Array) -> None:
+        """Add a matrix and loads of runs of unknowns (runs, 2)."""
+        end = self.front.first + self.front.count
+        split = np.flatnonzero((runs[:, 0] < end) & (end < runs[:, 1]))
+        if len(split):  # at most one is eliminated in part
+            runs = np.insert(runs, split + 1, [[end, runs[split[0], 1]]], axis=0)
+            runs[split, 1] = end
+        where = np.searchsorted(self._starts, runs[:, 0], side="right") - 1
+        to = (self._offsets[where] + runs[:, 0] - self._starts[where]).tolist()
+        lengths = runs[:, 1] - runs[:, 0]
+        stops = np.cumsum(lengths).tolist()
+        pieces = list(zip(to, [0, *stops], stops, strict=False))
+        for row, (place, low, high) in enumerate(pieces):
+            if loads.shape[1]:
+                self.loads[place : place + high - low] += loads[low:high]
+            for beside, first, last in pieces[: row + 1]:
+                self._block(place, beside)[: high - low, : last - first] += matrix[low:high, first:last]
+
+    def _block(self, row: int, column: int) -> Array:
+        count = self.front.count
+        if column >= count:
+            return self.rest[row - count :, column - count :]
+        return self.own[row:, column:] if row < count else self.between[row - count :, column:]

@@ -36,5 +36,4 @@ def extrapolated(condensed: Callable[[float], Condensed], step: float) -> Conden
         stiffness=at_true("stiffness"),
         loads=at_true("loads"),
         work=at_true("work"),
-        largest=max(each.largest for _, each in found),
     )

@@ -61,17 +61,19 @@ class Sensor:
         found: Array = condensed.loads[:, places] + self.charges @ (self.capacity @ seen)
         return found
 
-    def torn(self, place: int, volts: Array, energy: float) -> float:
-        """Twice the energy by a jump inside the sensor with the contact held [J].
+    def torn(self, row: Array, place: int, volts: Array, energy: float) -> float:
+        """Twice the energy that a jump inside the sensor leaves when the contact is free [J].
 
         Args:
+            row: (contact,), the jump's forces on the contact, as `rows` gives them.
             place: place of the jump's forces on all unknowns among the loads.
             volts: (films,), charges by the jump alone.
             energy: twice its energy with all unknowns held.
         """
         work = self._condensed.work
         seen = volts - work[self._films, place]
-        return float(energy - work[place, place] + seen @ self.capacity @ seen)
+        clamped = energy - work[place, place] + seen @ self.capacity @ seen
+        return max(0.0, float(clamped - row @ np.linalg.solve(self.stiffness, row)))
 
 
 @dataclass(frozen=True, slots=True)

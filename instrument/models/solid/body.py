@@ -7,7 +7,6 @@ polynomial of degree p - 1 (Qp/Pp-1): it is condensed element by element, and ru
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -22,8 +21,8 @@ Vector = NDArray[np.float64]
 Names = NDArray[np.intp]
 Entries = TypeVar("Entries", NDArray[np.float64], NDArray[np.intp])
 
-# Greatest λ / G in the assembled matrix 2 G e + λ tr e; the rest of λ comes by iteration on the pressure.
-LAME_RATIO_LIMIT = 1000.0
+# Least G / λ that element matrices bear without rounding errors that count; below it, results are extrapolated.
+LEAST_COMPLIANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +45,10 @@ class Elastic:
         return (1 + self.poisson) * (1 - 2 * self.poisson) / (self.modulus * self.poisson)
 
     @property
-    def lame(self) -> float:
-        """Part of λ that the matrix carries [Pa]."""
-        limit = LAME_RATIO_LIMIT * self.shear
-        if self.poisson <= 0 or self.compliance > 1 / limit:
-            return 1 / self.compliance
-        return limit
-
-    @property
-    def pressure_left(self) -> float:
-        """Share of the pressure that the matrix does not carry: 0 where λ is not limited."""
-        return 1 - self.lame * self.compliance if np.isfinite(self.compliance) else 0.0
+    def step(self) -> float:
+        """Addition to 1/λ by which element matrices bear it [1/Pa]; 0 where they do already."""
+        least = LEAST_COMPLIANCE / self.shear
+        return least if 0 <= self.compliance < least else 0.0
 
 
 class PlanElements:
@@ -122,7 +114,7 @@ class HeightElements:
         degree: degree of the shape functions.
         count: number of shape functions.
         local: (steps, shapes), names of each step's shape functions.
-        one: coefficients of the function 1.
+        one, places: coefficients of the function 1 and of the height [m].
         mass, zz, zv: (steps, shapes, shapes), integrals of products of shape functions and their derivatives.
         pressure: (degree, steps, shapes), integrals of value and slope of shape functions times Legendre polynomials.
     """
@@ -136,6 +128,7 @@ class HeightElements:
         self.local = np.argsort(order)[basis.element_dofs].T
         # Hierarchical shape functions add nothing at the ends.
         self.one = np.where((order <= steps) | (degree == 2), 1.0, 0.0)
+        self.places = np.where(self.one == 1, basis.doflocs[0][order], 0.0)
         weight = basis.dx
         v = np.stack([np.broadcast_to(np.asarray(field[0]), weight.shape) for field in basis.basis], axis=1)
         z = np.stack([field[0].grad[0] for field in basis.basis], axis=1)
@@ -157,67 +150,86 @@ class HeightElements:
 class Body:
     """One part: a plan, a range of heights, and a material.
 
-    Element matrices have the unknowns displacement (x, y, z), then height, then node of the plan.
+    Its elements are numbered along the height first, then along the plan. Element matrices have the unknowns
+    displacement (x, y, z), then height, then node of the plan.
     """
 
     def __init__(self, plan: PlanElements, height: HeightElements, material: Elastic | FilmMaterial) -> None:
         self.plan, self.height, self.material = plan, height, material
         self.shape = (3, height.count, len(plan.nodes))
 
-    def local(self, names: Entries, steps: slice = slice(None)) -> Entries:
-        """Entries (elements, steps, unknowns) of `names`, which has the body's shape, that belong to each element."""
-        heights, nodes = self.height.local[steps], self.plan.local
-        picked = names[:, heights[None, :, :, None], nodes[:, None, None, :]]
-        return np.moveaxis(picked, 0, 2).reshape(len(nodes), len(heights), -1)
+    @property
+    def count(self) -> int:
+        """Number of elements."""
+        return len(self.plan.local) * len(self.height.local)
 
-    def stiffness(self, steps: slice = slice(None)) -> Vector:
-        """Stiffness (elements, steps, unknowns, unknowns) of the elements."""
+    def local(self, names: Entries, elements: Names | None = None) -> Entries:
+        """Entries (elements, unknowns) of `names`, which has the body's shape, that belong to each element."""
+        plan, step = self._places(elements)
+        heights, nodes = self.height.local[step], self.plan.local[plan]
+        picked = names[:, heights[:, :, None], nodes[:, None, :]]
+        return np.moveaxis(picked, 0, 1).reshape(len(plan), 3 * heights.shape[1] * nodes.shape[1])
+
+    def _places(self, elements: Names | None) -> tuple[Names, Names]:
+        """Place in the plan and step along the height of some elements; None: of all."""
+        numbers = np.arange(self.count) if elements is None else elements
+        plan, step = np.divmod(numbers, len(self.height.local))
+        return plan, step
+
+    def stiffness(self, elements: Names | None = None, added: float = 0.0) -> Vector:
+        """Stiffness (elements, unknowns, unknowns) of some elements; None: of all.
+
+        Args:
+            elements: numbers of the elements.
+            added: addition to the material's 1/λ [1/Pa].
+        """
         if isinstance(self.material, FilmMaterial):
-            return self._film_stiffness(self.material, steps)
+            return self._film_stiffness(self.material, elements)
         p, h = self.plan, self.height
+        plan, step = self._places(elements)
         shear = self.material.shear
-        mass, zz, zv = (matrix[None, steps, :, None, :, None] for matrix in (h.mass, h.zz, h.zv))
-        xx, yy, flat, yx, vx, vy = (
-            shear * matrix[:, None, None, :, None, :] for matrix in (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy)
+        mass, zz, zv = (matrix[step] for matrix in (h.mass, h.zz, h.zv))
+        xx, yy, flat, yx, vx, vy = (shear * matrix[plan] for matrix in (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy))
+        dilatation = self.dilatation(elements)
+        matrix = dilatation.transpose(0, 2, 1) @ (dilatation / (self.material.compliance + added))
+        _add(
+            matrix,
+            {
+                (0, 0): [(2 * xx + yy, mass), (flat, zz)],
+                (1, 1): [(xx + 2 * yy, mass), (flat, zz)],
+                (2, 2): [(xx + yy, mass), (2 * flat, zz)],
+                (0, 1): [(yx, mass)],
+                (0, 2): [(vx, zv)],
+                (1, 2): [(vy, zv)],
+            },
         )
-        upright = flat * zz
-        blocks = {
-            (0, 0): (2 * xx + yy) * mass + upright,
-            (1, 1): (xx + 2 * yy) * mass + upright,
-            (2, 2): (xx + yy) * mass + 2 * upright,
-            (0, 1): yx * mass,
-            (0, 2): vx * zv,
-            (1, 2): vy * zv,
-        }
-        dilatation = self.dilatation(steps)
-        matrix = dilatation.transpose(0, 1, 3, 2) @ (self.material.lame * dilatation)
-        _add_blocks(matrix, blocks)
         return matrix
 
-    def _film_stiffness(self, film: FilmMaterial, steps: slice) -> Vector:
+    def _film_stiffness(self, film: FilmMaterial, elements: Names | None) -> Vector:
         """Stiffness of a film: a material with three planes of symmetry, thin, and far from incompressible."""
         p, h = self.plan, self.height
+        plan, step = self._places(elements)
         (c, _, _), (c44, c55, c66) = film.stiff(), film.shear
-        mass, zz, zv = (matrix[None, steps, :, None, :, None] for matrix in (h.mass, h.zz, h.zv))
-        vz = zv.swapaxes(2, 4)
-        plans = (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy)
-        xx, yy, flat, yx, vx, vy = (matrix[:, None, None, :, None, :] for matrix in plans)
-        xy, xv, yv = (matrix.swapaxes(3, 5) for matrix in (yx, vx, vy))
-        blocks = {
-            (0, 0): (c[0, 0] * xx + c66 * yy) * mass + c55 * flat * zz,
-            (1, 1): (c66 * xx + c[1, 1] * yy) * mass + c44 * flat * zz,
-            (2, 2): (c55 * xx + c44 * yy) * mass + c[2, 2] * flat * zz,
-            (0, 1): (c[0, 1] * xy + c66 * yx) * mass,
-            (0, 2): c[0, 2] * xv * vz + c55 * vx * zv,
-            (1, 2): c[1, 2] * yv * vz + c44 * vy * zv,
-        }
-        count = math.prod(self.height.local.shape[1:]) * self.plan.local.shape[1]
-        matrix = np.zeros((*blocks[0, 0].shape[:2], 3 * count, 3 * count))
-        _add_blocks(matrix, blocks)
+        mass, zz, zv = (matrix[step] for matrix in (h.mass, h.zz, h.zv))
+        xx, yy, flat, yx, vx, vy = (matrix[plan] for matrix in (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy))
+        vz, xy, xv, yv = (matrix.swapaxes(1, 2) for matrix in (zv, yx, vx, vy))
+        size = 3 * mass.shape[1] * flat.shape[1]
+        matrix = np.zeros((len(plan), size, size))
+        _add(
+            matrix,
+            {
+                (0, 0): [(c[0, 0] * xx + c66 * yy, mass), (c55 * flat, zz)],
+                (1, 1): [(c66 * xx + c[1, 1] * yy, mass), (c44 * flat, zz)],
+                (2, 2): [(c55 * xx + c44 * yy, mass), (c[2, 2] * flat, zz)],
+                (0, 1): [(c[0, 1] * xy + c66 * yx, mass)],
+                (0, 2): [(c[0, 2] * xv, vz), (c55 * vx, zv)],
+                (1, 2): [(c[1, 2] * yv, vz), (c44 * vy, zv)],
+            },
+        )
         return matrix
 
     def polarised(self, film: FilmMaterial, one: Vector) -> Vector:
-        """Forces (elements, steps, unknowns) of a film under 1 V, against its voltage [N/V].
+        """Forces (elements, unknowns) of a film under 1 V, against its voltage [N/V].
 
         Args:
             film: material of the film.
@@ -229,33 +241,36 @@ class Body:
         mass, slope = (np.einsum("sij,sj->si", of, h.one[h.local]) for of in (h.mass, h.zv))
         pairs = ((along, mass), (across, mass), (flat, slope))
         forces = [e * np.einsum("en,sh->eshn", *pair) for e, pair in zip(stress, pairs, strict=True)]
-        by_axis = np.stack(forces, axis=2) / np.ptp(h.breaks)
-        return by_axis.reshape(*by_axis.shape[:2], -1)
+        by_axis: Vector = np.stack(forces, axis=2) / np.ptp(h.breaks)
+        return by_axis.reshape(self.count, -1)
 
-    def dilatation(self, steps: slice = slice(None)) -> Vector:
-        """Operator (elements, steps, pressures, unknowns) from unknowns to orthonormal dilatations."""
+    def dilatation(self, elements: Names | None = None) -> Vector:
+        """Operator (elements, pressures, unknowns) from unknowns to orthonormal dilatations."""
+        plan, step = self._places(elements)
         rows = []
         for level, (value, slope) in enumerate(self.height.pressure):
             triple = self.plan.pressure[-1 - level]
-            value, slope = (matrix[None, steps, None, :, None] for matrix in (value, slope))
-            dx, dy, flat = (matrix[:, None, :, None, :] for matrix in triple)
-            rows.append(np.stack([dx * value, dy * value, flat * slope], axis=3))
-        joined = np.concatenate(rows, axis=2)
-        return joined.reshape(*joined.shape[:3], -1)
+            value, slope = (matrix[step][:, None, :, None] for matrix in (value, slope))
+            dx, dy, flat = (matrix[plan][:, :, None, :] for matrix in triple)
+            rows.append(np.stack([dx * value, dy * value, flat * slope], axis=2))
+        joined = np.concatenate(rows, axis=1)
+        return joined.reshape(*joined.shape[:2], -1)
 
 
-def _add_blocks(matrix: Vector, blocks: dict[tuple[int, int], Vector]) -> None:
-    """Add blocks to a symmetric matrix (elements, steps, unknowns, unknowns), by the axes of its unknowns.
+def _add(matrix: Vector, blocks: dict[tuple[int, int], list[tuple[Vector, Vector]]]) -> None:
+    """Add products of a matrix in the plan and one along the height to symmetric matrices (elements, n, n).
 
-    Blocks below the diagonal are the transposes of those above it.
+    They are given by the axes of their unknowns. Blocks below the diagonal are the transposes of those above it.
     """
-    size = matrix.shape[-1] // 3
-    by_axis = matrix.reshape(*matrix.shape[:2], 3, size, 3, size)
-    for (a, b), block in blocks.items():
-        square = block.reshape(*matrix.shape[:2], size, size)
-        by_axis[:, :, a, :, b] += square
+    of_plan, of_height = next(iter(blocks.values()))[0]
+    heights, nodes = of_height.shape[1], of_plan.shape[1]
+    by_axis = matrix.reshape(-1, 3, heights, nodes, 3, heights, nodes)
+    for (a, b), pairs in blocks.items():
+        products = [flat[:, None, :, None, :] * upright[:, :, None, :, None] for flat, upright in pairs]
+        product = products[0] if len(products) == 1 else products[0] + products[1]
+        by_axis[:, a, :, :, b] += product
         if a != b:
-            by_axis[:, :, b, :, a] += square.transpose(0, 1, 3, 2)
+            by_axis[:, b, :, :, a] += product.transpose(0, 3, 4, 1, 2)
 
 
 def plan_basis(plan: Plan, degree: int) -> Any:

@@ -27,24 +27,10 @@ class Part:
     body: Body
     names: Names
 
-    def strained(self, solution: Vector, steps: slice = slice(None)) -> Vector:
-        """Displacements (elements, steps, unknowns) of the part's elements, zero where held."""
-        return np.append(solution, 0.0)[self.body.local(self.names, steps)]
-
-    def forces(self, solution: Vector, pressure: Vector, steps: slice = slice(None)) -> Vector:
-        """Forces (elements, steps, 3, heights, nodes) [N] on the unknowns of the part's elements.
-
-        Args:
-            solution: displacements of all unknowns.
-            pressure: (elements, all steps, pressures), part of the pressure that the matrix does not carry; of size 0
-                where it carries all.
-            steps: steps along the height.
-        """
-        body = self.body
-        total = body.stiffness(steps) @ self.strained(solution, steps)[..., None]
-        if pressure.size:
-            total += body.dilatation(steps).transpose(0, 1, 3, 2) @ pressure[:, steps, :, None]
-        return total.reshape(*total.shape[:2], 3, body.height.local.shape[1], body.plan.local.shape[1])
+    @property
+    def step(self) -> float:
+        """Addition to 1/λ by which the part's elements bear it [1/Pa]; 0 where they do already."""
+        return self.body.material.step if isinstance(self.body.material, Elastic) else 0.0
 
 
 # A part below, and the displacements that both share.
@@ -89,12 +75,10 @@ class Stack:
         over = np.unique(self.basis.element_dofs[:, self.plan.region == TOOTH])
         return np.isin(body.plan.nodes, over)
 
-    def cell_of_node(self) -> Names:
-        """Number of the cell for each node of a tooth."""
-        cells = np.full(self.basis.N, -1, dtype=np.intp)
-        inside = self.plan.region == TOOTH
-        cells[self.basis.element_dofs[:, inside]] = self.plan.cell[inside]
-        return cells
+    def from_axis(self, x: Vector, y: Vector) -> tuple[Vector, Vector]:
+        """Distances of places along x and y from the axis of the cell's tooth [m]."""
+        p = self._parameters
+        return x % p.cell_length - p.cell_length / 2, y % p.cell_width - p.cell_width / 2
 
     def _quarters(self) -> dict[tuple[int, int], tuple[float, float, int]]:
         p = self._parameters

@@ -14,10 +14,9 @@ from skfem import FacetBasis
 
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.body import PlanElements, height_basis
-from palpate.instrument.models.solid.forces import forces_below
 from palpate.instrument.models.solid.model import resolution_of
 from palpate.instrument.models.solid.parts import Part, Stack
-from palpate.instrument.models.solid.system import Solved, System
+from palpate.instrument.models.solid.system import System
 
 Vector = NDArray[np.float64]
 
@@ -55,25 +54,20 @@ class Section:
     pressure: Vector
 
 
-def section(parameters: SolidParameters, refinement: int, solver: str = "") -> Section:
-    """Solve and give the section.
+def section(p: SolidParameters, refinement: int) -> Section:
+    """Section of the whole sensor, mirrored where only a half of it is solved.
 
     Raises:
-        RangeError, EstimateError, UnknownName: as in `palpate.instrument.models.solid.model.solve`.
+        RangeError, EstimateError: as in `palpate.instrument.models.solid.model.solve`.
     """
-    system = System(parameters, resolution_of(refinement), solver)
-    return cut(system, system.solve(system.load(parameters.load_at)))
-
-
-def cut(system: System, solved: Solved) -> Section:
-    """Section of the whole sensor, mirrored where only a half of it was solved."""
-    p, stack = system.parameters, system.stack
+    system = System(p, resolution_of(refinement))
+    stack, moved = system.stack, p.force * system.displacement(system.load(p.load_at))
     height = (p.rows // 2 + 0.5) * p.cell_width
     line, face = (_Line(stack, height, points) for points in (POINTS, GAUSS))
     bodies: dict[str, list[SectionField]] = {}
     for part in stack.parts:
-        bodies.setdefault(part.name, []).extend(_pieces(line, part, solved))
-    x, pressure = _pressure(face, system, solved)
+        bodies.setdefault(part.name, []).extend(_pieces(line, part, moved))
+    x, pressure = _pressure(face, system, moved)
     if system.mirrored[0]:
         bodies = {name: _mirrored(pieces, p.length) for name, pieces in bodies.items()}
         x, pressure = np.concatenate([p.length - x[::-1], x]), np.concatenate([pressure[::-1], pressure])
@@ -108,7 +102,7 @@ class _Line:
         self.names = stack.basis.element_dofs[:, self.elements].T
 
 
-def _pieces(line: _Line, part: Part, solved: Solved) -> list[SectionField]:
+def _pieces(line: _Line, part: Part, moved: Vector) -> list[SectionField]:
     body = part.body
     sides = np.flatnonzero(np.isin(line.elements, body.plan.elements))
     if not len(sides):
@@ -116,7 +110,7 @@ def _pieces(line: _Line, part: Part, solved: Solved) -> list[SectionField]:
     basis = height_basis(body.height.breaks, body.height.degree, POINTS)
     z = np.asarray(basis.global_coordinates())[0]
     upright = np.stack([np.broadcast_to(np.asarray(field[0]), z.shape) for field in basis.basis], axis=-1)
-    given = np.append(solved.displacement, 0.0)[part.names]
+    given = np.append(moved, 0.0)[part.names]
     nodes = np.searchsorted(body.plan.nodes, line.names[sides])
     local = given[:, body.height.local[:, :, None, None], nodes[None, None]]
     sampled = np.einsum("csmfn,fqn,srm->cfqsr", local, line.values[sides], upright, optimize=True)
@@ -145,13 +139,13 @@ def _mirrored(pieces: list[SectionField], length: float) -> list[SectionField]:
     return whole
 
 
-def _pressure(line: _Line, system: System, solved: Solved) -> tuple[Vector, Vector]:
+def _pressure(line: _Line, system: System, moved: Vector) -> tuple[Vector, Vector]:
     """The pressure whose work on every shape function of the face is that of the object's forces on it."""
     stack = system.stack
     body = stack.object.body
     faces = PlanElements(stack.basis, np.flatnonzero(stack.touching), body.height.degree)
     forces = np.zeros(stack.basis.N)
-    np.add.at(forces, body.plan.nodes[body.plan.local], forces_below(stack.object, stack, solved))
+    np.add.at(forces, body.plan.nodes[body.plan.local], system.forces_below_object(moved))
     rows, columns = np.broadcast_arrays(faces.local[:, :, None], faces.local[:, None, :])
     mass = sparse.csc_array((faces.mass.ravel(), (rows.ravel(), columns.ravel())))
     scale = 1 / np.sqrt(mass.diagonal())

@@ -1,131 +1,85 @@
-"""The linear system of the solid model: assembled, factorised, and solved for one load after another."""
+"""Sensor and object of the solid model, each condensed onto their contact, and the curve of both."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, cg
 
-from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements.coupling import Circuits, capacitance
-from palpate.instrument.models.finite_elements.linear_solver import SymmetricSolver
+from palpate.instrument.models.finite_elements.coupling import capacitance
+from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
+from palpate.instrument.models.finite_elements.incompressible import extrapolated
+from palpate.instrument.models.finite_elements.poles import Curve, Sensor, curve
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid.body import Elastic
+from palpate.instrument.models.solid.body import Names
+from palpate.instrument.models.solid.goals import goals
 from palpate.instrument.models.solid.mesh import Resolution, locate
 from palpate.instrument.models.solid.parts import Part, Stack
 
 Vector = NDArray[np.float64]
 
-# Resolution by refinement: a higher degree, more layers, then more layers and sectors. Layers alone would leave the
-# error along the circle, up to 2e-4 of the force ratio, and that of the wide steps between the edges.
-RESOLUTIONS = (
-    Resolution(layers=2, ratio=0.2, sectors=1, degree=2),
-    Resolution(layers=2, ratio=0.2, sectors=1, degree=3),
-    Resolution(layers=3, ratio=0.2, sectors=1, degree=3),
-    Resolution(layers=4, ratio=0.2, sectors=2, degree=3),
-)
-# Displacements of a part in addition to those of the unknowns, an array of the body's shape, by the part's number.
-Jump = Mapping[int, Vector]
-
-PRESSURE_STEPS = 200
-PRESSURE_LIMIT = 1e-10
+# A rigid motion of the object that strains it by less than this share does not strain it at all.
+RIGID = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Solved:
-    """Solution under one load.
+class SolidCurve:
+    """Answers of one mesh of the solid model, over the modulus of the object.
 
     Attributes:
-        displacement: displacements of the unknowns [m].
-        pressures: for each part the pressure (elements, steps, pressures) that the matrix does not carry; of size 0
-            where it carries all.
-        residual: residual of the linear system, relative to the size of its terms.
-        voltages: voltages of open films, in the order of `System.electrodes` [V].
-        charges: charges that leave the films when all are short-circuited [C].
+        poles: its goals are those of `Goals`.
+        films: as in `Goals`, for charges of the whole sensor.
+        teeth, bases: number of teeth and of bases.
+        unknowns: number of displacements.
+        seconds: processor time of the mesh, and of the elimination [s].
     """
 
-    displacement: Vector
-    pressures: list[Vector]
-    residual: float
-    voltages: Vector = field(default_factory=lambda: np.zeros(0))
-    charges: Vector = field(default_factory=lambda: np.zeros(0))
-
-
-@dataclass(frozen=True, slots=True)
-class Electrode:
-    """Electrode of the film under one tooth or of one base, or the solved half or quarter of it.
-
-    Attributes:
-        part: the film.
-        cell: number of the cell in the plan; None: the whole film.
-        area: area [m2].
-    """
-
-    part: Part
-    cell: int | None
-    area: float
+    poles: Curve
+    films: Vector
+    teeth: int
+    bases: int
+    unknowns: int
+    seconds: tuple[float, float]
 
 
 class System:
-    """Factors of one sensor's stiffness, for any number of loads.
+    """A sensor with an object, on one mesh.
 
     Attributes:
-        stack: the sensor's parts.
-        electrodes: electrodes of the films; none on a rigid support.
-        circuits: circuits of the films.
+        parameters: the sensor; neither the object's modulus nor the force count.
+        mirrored: whether half of the length, and half of the width, is solved for the whole.
+        copies: how many of what is solved are the whole.
+        stack: the sensor's parts, with an object of 1 Pa.
+        contact: (unknowns,), whether an unknown is shared by the object and the rest.
+        polarised: forces on the unknowns by each film under 1 V [N/V].
 
     Args:
-        mirrored: whether half of the length, and half of the width, is solved for the whole; every load must allow it.
-            None: as the parameters' own load allows.
-
-    Raises:
-        EstimateError: the system is singular to working precision.
-        UnknownName: the solver is not installed.
+        mirrored: which halves are solved for the whole; every load must allow it. None: as the parameters' own load
+            allows.
     """
 
     def __init__(
-        self,
-        parameters: SolidParameters,
-        resolution: Resolution,
-        solver: str = "",
-        mirrored: tuple[bool, bool] | None = None,
+        self, parameters: SolidParameters, resolution: Resolution, mirrored: tuple[bool, bool] | None = None
     ) -> None:
+        self._start = time.process_time()
         self.parameters = parameters
         self.mirrored = symmetry(parameters) if mirrored is None else mirrored
-        self.stack = Stack(parameters, resolution, self.mirrored)
-        self._rest = _RestOfPressure(self.stack)
-        self._solver = SymmetricSolver(self._stiffness(), solver)
-        self.electrodes = self._electrodes()
-        self._polarised = [self._polarised_by(electrode) for electrode in self.electrodes]
-        self._charged = [self._shorted(forces, {}) for forces in self._polarised]
-        capacitances = [capacitance(parameters.film, e.area, parameters.film_thickness) for e in self.electrodes]
-        charges = [[forces @ by.displacement for by in self._charged] for forces in self._polarised]
-        self.circuits = Circuits(np.array(capacitances), np.array(charges).reshape(2 * (len(charges),)))
-
-    @property
-    def unknowns(self) -> int:
-        """Number of displacements."""
-        return self.stack.unknowns
-
-    def _stiffness(self) -> sparse.csc_array:
-        size = self.unknowns
-        total = sparse.csc_array((size, size))
-        for part in self.stack.parts:
-            names = part.body.local(part.names).astype(np.int32)
-            names = names.reshape(-1, names.shape[-1])
-            rows, columns = np.broadcast_arrays(names[:, :, None], names[:, None, :])
-            free = (rows >= 0) & (columns >= 0)
-            entries = part.body.stiffness().reshape(rows.shape)[free]
-            total = total + sparse.coo_array((entries, (rows[free], columns[free])), shape=(size, size)).tocsc()
-        return total
+        self.stack = Stack(replace(parameters, sensed_modulus=1.0), resolution, self.mirrored)
+        self.copies = 2.0 ** sum(self.mirrored)
+        asked = self._goals = goals(parameters, self.stack, self.mirrored)
+        self.polarised = [electrode.forces(self.stack) for electrode in asked.electrodes]
+        volts = np.array([[e.charge(self.stack, work) for work in asked.works] for e in asked.electrodes])
+        self._volts = volts.reshape(len(asked.electrodes), len(asked.works)) @ asked.shares.T
+        rest = [part for part in self.stack.parts if part is not self.stack.object]
+        self._sensor, self._sensed = _Side(rest, self), _Side([self.stack.object], self)
+        self.contact = self._sensor.has & self._sensed.has
 
     def load(self, load_at: tuple[float, float] | None) -> Vector:
-        """Forces on the unknowns [N] by a point load, or by a uniform pressure or platen."""
+        """Forces of 1 N in all on the unknowns, by a point load, or by a uniform pressure or platen."""
         p, body = self.parameters, self.stack.object.body
         if load_at is None:
             weights = body.plan.integrals / p.load_area
@@ -133,153 +87,191 @@ class System:
             nodes, values = locate(self.stack.basis, load_at)
             weights = np.zeros(len(body.plan.nodes))
             weights[np.searchsorted(body.plan.nodes, nodes)] = values / 2 ** sum(self.mirrored)
-        load = np.zeros(self.unknowns)
-        np.subtract.at(load, self.stack.object.names[2, -1], p.force * weights)
-        return load
+        return self.forces(2, -1, -weights)
 
-    def _held_by(self, part: int, moved: Vector) -> Vector:
-        """Forces on the unknowns by a displaced part, without those of the pressure that the matrix does not carry."""
-        body, names = self.stack.parts[part].body, self.stack.parts[part].names
-        forces = (body.stiffness() @ body.local(moved)[..., None])[..., 0]
-        total = np.zeros(self.unknowns + 1)
-        np.add.at(total, body.local(names), forces)
-        return total[:-1]
+    def forces(self, axis: int, level: int, weights: Vector) -> Vector:
+        """Forces on the unknowns by those on the object's nodes at one height, along one axis."""
+        names = self.stack.object.names[axis, level]
+        load = np.zeros(self.stack.unknowns + 1)
+        np.add.at(load, names, weights)
+        return load[:-1]
 
-    def _electrodes(self) -> list[Electrode]:
+    def works(self, of: Sequence[Part], added: float) -> Vector:
+        """Goals as forces (unknowns, goals), as far as they are works of these parts; added: as in `Work.forces`."""
+        found = [
+            work.forces(self.stack.unknowns, added) if work.part in of else np.zeros(self.stack.unknowns)
+            for work in self._goals.works
+        ]
+        columns: Vector = np.stack(found, axis=1) @ self._goals.shares.T / self.copies
+        return columns
+
+    def curve(self, loads: Sequence[Vector]) -> SolidCurve:
+        """Answers to loads on the object's unknowns.
+
+        Raises:
+            EstimateError: a mesh does not fit into memory, or its stiffness is singular to working precision.
+        """
+        built = time.process_time()
+        asked = self._goals
+        sensor_side, sensed_side = (side.condensed(loads) for side in (self._sensor, self._sensed))
+        sensor = self._open(sensor_side)
+        rows = sensor.rows(slice(len(asked.electrodes), None), self._volts)
+        own, teeth = slice(0, len(loads)), rows.shape[1] - 1
+        offsets = np.zeros((rows.shape[1], len(loads)))
+        least = 0.0
+        if self.stack.over_teeth(self.stack.ring.body).any():  # a closed gap tears the ring from the tooth
+            energy = sum(
+                share * work.energy(0.0)
+                for share, work in zip(asked.shares[-1], asked.works, strict=True)
+                if work.part in self._sensor.parts
+            )
+            least = sensor.torn(rows[:, -1], teeth + len(asked.electrodes), self._volts[:, -1], energy)
         if self.parameters.support == "rigid":
-            return []
-        plan, tooth = self.stack.plan, self.stack.tooth
-        own, areas = plan.cell[tooth.body.plan.elements], tooth.body.plan.areas
-        teeth = [Electrode(tooth, int(cell), float(areas[own == cell].sum())) for cell in np.unique(own)]
-        return teeth + [Electrode(film, None, float(film.body.plan.areas.sum())) for film in self.stack.base_films]
+            # Forces of the object on rigid teeth follow from those of the ring on the object: w S1 E u = w (f - S0 u).
+            through = np.linalg.solve(sensed_side.stiffness, sensed_side.loads[:, len(loads) :])
+            rows -= sensor.stiffness @ through
+            offsets = through.T @ sensed_side.loads[:, own] + sensed_side.work[len(loads) :, own]
+        sensed = Condensed(sensed_side.stiffness, sensed_side.loads[:, own], sensed_side.work[own, own])
+        share = 1.0 if self.parameters.support == "rigid" else 0.0
+        return SolidCurve(
+            poles=curve(sensor, sensed, self._modes(), rows[:, :-1], offsets[:-1], rows[:, -1], share, least),
+            films=asked.films / self.copies,
+            teeth=asked.teeth,
+            bases=asked.bases,
+            unknowns=self.stack.unknowns,
+            seconds=(built - self._start, time.process_time() - built),
+        )
 
-    def _polarised_by(self, electrode: Electrode) -> Vector:
-        """Forces of a film under 1 V on the unknowns, against its voltage [N/V]."""
-        part = electrode.part
-        total = np.zeros(self.unknowns + 1)
-        np.add.at(total, part.body.local(part.names), self._inside(electrode))
-        return total[:-1]
+    def displacement(self, load: Vector) -> Vector:
+        """Displacements (unknowns,) under a load on the object, with its modulus in the parameters.
 
-    def _inside(self, electrode: Electrode) -> Vector:
-        """The same forces for each element of the film: (elements, steps, unknowns)."""
-        body, plan = electrode.part.body, self.stack.plan
-        forces = body.polarised(self.parameters.film, self.stack.one[body.plan.nodes])
-        if electrode.cell is not None:
-            forces[plan.cell[body.plan.elements] != electrode.cell] = 0.0
-        return forces
+        The compliance of a part that keeps its volume is the least that its elements bear.
 
-    def _torn(self, electrode: Electrode, jump: Jump) -> float:
-        """Charge by the film's displacements in addition to those of the unknowns [C]."""
-        moved = jump.get(self.stack.parts.index(electrode.part))
-        if moved is None:
-            return 0.0
-        return float((self._inside(electrode) * electrode.part.body.local(moved)).sum())
+        Raises:
+            EstimateError: as in `curve`.
+        """
+        modulus = self.parameters.sensed_modulus
+        sensor_side, sensed_side = (side.condensed([load], remembers=True) for side in (self._sensor, self._sensed))
+        sensor = self._open(sensor_side)
+        stiffness = sensor.stiffness + modulus * sensed_side.stiffness
+        moved = np.asarray(np.linalg.solve(stiffness, sensed_side.loads[:, 0]), dtype=np.float64)
+        voltages = sensor.capacity @ (sensor.charges.T @ moved)
+        found = np.zeros(self.stack.unknowns)
+        for side, of, factors in (
+            (self._sensor, sensor_side, -voltages),
+            (self._sensed, sensed_side, np.array([1 / modulus])),
+        ):
+            assert of.inside is not None
+            weights = np.zeros(of.loads.shape[1])
+            weights[: len(factors)] = factors
+            found[side.has] = of.inside(moved, weights)
+        return found
 
-    def solve(self, load: Vector, jump: Jump | None = None) -> Solved:
-        """Displacements, pressures and voltages of open films under forces on the unknowns [N].
+    def forces_below_object(self, moved: Vector) -> Vector:
+        """Forces (elements of the plan, shapes) [N] along z on the shape functions of the object's lower side.
 
         Args:
-            load: forces on the unknowns [N].
-            jump: displacements of some parts in addition to those of the unknowns.
-
-        Raises:
-            EstimateError: as in `_shorted`.
+            moved: displacements of all unknowns, as `displacement` gives them.
         """
-        shorted = self._shorted(load, jump or {})
-        charges = np.array([forces @ shorted.displacement for forces in self._polarised])
-        charges += [self._torn(electrode, jump or {}) for electrode in self.electrodes]
-        voltages = self.circuits.voltages(charges)
-        displacement, pressures = shorted.displacement, shorted.pressures
-        for voltage, by in zip(voltages, self._charged, strict=True):
-            displacement = displacement - voltage * by.displacement
-            pressures = [own - voltage * its for own, its in zip(pressures, by.pressures, strict=True)]
-        return replace(shorted, displacement=displacement, pressures=pressures, voltages=voltages, charges=charges)
+        part = self.stack.object
+        body, height = part.body, part.body.height
+        lowest = np.arange(0, body.count, len(height.local))
+        own = np.append(moved, 0.0)[body.local(part.names, lowest)]
+        forces = self.parameters.sensed_modulus * (body.stiffness(lowest, part.step) @ own[..., None])
+        side = np.flatnonzero(height.local[0] == 0)[0]
+        found: Vector = forces.reshape(len(lowest), 3, height.local.shape[1], -1)[:, 2, side]
+        return found
 
-    def _shorted(self, load: Vector, jump: Jump) -> Solved:
-        """Displacements and pressures with films in short circuit, under forces on the unknowns [N].
+    def _open(self, side: Condensed) -> Sensor:
+        p = self.parameters
+        areas = [self.copies * electrode.area for electrode in self._goals.electrodes]
+        films = slice(0, len(areas))
+        return Sensor(side, films, np.array([capacitance(p.film, area, p.film_thickness) for area in areas]))
 
-        λ is limited in the matrix A. With the operator D of dilatation, the rest p of the pressure follows from (D A⁻¹
-        Dᵀ + c) p = D A⁻¹ f by conjugate gradients. Scaled by the limited λ, most eigenvalues are close to 1, also for
-        Poisson ratio 0.5.
-
-        Raises:
-            EstimateError: the residual of the system is too large, or the pressures do not settle.
-        """
-        rest = self._rest
-        load = load - sum(self._held_by(k, moved) for k, moved in jump.items())
-        torn = rest.torn(jump)
-        pressure = np.zeros(rest.size)
-        if rest.size:
-            right = torn + rest.dilatations(self._solver(load)[0])
-            matrix = LinearOperator(
-                (rest.size, rest.size),
-                dtype=np.float64,
-                matvec=lambda p: rest.dilatations(self._solver(rest.forces(p))[0]) + rest.compliance * p,
-            )
-            scaling = sparse.diags_array(rest.lame)
-            pressure, failed = cg(matrix, right, rtol=PRESSURE_LIMIT, maxiter=PRESSURE_STEPS, M=scaling)
-            if failed:
-                raise EstimateError(
-                    f"the pressure of a nearly incompressible part did not settle to {PRESSURE_LIMIT:g} in"
-                    f" {PRESSURE_STEPS} steps; lower its Poisson ratio"
-                )
-        displacement, residual = self._solver(load - rest.forces(pressure))
-        return Solved(displacement, rest.split(pressure), residual)
+    def _modes(self) -> Vector:
+        """Displacements of the contact (contact, modes) by which the object moves freely as a rigid body."""
+        part, stack = self.stack.object, self.stack
+        body = part.body
+        plan = [coefficients[body.plan.nodes] for coefficients in (stack.one, *stack.places)]
+        one, x, y = (np.multiply.outer(body.height.one, coefficients) for coefficients in plan)
+        z = np.multiply.outer(body.height.places, plan[0])
+        x, y, z = (place - place[one == 1].mean() * one for place in (x, y, z))
+        none = np.zeros_like(one)
+        moved = np.array(
+            [[one, none, none], [none, one, none], [none, none, one], [-y, x, none], [z, none, -x], [none, z, -y]]
+        ).reshape(6, -1)
+        moved /= np.abs(moved).max(axis=1, keepdims=True)
+        names = part.names.ravel()
+        free = names >= 0
+        counts = np.bincount(names[free], minlength=stack.unknowns)
+        means = np.array([np.bincount(names[free], motion[free], stack.unknowns) for motion in moved])
+        means /= np.maximum(counts, 1)
+        # Held unknowns stay where they are, and all places of one unknown move alike.
+        strained = np.where(free, moved - means[:, names], moved)
+        _, sizes, kinds = np.linalg.svd(strained.T, full_matrices=False)
+        found: Vector = (kinds[sizes < RIGID] @ means)[:, self.contact].T
+        return found
 
 
-class _RestOfPressure:
-    """The pressures of all parts that the matrix does not carry, as one vector.
+class _Side:
+    """Some parts, without the others.
 
     Attributes:
-        size: size of the vector.
-        lame: part of λ that the matrix carries, for each pressure [Pa].
-        compliance: 1/(λ - part of λ in the matrix), for each pressure [1/Pa].
+        parts: the parts.
+        has: (unknowns,), whether an unknown of the stack is one of these parts.
     """
 
-    def __init__(self, stack: Stack) -> None:
-        self._stack = stack
-        bodies = [part.body for part in stack.parts]
-        materials = {k: m for k, body in enumerate(bodies) if isinstance(m := body.material, Elastic)}
-        self._operators = {k: bodies[k].dilatation() for k, m in materials.items() if m.pressure_left > 0}
-        self._names = {k: stack.parts[k].body.local(stack.parts[k].names) for k in self._operators}
-        sizes = [operator[..., 0].size for operator in self._operators.values()]
-        self.size = sum(sizes)
-        held = [materials[k] for k in self._operators]
-        self.lame = np.repeat([m.lame for m in held], sizes)
-        self.compliance = np.repeat([m.compliance / m.pressure_left for m in held], sizes)
+    def __init__(self, parts: Sequence[Part], system: System) -> None:
+        self.parts, self._system = parts, system
+        unknowns = system.stack.unknowns
+        self.has = np.zeros(unknowns, dtype=bool)
+        for part in parts:
+            self.has[part.names[part.names >= 0]] = True
+        own = np.full(unknowns + 1, -1)
+        own[:-1][self.has] = np.arange(np.count_nonzero(self.has))
+        self._unknowns = np.concatenate([own[part.body.local(part.names)] for part in parts])
+        self._coordinates = np.concatenate([self._centres(part) for part in parts])
+        self._starts = np.cumsum([0, *(part.body.count for part in parts)])
 
-    def dilatations(self, displacement: Vector) -> Vector:
-        """Dilatations of every part, as coefficients of its orthonormal polynomials."""
-        padded = np.append(displacement, 0.0)
-        parts = [(o @ padded[self._names[k]][..., None]).ravel() for k, o in self._operators.items()]
-        return np.concatenate(parts)
+    def condensed(self, loads: Sequence[Vector], remembers: bool = False) -> Condensed:
+        """What is left on the contact of the whole sensor, of which a half or a quarter may be solved.
 
-    def torn(self, jump: Jump) -> Vector:
-        """Dilatations by displacements of parts in addition to those of the unknowns."""
-        parts = [
-            (o @ self._stack.parts[k].body.local(jump[k])[..., None]).ravel() if k in jump else np.zeros(o[..., 0].size)
-            for k, o in self._operators.items()
-        ]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        Its loads are those of its own films under 1 V, or those on the object, and then those of the goals.
+        """
+        if not any(part.step for part in self.parts):
+            return self._at(0.0, loads, remembers)
+        if remembers:
+            return self._at(1.0, loads, remembers)
+        return extrapolated(lambda added: self._at(added, loads, remembers), 1.0)
 
-    def forces(self, pressure: Vector) -> Vector:
-        """Forces of the pressures on the unknowns [N]."""
-        total = np.zeros(self._stack.unknowns + 1)
-        for k, own in enumerate(self.split(pressure)):
-            if own.size:
-                spread = (self._operators[k].transpose(0, 1, 3, 2) @ own[..., None])[..., 0]
-                np.add.at(total, self._names[k], spread)
-        return total[:-1]
+    def _at(self, added: float, loads: Sequence[Vector], remembers: bool) -> Condensed:
+        system = self._system
+        columns = np.column_stack([*self._own_loads(loads), system.works(self.parts, added)])[self.has]
+        contact = system.contact[self.has]
 
-    def split(self, pressure: Vector) -> list[Vector]:
-        """Pressures (elements, steps, pressures) of each part; of size 0 where the matrix carries all."""
-        pieces: list[Vector] = [np.empty(0) for _ in self._stack.parts]
-        start = 0
-        for k, operator in self._operators.items():
-            shape = operator.shape[:3]
-            pieces[k] = pressure[start : start + math.prod(shape)].reshape(shape)
-            start += math.prod(shape)
-        return pieces
+        def matrices(elements: Names) -> Vector:
+            size = self._unknowns.shape[1]
+            found = np.empty((len(elements), size, size))
+            for (start, stop), part in zip(pairwise(self._starts), self.parts, strict=True):
+                own = (elements >= start) & (elements < stop)
+                if own.any():
+                    found[own] = part.body.stiffness(elements[own] - start, added * part.step)
+            return found
+
+        one = condense(Mesh(self._unknowns, self._coordinates, matrices, contact, columns), remembers)
+        copies = system.copies
+        return Condensed(copies * one.stiffness, copies * one.loads, copies * one.work, one.inside)
+
+    def _own_loads(self, loads: Sequence[Vector]) -> Sequence[Vector]:
+        return loads if self._system.stack.object in self.parts else self._system.polarised
+
+    def _centres(self, part: Part) -> Vector:
+        stack, body = self._system.stack, part.body
+        plan = stack.plan
+        x, y = plan.mesh.p[:, plan.mesh.t[:4, body.plan.elements]].mean(axis=1)
+        z = (body.height.breaks[1:] + body.height.breaks[:-1]) / 2
+        flat = np.repeat([x, y, np.hypot(*stack.from_axis(x, y))], len(z), axis=1)
+        return np.column_stack([*flat, np.tile(z, len(x))])
 
 
 def symmetry(parameters: SolidParameters) -> tuple[bool, bool]:

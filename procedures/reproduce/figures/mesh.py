@@ -69,8 +69,8 @@ def _draw_plan(axes: Axes) -> int:
     from matplotlib.collections import LineCollection
 
     from palpate.instrument.models.solid.mesh import GAP, OVERHANG, RING, TOOTH
+    from palpate.instrument.models.solid.model import RESOLUTIONS
     from palpate.instrument.models.solid.parts import Stack
-    from palpate.instrument.models.solid.system import RESOLUTIONS
 
     plan = Stack(solid_parameters(get_design("single"), LOAD), RESOLUTIONS[REFINEMENT], (False, False)).plan
     points: NDArray[np.float64] = MM * plan.mesh.doflocs[:, plan.mesh.dofs.element_dofs]

@@ -1,0 +1,57 @@
+"""Curves of the solid model over the modulus of the object, beside solutions for one modulus at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.instrument.models.parameters import SolidParameters
+from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.model import curve_on, solve_on
+from tests.instrument.direct import direct
+
+SMALL = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
+RIGID: dict[str, Any] = {"support": "rigid"}
+RATIOS = (1e-2, 4.0, 1e8)  # moduli of the object over the ring's
+PAIR: dict[str, Any] = {"cell_length": 12e-3, "cell_width": 12e-3, "columns": 2}
+SENSORS: dict[str, tuple[dict[str, Any], float]] = {
+    "bonded": ({}, 1e-10),
+    "frictionless": ({"interface": "frictionless"}, 1e-10),
+    "capped": ({"interface": "capped"}, 1e-10),
+    "rigid, bonded": (RIGID, 1e-10),
+    "rigid, frictionless": ({**RIGID, "interface": "frictionless"}, 1e-10),
+    "rigid, capped": ({**RIGID, "interface": "capped"}, 1e-10),
+    "closed gap": ({"ring_inner_radius": 1.4e-3}, 1e-10),
+    "rigid, closed gap": ({**RIGID, "ring_inner_radius": 1.4e-3}, 1e-10),
+    "platen": ({"load": "platen"}, 1e-10),
+    "point load, one mirror": ({"load_at": (6e-3, 5e-3)}, 1e-10),
+    "point load, no mirror": ({"load_at": (6e-3, 4e-3)}, 1e-10),
+    "point load, frictionless": ({"load_at": (6e-3, 4e-3), "interface": "frictionless"}, 1e-10),
+    "pair": ({**PAIR, **RIGID, "separate_bases": True}, 1e-10),
+    "incompressible": ({"sensed_poisson": 0.5, "compliant_poisson": 0.5}, 1e-7),
+    "rigid, incompressible": ({**RIGID, "sensed_poisson": 0.5, "compliant_poisson": 0.5}, 1e-7),
+    "thin, nearly incompressible": ({"sensed_poisson": 0.499999, "sensed_thickness": 3e-4}, 1e-7),
+}
+
+
+PLAIN = ("rigid, bonded", "rigid, incompressible")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in PLAIN else pytest.mark.slow) for name in SENSORS]
+)
+def test_a_curve_gives_what_a_solution_for_each_modulus_does(name: str) -> None:
+    changed, within = SENSORS[name]
+    sensor = replace(SolidParameters(), **changed)
+    found = curve_on(sensor, SMALL).poles
+    for ratio in RATIOS:
+        modulus = ratio * sensor.compliant_modulus
+        known = direct(replace(sensor, sensed_modulus=modulus), SMALL)
+        assert solve_on(replace(sensor, sensed_modulus=modulus), SMALL).force_ratio == pytest.approx(
+            known.force_ratio, abs=within
+        )
+        voltages = found.voltages(np.array([modulus]))[0, :, 0]
+        assert voltages == pytest.approx(known.voltages, rel=10 * within)
