@@ -13,12 +13,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.errors import RangeError
 from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.uncertainty.budget import coverage_factor
 
@@ -28,6 +28,9 @@ INTERVAL, AT_LEAST, AT_MOST, ANY = "interval", "at least", "at most", "any"
 # Greatest relative error of the modulus over that of the ratio. The column model reaches it at a ratio of 0.97: above
 # that, an error of 1 % of the ratio is an error of a third of the modulus.
 MOST_SENSITIVE = 30.0
+STEPS = 200  # of a search; every third halves the interval, so that it ends before
+SETTLED = 1e-10  # step of Newton's method after which no further one moves anything
+NARROWEST = 1e-14  # interval that is not halved any more
 NEAR = 0.1  # relative distance to the ratio at an end of the curve; a flat part farther inside has two sides
 
 
@@ -94,9 +97,9 @@ def modulus_of_ratio(
     low, high = np.where(misfit, -np.inf, low), np.where(misfit, np.inf, high)
 
     with np.errstate(divide="ignore"):
-        slope = curve.polynomial(np.where(np.isfinite(left), left, curve.turns[0]), 1)
+        slope = curve.line(np.where(np.isfinite(left), left, curve.turns[0]), 1)
         sensitivity = np.where(outside | ambiguous, np.nan, given / np.abs(slope))
-    soft, hard = (np.abs(given - curve.polynomial(end)) for end in (curve.turns[0], curve.turns[-1]))
+    soft, hard = (np.abs(given - curve.line(end)) for end in (curve.turns[0], curve.turns[-1]))
     # Rounding and meshes make the ends of a model's curve wavy.
     flat = (np.minimum(soft, hard) < NEAR * given) & (ambiguous | (sensitivity > MOST_SENSITIVE))
     low, high = np.where(flat & (soft < hard), -np.inf, low), np.where(flat & (soft >= hard), np.inf, high)
@@ -122,9 +125,9 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
     """
     first, last = np.full(low.shape, np.inf), np.full(low.shape, -np.inf)
     for start, end in zip(curve.turns[:-1], curve.turns[1:], strict=True):
-        nodes = curve.polynomial.x
+        nodes = curve.line.x
         nodes = np.array([start, *nodes[(nodes > start) & (nodes < end)], end])
-        ratios = curve.polynomial(nodes)
+        ratios = curve.line(nodes)
         if ratios[-1] < ratios[0]:
             nodes, ratios = nodes[::-1], ratios[::-1]
         hit = (high >= ratios[0]) & (low <= ratios[-1])
@@ -132,7 +135,7 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
         for ends, side in sides[: 1 if low is high else 2]:  # a single ratio has one modulus here
             modulus = _inverse(curve, nodes, ratios, np.clip(ends[hit], ratios[0], ratios[-1]), side)
             first[hit], last[hit] = np.minimum(first[hit], modulus), np.maximum(last[hit], modulus)
-    soft, hard = (float(curve.polynomial(end)) for end in (curve.turns[0], curve.turns[-1]))
+    soft, hard = (float(curve.line(end)) for end in (curve.turns[0], curve.turns[-1]))
     return (
         np.where((low <= soft) & (soft <= high) & (low < high), -np.inf, first),
         np.where((low <= hard) & (hard <= high) & (low < high), np.inf, last),
@@ -144,16 +147,30 @@ def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side
 
     Where the curve is level, `side` says which end of the level part is taken.
     """
-    from scipy.optimize import elementwise
-
-    find_root: Callable[..., Any] = elementwise.find_root  # its stubs know no arguments
     place = np.searchsorted(ratios, wanted, side=side) - 1
     start = np.clip(place, 0, len(nodes) - 2)
-    found = find_root(lambda at, ratio: curve.polynomial(at) - ratio, (nodes[start], nodes[start + 1]), args=(wanted,))
-    if not found.success.all():
-        raise EstimateError(f"ratio curve of model {curve.model!r}: ratio {wanted[~found.success][0]:g} has no modulus")
-    root: Array = found.x
-    return root
+    return _root(lambda at, nu=0: curve.line(at, nu) - (0 if nu else wanted), nodes[start], nodes[start + 1])
+
+
+def _root(of: Callable[..., Array], below: Array, above: Array) -> Array:
+    """Roots by Newton's method, or by halving where it leaves the interval or hardly moves its ends.
+
+    Args:
+        of: function, with its derivative by `nu=1`, of which the roots are sought.
+        below, above: ends of each interval, where the function is not above 0 and not below.
+    """
+    at = np.where(of(below) == 0, below, np.where(of(above) == 0, above, (below + above) / 2))
+    for step in range(STEPS):
+        value, slope = of(at), of(at, nu=1)
+        below, above = np.where(value <= 0, at, below), np.where(value >= 0, at, above)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            after = at - value / slope
+        found = (value == 0) | (np.abs(after - at) <= SETTLED) | (np.abs(above - below) <= NARROWEST)
+        inside = (after - below) * (after - above) <= 0
+        at = np.where(inside & (found | (step % 3 < 2)), after, np.where(found, at, (below + above) / 2))
+        if found.all():
+            break
+    return at
 
 
 def check_ratios(ratio: ArrayLike, u: ArrayLike, coverage: float) -> tuple[Array, Array]:

@@ -3,8 +3,8 @@
     curve = ratio_curve(get_design("single"), load, "axisymmetric")
     curve.force_ratio([24e3, 1e5])
 
-The ratio runs from that of a very soft object to that of a very hard one and is smooth in the logarithm of the
-modulus. A spline of degree five there has the eleventh digit of a closed form from 241 nodes.
+A finite-element model has its curve in closed form, as a sum of poles. Of any other model the ratio is smooth in the
+logarithm of the modulus; a spline of degree five there has the eleventh digit of a closed form from 241 nodes.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.foundation import column_fitted
 from palpate.instrument.models.response import AUTO, response
 from palpate.instrument.models.stored import surface
@@ -26,9 +27,6 @@ from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load, through
 from palpate.instrument.sensor.sample import SAMPLES
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
 
 Array = NDArray[np.float64]
 
@@ -43,21 +41,52 @@ NODES = (16, 31, 61, 121, 241, 481, 961)  # each set of nodes contains the one b
 CLOSED_FORM_TOLERANCE = 1e-11
 # Halving small steps of a spline of degree five divides its error by 64; 42 was the least seen.
 GAIN = 16.0
+# Of the curve of a mesh, whose poles are at least as wide as a decade.
+NODES_PER_DECADE = 16
+HALVINGS = 50  # of the distance between two nodes: down to the last digit
+
+
+class Line(Protocol):
+    """A function of ln(modulus / Pa), such as scipy's PPoly.
+
+    Attributes:
+        x: ascending nodes from end to end, so close that the function is nearly straight between neighbours.
+    """
+
+    x: Array
+
+    def __call__(self, x: float | Array, nu: int = 0) -> Array:
+        """The function, or with `nu` its derivative of that order."""
+
+
+class PoleLine:
+    """The force ratio of a finite-element mesh over ln(modulus / Pa), between two moduli [Pa]."""
+
+    def __init__(self, poles: Curve, lowest: float, highest: float) -> None:
+        self._poles = poles
+        low, high = math.log(lowest), math.log(highest)
+        self.x = np.linspace(low, high, math.ceil(NODES_PER_DECADE * (high - low) / math.log(10)) + 1)
+
+    def __call__(self, x: float | Array, nu: int = 0) -> Array:
+        at = np.asarray(x, dtype=np.float64)
+        moduli = np.exp(at.ravel())
+        found = moduli * self._poles.slopes(moduli)[:, 0] if nu else self._poles.force_ratios(moduli)[:, 0]
+        return found.reshape(at.shape)
 
 
 @dataclass(frozen=True, slots=True)
 class RatioCurve:
-    """A model's force ratio over the modulus of the object: a piecewise polynomial in its logarithm.
+    """A model's force ratio over the modulus of the object.
 
     Attributes:
         model: name of the model.
-        polynomial: ratio over ln(modulus / Pa); its breakpoints are the nodes.
+        line: ratio over ln(modulus / Pa).
         turns: logarithms of both ends and of the moduli at which the ratio changes its direction.
         error: bound on the error of the ratio, from the model's error estimate and interpolation.
     """
 
     model: str
-    polynomial: PPoly
+    line: Line
     turns: Array
     error: float
 
@@ -69,7 +98,7 @@ class RatioCurve:
     @property
     def ratios(self) -> tuple[float, float]:
         """Least and greatest force ratio."""
-        values = self.polynomial(self.turns)
+        values = self.line(self.turns)
         return float(values.min()), float(values.max())
 
     def force_ratio(self, moduli: ArrayLike) -> Array:
@@ -86,7 +115,7 @@ class RatioCurve:
                 f"modulus {given[bad].flat[0]:g} Pa is outside {low:g} to {high:g} Pa of the curve of model"
                 f" {self.model!r}; give one inside"
             )
-        value: Array = self.polynomial(np.clip(np.log(given), self.turns[0], self.turns[-1]))
+        value: Array = self.line(np.clip(np.log(given), self.turns[0], self.turns[-1]))
         return value
 
 
@@ -154,7 +183,8 @@ def curve_through(moduli: ArrayLike, ratios: ArrayLike, model: str, error: float
     if given.ndim != 1 or len(given) < 2 or not (given[0] > 0 and np.all(np.diff(given) > 0) and given[-1] < math.inf):
         raise RangeError(f"moduli {given.tolist()} Pa of a curve: give two or more, positive and ascending")
     pieces = PchipInterpolator(np.log(given), values)
-    return _curve(model, PPoly(pieces.c, pieces.x), error)
+    line = PPoly(pieces.c, pieces.x)
+    return _curve(model, line, line.derivative().roots(extrapolate=False), error)
 
 
 def sampled_curve(
@@ -186,7 +216,9 @@ def sampled_curve(
         if coarser is not None:
             interpolation = float(np.abs(coarser(nodes) - ratios).max()) / GAIN
             if interpolation <= max(tolerance, 1e-3 * errors.max()):
-                return _curve(model, PPoly.from_spline(spline.tck), float(errors.max()) + interpolation)
+                line = PPoly.from_spline(spline.tck)
+                turns = line.derivative().roots(extrapolate=False)
+                return _curve(model, line, turns, float(errors.max()) + interpolation)
         coarser = spline
     raise EstimateError(
         f"ratio curve of model {model!r}: error {interpolation:.1e} at {NODES[-1]} nodes is above {tolerance:g};"
@@ -194,8 +226,21 @@ def sampled_curve(
     )
 
 
-def _curve(model: str, polynomial: PPoly, error: float) -> RatioCurve:
-    ends = polynomial.x[0], polynomial.x[-1]
-    turns = np.asarray(polynomial.derivative().roots(extrapolate=False), dtype=np.float64)
-    inside = np.unique(turns[(turns > ends[0]) & (turns < ends[1])])
-    return RatioCurve(model, polynomial, np.array([ends[0], *inside, ends[1]]), error)
+def pole_curve(poles: Curve, lowest: float, highest: float, model: str, error: float) -> RatioCurve:
+    """The curve of a finite-element mesh between two moduli [Pa]; `error`: bound on the error of the ratio."""
+    line = PoleLine(poles, lowest, highest)
+    slopes = line(line.x, 1)
+    turning = np.flatnonzero(slopes[:-1] * slopes[1:] < 0)
+    low, high = line.x[turning], line.x[turning + 1]
+    rising = slopes[turning] > 0
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        before = (line(middle, 1) > 0) == rising
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return _curve(model, line, low, error)
+
+
+def _curve(model: str, line: Line, turns: Array, error: float) -> RatioCurve:
+    ends = line.x[0], line.x[-1]
+    inside = np.unique(np.asarray(turns)[(turns > ends[0]) & (turns < ends[1])])
+    return RatioCurve(model, line, np.array([ends[0], *inside, ends[1]]), error)

@@ -247,7 +247,7 @@ def test_the_interval_of_a_modulus_has_students_ends() -> None:
     half = stats.t.ppf(0.975, freedom) * u + curve.error
     for end, modulus in ((ratio - half, found.low), (ratio + half, found.high)):
         expected = optimize.brentq(
-            lambda at, end=end: float(curve.polynomial(at)) - end, curve.turns[0], curve.turns[-1], xtol=1e-13
+            lambda at, end=end: float(curve.line(at)) - end, curve.turns[0], curve.turns[-1], xtol=1e-13
         )
         assert math.log(modulus) == pytest.approx(expected, abs=1e-9)
 
