@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds
+from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.mesh import Resolution
 from palpate.instrument.models.solid.system import SolidCurve, System, symmetry
@@ -129,7 +130,7 @@ def solve_on(parameters: SolidParameters, resolution: Resolution) -> SolidSoluti
 
 
 def curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
-    """Answers of a mesh over the modulus of the object, under the parameters' load of 1 N; kept for the next call.
+    """Answers of a mesh over the modulus of the object, under the parameters' load of 1 N; kept in memory and on disk.
 
     Raises:
         EstimateError: the stiffness is singular to working precision.
@@ -139,8 +140,11 @@ def curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
 
 @functools.lru_cache(maxsize=64)
 def _curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
-    system = System(parameters, resolution)
-    return system.curve([system.load(parameters.load_at)])
+    def found() -> SolidCurve:
+        system = System(parameters, resolution)
+        return system.curve([system.load(parameters.load_at)])
+
+    return keep(f"solid;{resolution};{parameters.canonical()}", SolidCurve, found)
 
 
 def point_loads(
