@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric.curves import found_on
 from palpate.instrument.models.finite_elements.error_estimate import Judged
+from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
@@ -76,15 +81,17 @@ class Solved:
 
     Attributes:
         force_ratio: the force ratio; None: the solution failed.
-        judged: quantities by which the mesh is judged.
+        judged: quantities by which a mesh of the solid model is judged.
         seconds: processor time to build, to solve, and to evaluate [s].
         failure: why the solution failed; empty: it did not.
+        curve: curve of a mesh of the axisymmetric model.
     """
 
     force_ratio: float | None
     judged: Judged | None = None
     seconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
     failure: str = ""
+    curve: Curve | None = None
 
 
 Results = Mapping[Mesh, Solved]
@@ -113,10 +120,11 @@ def solve(mesh: Mesh) -> Solved:
     try:
         if isinstance(mesh.parameters, RoundParameters):
             # Degree and layers go on as in axisymmetric.solve.
-            found = axisymmetric.solve_on(
-                mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, mixed=not mesh.second
-            )
-            return Solved(found.force_ratio, found.judged, found.seconds)
+            start = time.process_time()
+            found = found_on(mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, mixed=not mesh.second)
+            built = time.process_time()
+            ratio = float(found.force_ratios(np.array([mesh.parameters.sensed_modulus]))[0, 0])
+            return Solved(ratio, curve=found, seconds=(0.0, built - start, time.process_time() - built))
         answer = solid.solve_on(mesh.parameters, _resolution(mesh))
         return Solved(answer.force_ratio, answer.judged, (*answer.seconds, 0.0))
     except EstimateError as error:

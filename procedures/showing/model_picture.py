@@ -87,10 +87,10 @@ class Section:
 
 
 def _round_section(design: Design, load: Load) -> Section:
-    from palpate.instrument.models.axisymmetric import model as axisymmetric
+    from palpate.instrument.models.axisymmetric import direct
 
     parameters = round_parameters(design, load)
-    solution = axisymmetric.solve(parameters, SECTION_REFINEMENT)
+    solution = direct.solve(parameters, SECTION_REFINEMENT)
     bodies = {name: _both_sides(Body(f.radius, f.height, f.radial, f.axial)) for name, f in solution.fields.items()}
     tooth, end = parameters.tooth_radius, min(parameters.sensed_radius, parameters.ring_outer_radius)
     return Section(

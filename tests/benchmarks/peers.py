@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric import direct as axisymmetric
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.mesh import Resolution

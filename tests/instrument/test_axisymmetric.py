@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.optimize import brentq
 from scipy.sparse.linalg import splu
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric import numbering
+from palpate.instrument.models.axisymmetric.direct import DirectSolution, solve, solve_on
 from palpate.instrument.models.axisymmetric.mesh import grid
-from palpate.instrument.models.axisymmetric.model import AxisymmetricSolution, solve, solve_on, solve_to
+from palpate.instrument.models.axisymmetric.model import solve_to
 from palpate.instrument.models.finite_elements import condensed, elements
-from palpate.instrument.models.finite_elements.error_estimate import Energies, Judged
 from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND
 from palpate.instrument.models.parameters import RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
@@ -37,7 +38,7 @@ RATIOS = {14.9e3: 0.1835738, CASE_A.sensed_modulus: CASE_A_RATIO, 1e6: 0.8246514
 
 
 @functools.cache
-def case_a(refinement: int) -> AxisymmetricSolution:
+def case_a(refinement: int) -> DirectSolution:
     return solve(CASE_A, refinement)
 
 
@@ -66,25 +67,20 @@ def test_a_soft_object_of_poisson_ratio_0_3_errs_less_with_its_pressure_as_an_un
         assert with_it < without / gain
 
 
-def test_meshes_that_agree_by_chance_are_not_believed() -> None:
-    meshes = [Judged(0.4, (0.2, 0.1), Energies(load, jump)) for load, jump in ((1e-3, 200.0), (1.01e-3, 201.0))]
-    product = math.sqrt(1e-5 * 1.0)
-    open_gap, closed_gap = (
-        axisymmetric.error_estimate(meshes, replace(CASE_A, ring_inner_radius=r)) for r in (1.5e-3, 1.4e-3)
-    )
-    assert open_gap.force_ratio == pytest.approx(4 * product)
-    assert closed_gap.force_ratio == pytest.approx(12 * product)
-    after = axisymmetric.error_estimate([*meshes, replace(meshes[1], imbalance=1e-3)], CASE_A)
-    assert after.force_ratio == pytest.approx(0.1 * 1.5 * product + 1e-3)
-
-
 def test_where_the_ratios_of_two_meshes_cross_the_estimate_is_above_the_error() -> None:
-    """The change of the ratio is a seventh of the error that is left."""
-    sensor = replace(CASE_A, sensed_modulus=74e3)
-    solution, estimate = solve_to(sensor, 1e-3)
-    coarser = solve(sensor, 1)
-    error = abs(solution.force_ratio - solve(sensor, 3).force_ratio)
-    assert 7 * abs(solution.force_ratio - coarser.force_ratio) < error < estimate < 100 * error
+    """There the change of the ratio is no hint of the error that is left."""
+    coarse, fine, finest = (axisymmetric.curve(CASE_A, refinement) for refinement in (1, 2, 3))
+
+    def change(logarithm: float) -> float:
+        modulus = np.exp([logarithm])
+        return float((fine.force_ratios(modulus) - coarse.force_ratios(modulus))[0, 0])
+
+    modulus = np.exp([brentq(change, np.log(24e3), np.log(24e4))])
+    error = abs(fine.force_ratios(modulus) - finest.force_ratios(modulus))[0, 0]
+    sensor = replace(CASE_A, sensed_modulus=float(modulus[0]))
+    estimate = axisymmetric.error_estimate([coarse, fine], sensor).force_ratio
+    assert abs(change(np.log(modulus[0]))) < error / 100
+    assert error < estimate < 100 * error
 
 
 def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.models.axisymmetric.curves import curve_on
-from palpate.instrument.models.axisymmetric.model import solve_on
+from palpate.instrument.models.axisymmetric.direct import solve_on
 from palpate.instrument.models.parameters import RoundParameters
 
 CASE_A = RoundParameters()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
@@ -55,7 +54,7 @@ def test_voltages_that_hardly_moved_while_the_solution_did_are_not_trusted(numbe
 
 
 Lengths = tuple[float, float, float, float]
-WIDE = {SolidParameters: {"cell_length": 20e-3, "cell_width": 20e-3}, RoundParameters: {"plate_radius": 10e-3}}
+WIDE = {SolidParameters: {"cell_length": 20e-3, "cell_width": 20e-3}}
 # A random sensor of narrow gap or thin object: model, radii of tooth and ring and thickness of the object [m]; force
 # ratio and energies on each mesh, from the coarsest on; the force ratio of a finer mesh or model.
 NARROW: dict[str, tuple[Any, Lengths, tuple[tuple[float, float, float], ...], float]] = {
@@ -65,9 +64,6 @@ NARROW: dict[str, tuple[Any, Lengths, tuple[tuple[float, float, float], ...], fl
     "solid 340": (SolidParameters, (2.2767865e-3, 2.2933516e-3, 3.4499560e-3, 7.773e-4),
                   ((0.7755529545, 4.4828965235e-05, 2254.6204424), (0.7760984529, 4.4778336813e-05, 2257.3789375),
                    (0.7761806923, 4.4780014857e-05, 2258.1504737)), 0.7765451167),
-    "round 615": (RoundParameters, (1.6015886e-3, 1.6036922e-3, 7.1217950e-3, 3.788e-5),
-                  ((0.3411684589, 1.2999892365e-03, 50.6680264), (0.3411100786, 1.3002376375e-03, 50.6428787)),
-                  0.3409692064),
     "solid 1122": (SolidParameters, (6.0503901e-4, 6.5762481e-4, 9.1294427e-3, 1.088e-5),
                    ((0.0095322688, 7.9705668323e-04, 5.8451348), (0.0088168501, 7.9762760297e-04, 4.9458354)),
                    0.0070913145),
@@ -81,7 +77,7 @@ def test_meshes_that_do_not_see_a_narrow_gap_are_not_trusted(name: str) -> None:
     judged = [Judged(ratio, (), Energies(load, jump)) for ratio, load, jump in known]
     radii = {"tooth_radius": tooth, "ring_inner_radius": inner, "ring_outer_radius": outer}
     sensor = model(sensed_thickness=thickness, **radii, **WIDE[model])
-    estimate = (solid if model is SolidParameters else axisymmetric).error_estimate(judged, sensor)
+    estimate = solid.error_estimate(judged, sensor)
     assert 0 < abs(known[-1][0] - finer) < 0.6 * estimate.force_ratio
 
 
@@ -111,22 +107,20 @@ def test_under_a_point_load_changes_alone_count() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("numbers", [range(1, 6, 4), range(10, 20, 10)], ids=["crossings", "solid"])
-def test_no_estimate_of_some_random_sensors_is_below_the_error(numbers: Sequence[int]) -> None:
-    found = [claim for number in numbers for claim in estimates.claims(estimates.tried(number))]
-    assert len(found) >= len(numbers)
-    assert all(0 < claim.ratio <= 1 and not claim.voltage > 1 for claim in found)
+@pytest.mark.parametrize("number", [1, 7])
+def test_no_estimate_of_some_random_sensors_is_below_the_error(number: int) -> None:
+    result = estimates.tried(number)
+    assert not result.refused
+    assert len(result.claims) == len(axisymmetric.REFINEMENTS) - 2
+    assert all(0 < claim["ratio"] <= 1 for claim in result.claims)
 
 
 def test_an_estimate_below_the_error_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of meshes that agree on a ratio that the reference has not, by an estimate that believes the change."""
-    meshes = [{"force_ratio": ratio, "voltages": [], "energies": {"load": 1.0, "jump": 1.0}, "imbalance": 0.0}
-              for ratio in (0.4, 0.4, 0.40002)]  # fmt: skip
-    monkeypatch.setattr(estimates.axisymmetric, "error_estimate", lambda *_: Bounds(1e-5, math.inf))
-    (claim,) = estimates.claims(estimates.Tried(2, "random", meshes, None))
-    assert claim.ratio == pytest.approx(2 * (1 + estimates.LEFT))
-    rows = {row.figure.strip(): row for row in estimates.rows([estimates.Tried(2, "random", meshes, None)], goal=1)}
-    assert (
-        rows["optimistic estimates of the ratio"].met is False
-        and "sensor 2" in rows["optimistic estimates of the ratio"].measured
-    )
+    sensor = RoundParameters(support="rigid")
+    curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2, 3)]
+    monkeypatch.setattr(estimates.axisymmetric, "error_estimate", lambda *_: Bounds(1e-9, math.inf))
+    (claim,) = estimates.claims(2, sensor, curves)
+    assert claim.ratio > 100
+    result = estimates.Tried(2, [asdict(claim)])
+    (missed,) = [row for row in estimates.rows([result], goal=1) if "of the ratio above" in row.figure]
+    assert missed.met is False and "sensor 2" in missed.measured

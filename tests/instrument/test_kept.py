@@ -90,7 +90,7 @@ def test_the_round_sensor_is_set_up_once_for_all_objects_and_processes(monkeypat
     curves._kept.cache_clear()
     first = curves.curve_on(RoundParameters(), 3, 1)
     curves._kept.cache_clear()  # as in another process
-    monkeypatch.setattr(curves, "_found", lambda *_: refused())
+    monkeypatch.setattr(curves, "found_on", lambda *_: refused())
     again = curves.curve_on(RoundParameters(sensed_modulus=5e6), 3, 1)
     assert same(first, again)
     with pytest.raises(AssertionError, match="although it was kept"):

@@ -1,7 +1,9 @@
 """Curves of the round sensor over the modulus of the sensed object: sensor and object, each condensed onto the contact.
 
-found = curve_on(RoundParameters(), degree=4, layers=3)
-found.force_ratios(np.array([24e3, 1e5]))
+    found = curve_on(RoundParameters(), degree=4, layers=3)
+    found.force_ratios(np.array([24e3, 1e5]))
+
+The sensor has its films in short circuit there; `poles` opens them.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, co
 from palpate.instrument.models.finite_elements.incompressible import extrapolated
 from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.poles import Curve, Sensor, curve
+from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
@@ -39,35 +42,41 @@ Indices = NDArray[np.intp]
 ADDED = 3e-3
 
 
-def curve_on(parameters: RoundParameters, degree: int, layers: int) -> Curve:
+def curve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> Curve:
     """The curve on a mesh of any degree and number of layers, under 1 N that is spread evenly over the object.
 
     Its goals are the mean stresses of each film, in the plane and along the axis [Pa]. The parameters' modulus of the
     object has no effect. The curve is kept for the next time, in memory and on disk.
 
+    Args:
+        parameters: the sensor.
+        degree: degree of the elements, at least 3.
+        layers: number of geometric layers at the corners.
+        mixed: whether bodies keep their pressure as an unknown where that gains digits; otherwise none does.
+
     Raises:
         EstimateError: a part is not held.
     """
-    return _kept(replace(parameters, sensed_modulus=1.0), degree, layers)
+    return _kept(replace(parameters, sensed_modulus=1.0), degree, layers, mixed)
 
 
 @functools.lru_cache(maxsize=64)
-def _kept(parameters: RoundParameters, degree: int, layers: int) -> Curve:
-    text = f"axisymmetric;degree={degree};layers={layers};{parameters.canonical()}"
-    return keep(text, Curve, lambda: _found(parameters, degree, layers))
+def _kept(parameters: RoundParameters, degree: int, layers: int, mixed: bool) -> Curve:
+    text = f"axisymmetric;degree={degree};layers={layers};mixed={mixed};{parameters.canonical()}"
+    return keep(text, Curve, lambda: found_on(parameters, degree, layers, mixed))
 
 
-def _found(parameters: RoundParameters, degree: int, layers: int) -> Curve:
-    """The curve of an object of 1 Pa."""
-    mesh = grid(parameters, layers)
+def found_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> Curve:
+    """The same, found anew."""
+    mesh = grid(replace(parameters, sensed_modulus=1.0), layers)
     r, z = el.line(mesh.radii, degree, radial=True), el.line(mesh.heights, degree, radial=False)
     bodies = parts(mesh)
     unknowns, size = (numbering := number(parameters, mesh, r, z, bodies)).unknowns, numbering.size
     films = [part for part in bodies if part.body.film is not None]
     forces = [(film, charging(r, z, film)) for film in films]
     forces += [(film, by) for film in films for by in stressing(r, z, film)]
-    sensed = _Side(r, z, bodies[:1], unknowns, size, [(bodies[0], pressing(r, bodies[0]))])
-    sensor = _Side(r, z, bodies[1:], unknowns, size, forces)
+    sensed = _Side(r, z, bodies[:1], unknowns, size, mixed, [(bodies[0], pressing(r, bodies[0]))])
+    sensor = _Side(r, z, bodies[1:], unknowns, size, mixed, forces)
     contact = sensed.touched & sensor.touched
 
     # The shape functions of the object's vertices on the face add up to 1.
@@ -79,14 +88,16 @@ def _found(parameters: RoundParameters, degree: int, layers: int) -> Curve:
         displacement[vertices[places]] = 1.0
         return displacement[:-1][contact]
 
+    with single():
+        felt, pressed = sensor.condensed(contact), sensed.condensed(contact)
     rigid, count = parameters.support == "rigid", len(films)
-    found = Sensor(sensor.condensed(contact), slice(0, count), np.array([capacitance_of(film.body) for film in films]))
+    found = Sensor(felt, slice(0, count), np.array([capacitance_of(film.body) for film in films]))
     volts = np.array([stress_by_voltage(film.body) for film in films]).reshape(count, 1, 2)
     # A rigid tooth carries what the ring does not.
     jump = raised(~over) if rigid else -raised(over)
     return curve(
         found,
-        sensed.condensed(contact),
+        pressed,
         modes=np.zeros((len(jump), 0)) if rigid else raised(np.ones_like(over))[:, None],
         rows=found.rows(slice(count, 3 * count), (np.eye(count)[:, :, None] * volts).reshape(count, 2 * count)),
         offsets=np.zeros((2 * count, 1)),
@@ -104,6 +115,7 @@ class _Side:
         parts: the parts.
         unknowns: (elements, n), numbers of the unknowns of all elements.
         size: number of unknowns, and the number of those that are fixed.
+        mixed: whether bodies may keep their pressure as an unknown.
         forces: parts, each with forces on its elements.
     """
 
@@ -112,6 +124,7 @@ class _Side:
     parts: Sequence[Part]
     unknowns: Indices
     size: int
+    mixed: bool
     forces: Sequence[tuple[Part, Array]]
 
     @property
@@ -145,7 +158,11 @@ class _Side:
                 )
             )
 
-        return extrapolated(condensed_at, ADDED) if any(keeps_volume(body) for body in bodies) else condensed_at(0.0)
+        return (
+            extrapolated(condensed_at, ADDED)
+            if self.mixed and any(keeps_volume(body) for body in bodies)
+            else condensed_at(0.0)
+        )
 
     def _matrices(self, part: Part, added: float) -> Array:
         """Stiffness (elements, n, n) on nodes, over the whole circle, with the pressures eliminated.
@@ -155,7 +172,7 @@ class _Side:
             added: compliance, over that of shear, that is added to that of a body that keeps its volume.
         """
         body = part.body
-        mixed = keeps_pressure(body)
+        mixed = self.mixed and keeps_pressure(body)
         matrices = el.Stiffness(self.r, self.z)(part.columns, part.rows, constants(body, mixed))
         if mixed:
             spread = el.dilatation(self.r, self.z, part.columns, part.rows)

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric.bodies import constants
-from palpate.instrument.models.axisymmetric.fields import OnMesh, on
-from palpate.instrument.models.axisymmetric.mesh import Body, Grid
+from palpate.instrument.models.axisymmetric.fields import OnMesh
+from palpate.instrument.models.axisymmetric.mesh import Body
 from palpate.instrument.models.axisymmetric.numbering import AXIAL, RADIAL, Part, within
 from palpate.instrument.models.finite_elements import elements as el
-from palpate.instrument.models.finite_elements.condensed import Elements
 from palpate.instrument.models.finite_elements.coupling import capacitance, charge
 from palpate.instrument.models.parameters import RoundParameters
 
@@ -26,17 +25,6 @@ def pressing(r: el.Line, part: Part) -> Array:
     # The first shape function is 1, so these are the integrals ∫ r φ.
     load[:, -1, AXIAL, :, :2] -= r.value_value[part.columns][:, :, :1] / (math.pi * part.body.radii[1] ** 2)
     return load.reshape(len(part), -1)
-
-
-def raising(elements: Elements, mesh: Grid, r: el.Line, parameters: RoundParameters, body: Part) -> Array:
-    """Jump that raises a body by 1 from the tooth, or the tooth's film from the plate.
-
-    The work of the load on this jump is the tooth's force.
-    """
-    nodal = np.zeros(elements.unknowns.shape)
-    over = within(parameters.tooth_radius, mesh, r)[r.dofs[body.columns][:, :2]]
-    on(nodal, body)[:, 0, AXIAL, :2, 0] = over
-    return el.differences(nodal, np.zeros_like(nodal))
 
 
 def charging(r: el.Line, z: el.Line, part: Part) -> Array:
@@ -64,16 +52,6 @@ def over_tooth(at: OnMesh) -> float:
     """Force of the object on the tooth [N]."""
     vertices = at.r.dofs[at.parts["object"].columns][:, :2]
     return float(below(at, "object")[within(at.parameters.tooth_radius, at.mesh, at.r)[vertices]].sum())
-
-
-def sinking(at: OnMesh) -> float:
-    """Displacement of the object's top, averaged over the pressure on it [m]."""
-    part = at.parts["object"]
-    top = on(at.displacements, part)[:, -1, AXIAL, :, 1]
-    # With hierarchical shape functions, 1 is the sum of the first two.
-    weights = at.r.value_value[part.columns][:, :, 0]
-    weights = np.concatenate([weights[:, :1] - weights[:, 1:2], weights[:, 1:]], axis=1)
-    return float(-2 * (weights * top).sum() / part.body.radii[1] ** 2)
 
 
 def stresses(at: OnMesh, body: Body) -> tuple[float, float]:

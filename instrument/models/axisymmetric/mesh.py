@@ -8,7 +8,7 @@ exponentially (hp version, Babuška and Guo 1988); uniform ones at first order, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -21,7 +21,8 @@ from palpate.instrument.sensor.film_material import FilmMaterial
 Array = NDArray[np.float64]
 
 GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
-SMOOTH = math.inf  # no corner at this end
+# Size of the elements at a corner [m], and number of layers within.
+Corner = tuple[float, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,49 +110,48 @@ def _gap(p: RoundParameters) -> float:
 
 def _radii(p: RoundParameters, layers: int) -> Array:
     ring = p.ring_outer_radius - p.ring_inner_radius
-    shrink = GRADING**layers
-    inner = shrink * min(_gap(p), p.tooth_radius, ring, p.sensed_thickness, p.sensor_height)
-    outer = shrink * min(ring, p.sensed_thickness, p.sensor_height)
-    corners = {0.0: SMOOTH, p.tooth_radius: inner, p.ring_inner_radius: inner}
+    inner = min(_gap(p), p.tooth_radius, ring, p.sensed_thickness, p.sensor_height), layers
+    outer = min(ring, p.sensed_thickness, p.sensor_height), layers
+    corners: dict[float, Corner | None] = {0.0: None, p.tooth_radius: inner, p.ring_inner_radius: inner}
     corners |= dict.fromkeys({p.ring_outer_radius, p.sensed_radius}, outer)
     if p.support == "elastic":
-        corners.setdefault(p.plate_radius, SMOOTH)
+        corners.setdefault(p.plate_radius, None)
     return _line(corners, max(p.tooth_radius, p.ring_outer_radius / 2))
 
 
 def _heights(p: RoundParameters, layers: int, levels: Array, base: float, seat: float, face: float) -> Array:
-    shrink = GRADING**layers
-    corner = shrink * min(_gap(p), p.tooth_radius, p.sensed_thickness, p.sensor_height)
-    corners = {face: corner, face + p.sensed_thickness: SMOOTH}
-    foot = shrink * min(p.sensor_height, p.ring_outer_radius - p.ring_inner_radius)
+    corners: dict[float, Corner | None] = {
+        face: (min(_gap(p), p.tooth_radius, p.sensed_thickness, p.sensor_height), layers),
+        face + p.sensed_thickness: None,
+    }
+    foot = min(p.sensor_height, p.ring_outer_radius - p.ring_inner_radius), layers
     if p.support == "elastic":
-        corners |= {float(level): SMOOTH for level in levels[:-1]}
-        corners |= {base: foot, seat: p.film_thickness}
+        corners |= {float(level): None for level in levels[:-1]}
+        corners |= {base: foot, seat: (p.film_thickness, 0)}
     else:
         corners |= {base: foot}
     return _line(corners, p.ring_outer_radius)
 
 
-def _line(corners: dict[float, float], longest: float) -> Array:
-    """Grid lines through all corners, with elements of the given size at each and none above `longest`."""
+def _line(corners: Mapping[float, Corner | None], longest: float) -> Array:
+    """Grid lines through all corners, with layers at each and no element above `longest`."""
     ends = sorted(corners)
     pieces = [_interval(low, high, corners[low], corners[high], longest) for low, high in pairwise(ends)]
     return np.concatenate([[ends[0]], *pieces])
 
 
-def _interval(low: float, high: float, size_low: float, size_high: float, longest: float) -> Array:
+def _interval(low: float, high: float, at_low: Corner | None, at_high: Corner | None, longest: float) -> Array:
     """Grid lines inside ]low, high], the last exactly `high`."""
     length = high - low
-    graded_low, graded_high = size_low < length, size_high < length
-    reach = length / 2 if graded_low and graded_high else length
+    reach = length / 2 if at_low and at_high else length
     parts = np.array([0.0, length])
-    if graded_low:
-        parts = np.append(parts, _distances(size_low, reach))
-    if graded_high:
-        parts = np.append(parts, length - _distances(size_high, reach))
+    if at_low:
+        parts = np.append(parts, _distances(*at_low, reach))
+    if at_high:
+        parts = np.append(parts, length - _distances(*at_high, reach))
     # Distances from both corners can meet, except for rounding.
     parts = np.unique(parts)
-    least = max(1e-9 * min(length, size_low, size_high), 8 * float(np.spacing(high)))
+    least = 8 * float(np.spacing(high))
     parts = parts[np.append(True, np.diff(parts) > least)]
     parts[-1] = length
     lines = low + np.concatenate([_cut(a, b, longest) for a, b in pairwise(parts)])
@@ -170,10 +170,11 @@ def _cut(start: float, end: float, longest: float) -> Array:
     return lines
 
 
-def _distances(size: float, reach: float) -> Array:
-    """Distances from a corner: from about `size` to `reach` in equal ratios near GRADING."""
-    count = max(1, math.ceil(math.log(reach / size) / -math.log(GRADING) - 1e-9))
-    return reach * (size / reach) ** (np.arange(count, -1, -1) / count)
+def _distances(size: float, layers: int, reach: float) -> Array:
+    """Distances of grid lines from a corner, ascending. They keep their places as layers are added."""
+    count = math.ceil(math.log(reach / size) / -math.log(GRADING) - 1e-9) + layers
+    distances: Array = reach * GRADING ** np.arange(count, -1, -1, dtype=np.float64)
+    return distances
 
 
 def inside(lines: Array, extent: Sequence[float]) -> NDArray[np.intp]:

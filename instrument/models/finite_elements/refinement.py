@@ -32,20 +32,6 @@ EASINGS = (1.0, 30.0, 1000.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
-    """A load on the elements.
-
-    Attributes:
-        load: (size + 1,), forces on the unknowns; the last entry is zero.
-        jump: (elements, n), displacements of the elements in addition to those of the unknowns, as unknowns of
-            `elements.differences`. They need not agree between elements. None: there are none.
-    """
-
-    load: Array
-    jump: Array | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Solved:
     """Displacement (size + 1,), its last entry zero; forces on nodes (elements, n); residual over its terms."""
 
@@ -54,12 +40,12 @@ class Solved:
     residual: float
 
 
-def solve(elements: Elements, sources: Sequence[Source], each: Each) -> list[Solved]:
-    """Displacement and pressure under each source alone. The first source must be solved to the last digit.
+def solve(elements: Elements, loads: Sequence[Array], each: Each) -> list[Solved]:
+    """Displacement and pressure under each load alone. The first must be solved to the last digit.
 
     Args:
         elements: the elements.
-        sources: the loads.
+        loads: (size + 1,) each, forces on the unknowns; the last entry is zero.
         each: runs a function for all subdomains at once.
 
     Raises:
@@ -73,7 +59,7 @@ def solve(elements: Elements, sources: Sequence[Source], each: Each) -> list[Sol
             continue
         before = bounded
         with closing(Factorised(elements, bounded, each)) as solver:
-            tried.append([_refine(elements, source, bounded, solver, each) for source in sources])
+            tried.append([_refine(elements, load, bounded, solver, each) for load in loads])
         if tried[-1][0].residual <= RESIDUAL_GOAL:
             break
     best = min(tried, key=lambda solved: solved[0].residual)
@@ -85,7 +71,7 @@ def solve(elements: Elements, sources: Sequence[Source], each: Each) -> list[Sol
     return best
 
 
-def _refine(elements: Elements, source: Source, bounded: Array, solver: Factorised, each: Each) -> Solved:
+def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised, each: Each) -> Solved:
     """Refine iteratively as long as steps gain a digit, until they no longer move anything.
 
     The residual alone does not tell the end: beside rubber it is down to rounding while a foil still moves.
@@ -94,17 +80,14 @@ def _refine(elements: Elements, source: Source, bounded: Array, solver: Factoris
     displacement, rest = np.zeros(elements.size + 1), np.zeros(elements.size + 1)
     pressure = np.zeros(elements.dilatation.shape[:2])
     spread = elements.dilatation.transpose(0, 2, 1)
-    right, gap, best = source.load, np.zeros_like(pressure), math.inf
+    right, gap, best = load, np.zeros_like(pressure), math.inf
 
     def lacking(internal: Array) -> Array:
         """Forces that are not yet in balance; the next step takes them up."""
         forces = internal.copy()
         forces[elements.mixed] += product(spread, gap / bounded[:, None])
-        return source.load - elements.gather(forces)
+        return load - elements.gather(forces)
 
-    if source.jump is not None:
-        gap = product(elements.dilatation, source.jump[elements.mixed])
-        right = lacking(elements.internal_forces(source.jump, pressure, each)[0])
     for step in range(STEPS):
         change = solver(right)
         moved = elements.strained(change, np.zeros_like(change))[elements.mixed]
@@ -114,13 +97,11 @@ def _refine(elements: Elements, source: Source, bounded: Array, solver: Factoris
         rest += (displacement - (total - kept)) + (change - kept)
         displacement = total
         strained = elements.strained(displacement, rest)
-        if source.jump is not None:
-            strained += source.jump
         internal, terms = elements.internal_forces(strained, pressure, each)
         gap = product(elements.dilatation, strained[elements.mixed])
         gap -= elements.compliance[:, None] * pressure
         gap_terms = product(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))
-        residual = max(_relative(source.load - elements.gather(internal), terms), _relative(gap, _norm(gap_terms)))
+        residual = max(_relative(load - elements.gather(internal), terms), _relative(gap, _norm(gap_terms)))
         if step > 0 and (residual > 0.1 * best or _norm(change) <= SETTLED * _norm(displacement)):
             break
         best = residual

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -21,8 +21,8 @@ def one_each(shares: int) -> Iterator[Each]:
     A share stays with its thread, because SuperLU gives memory back only in the thread that took it.
     """
     with ExitStack() as stack:
-        if shares > 1:  # BLAS' own threads, which spin while they wait, would take the cores
-            stack.enter_context(_blas().limit(limits=1, user_api="blas"))
+        if shares > 1:
+            stack.enter_context(single())
         pools = [stack.enter_context(ThreadPoolExecutor(1)) for _ in range(shares - 1)]
 
         def each(work: Callable[[Any], Any], of: Sequence[Any]) -> list[Any]:
@@ -31,6 +31,12 @@ def one_each(shares: int) -> Iterator[Each]:
             return [work(own), *(other.result() for other in begun)]
 
         yield each
+
+
+def single() -> AbstractContextManager[object]:
+    """Keep BLAS to one thread: its own ones spin while they wait, and on small matrices take longer than the work."""
+    limited: AbstractContextManager[object] = _blas().limit(limits=1, user_api="blas")
+    return limited
 
 
 @functools.cache

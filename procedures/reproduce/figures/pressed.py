@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric import direct
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import round_parameters
 from palpate.instrument.quantity import show
@@ -27,7 +27,7 @@ def draw(folder: Path) -> Picture:
     from matplotlib.patches import Rectangle
 
     parameters = round_parameters(get_design("single"), PHYSICAL.load(get_sample(SAMPLE).modulus))
-    fields = axisymmetric.solve(parameters, REFINEMENT).fields
+    fields = direct.solve(parameters, REFINEMENT).fields
     bodies = [name for name in COLORS if name in fields]
     largest = max(float(np.hypot(fields[name].radial, fields[name].axial).max()) for name in bodies)
     force = DRAWN / (MM * largest)  # N; linear
