@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements.fronts import Condensed
+from palpate.instrument.models.finite_elements.rational import basis
 
 Array = NDArray[np.float64]
 
@@ -181,6 +182,7 @@ def curve(
     ratio: Array,
     share: float = 0.0,
     least: float = 0.0,
+    middle: float | None = None,
 ) -> Curve:
     """The curve of a sensor with an object, both condensed onto the unknowns of their contact.
 
@@ -194,14 +196,22 @@ def curve(
         ratio: (contact,), the force ratio by the displacements of the contact.
         share: what the force ratio is without any displacement of the contact.
         least: twice the energy by the jump over the teeth under an infinitely soft object [J].
+        middle: modulus in the middle of those of the object, as that of the ring, for a large contact, of which only
+            the poles that count between 1e-3 and 1e8 times this are found; None: all are found.
 
     Raises:
         EstimateError: the sensor is not held.
     """
     from scipy.linalg import cholesky, solve_triangular
 
+    matrices = sensor.stiffness, sensed.stiffness
+    columns: tuple[Array, ...] = (modes, sensed.loads, rows, ratio[:, None], sensor.charges)
     try:
-        lower = cholesky(sensor.stiffness, lower=True, check_finite=False)
+        onto = None if middle is None else basis(*matrices, np.concatenate(columns[1:], axis=1), modes, middle)
+        if onto is not None:
+            matrices = onto.T @ matrices[0] @ onto, onto.T @ matrices[1] @ onto
+            columns = tuple(onto.T @ each for each in columns)
+        lower = cholesky(matrices[0], lower=True, check_finite=False)
     except np.linalg.LinAlgError:
         raise EstimateError(
             "finite elements: the stiffness of the sensor is not positive definite to working precision; bring moduli"
@@ -212,15 +222,13 @@ def curve(
         found: Array = solve_triangular(lower, columns, lower=True, check_finite=False)
         return found
 
-    softened = turned(turned(sensed.stiffness).T)
+    softened = turned(turned(matrices[1]).T)
     count = modes.shape[1]
-    reflected = np.linalg.qr(lower.T @ modes, mode="complete")[0] if count else np.eye(len(lower))
+    reflected = np.linalg.qr(lower.T @ columns[0], mode="complete")[0] if count else np.eye(len(lower))
     turned_rest = reflected[:, count:].T @ ((softened + softened.T) / 2) @ reflected[:, count:]
     rates, vectors = np.linalg.eigh(turned_rest)
-    basis = np.concatenate([reflected[:, :count], reflected[:, count:] @ vectors], axis=1)
-    loads, goals, ratios, charges = (
-        basis.T @ turned(columns) for columns in (sensed.loads, rows, ratio[:, None], sensor.charges)
-    )
+    vectors = np.concatenate([reflected[:, :count], reflected[:, count:] @ vectors], axis=1)
+    loads, goals, ratios, charges = (vectors.T @ turned(each) for each in columns[1:])
     found = Curve(
         rates=np.concatenate([np.zeros(count), np.maximum(rates, 0.0)]),
         loads=loads,

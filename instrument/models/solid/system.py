@@ -14,6 +14,7 @@ from palpate.instrument.models.finite_elements.coupling import capacitance
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.incompressible import extrapolated
 from palpate.instrument.models.finite_elements.poles import Curve, Sensor, curve
+from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.body import Names
 from palpate.instrument.models.solid.goals import goals
@@ -111,6 +112,10 @@ class System:
         Raises:
             EstimateError: a mesh does not fit into memory, or its stiffness is singular to working precision.
         """
+        with single():
+            return self._curve(loads)
+
+    def _curve(self, loads: Sequence[Vector]) -> SolidCurve:
         built = time.process_time()
         asked = self._goals
         sensor_side, sensed_side = (side.condensed(loads) for side in (self._sensor, self._sensed))
@@ -134,7 +139,17 @@ class System:
         sensed = Condensed(sensed_side.stiffness, sensed_side.loads[:, own], sensed_side.work[own, own])
         share = 1.0 if self.parameters.support == "rigid" else 0.0
         return SolidCurve(
-            poles=curve(sensor, sensed, self._modes(), rows[:, :-1], offsets[:-1], rows[:, -1], share, least),
+            poles=curve(
+                sensor,
+                sensed,
+                self._modes(),
+                rows[:, :-1],
+                offsets[:-1],
+                rows[:, -1],
+                share,
+                least,
+                self.parameters.compliant_modulus,
+            ),
             films=asked.films / self.copies,
             teeth=asked.teeth,
             bases=asked.bases,
@@ -151,7 +166,8 @@ class System:
             EstimateError: as in `curve`.
         """
         modulus = self.parameters.sensed_modulus
-        sensor_side, sensed_side = (side.condensed([load], remembers=True) for side in (self._sensor, self._sensed))
+        with single():
+            sensor_side, sensed_side = (side.condensed([load], remembers=True) for side in (self._sensor, self._sensed))
         sensor = self._open(sensor_side)
         stiffness = sensor.stiffness + modulus * sensed_side.stiffness
         moved = np.asarray(np.linalg.solve(stiffness, sensed_side.loads[:, 0]), dtype=np.float64)
