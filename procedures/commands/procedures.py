@@ -64,7 +64,7 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> No
         RecordError: a file cannot be written, or the report crashed.
     """
     with after(done.folder):
-        outcome: Outcome = {**done.outcome, **procedure.keep(done)}
+        outcome: Outcome = {**done.outcome, **procedure.save_calibration(done)}
         rows, summary = [asdict(point) for point in done.result.points], done.result.summary()
         report = procedure.report(done.result, done.session.lab)
         found = {**outcome, "points": rows, **summary}
@@ -74,7 +74,7 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> No
             found["plot"] = str(plot)
             show = partial(report.show, outcome, plot)
         tell_result(output, found, show, done.result.budgets)
-        procedure.judge(done.result)
+        procedure.check_result(done.result)
 
 
 @contextmanager

@@ -98,7 +98,7 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
     if header_of(run)["scene"] is not None:
         if bench is not None:
             raise UsageError("--bench: the run used a simulated bench; leave this option out")
-    elif not kind.continues and run.points():
+    elif not kind.resumable_on_real_bench and run.points():
         raise UsageError(
             f"{run.folder}: on a real bench {run.procedure!r} cannot be resumed, because its points must be taken in "
             "one run; run it anew"

@@ -28,7 +28,7 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
     """
     check_settings(procedure)
     procedure.check(target)
-    loads = procedure.loads_to_tell()
+    loads = procedure.required_loads()
     if by_store and loads is not None:
         simulated = target.model is not None
         stored = check_store(loads.values, loads.extrapolate, simulated, datetime.now(UTC).date())
@@ -74,8 +74,8 @@ def run(
 
 def concluded(procedure: Procedure[S, P, R], done: Finished[R]) -> Finished[R]:
     """Store the calibration of a finished run, and judge its result. Raises EstimateError: it permits no conclusion."""
-    procedure.keep(done)
-    procedure.judge(done.result)
+    procedure.save_calibration(done)
+    procedure.check_result(done.result)
     return done
 
 
@@ -94,7 +94,7 @@ def open_and_run(
     All checks that need no open bench come before it is opened. Raises as `run` does.
     """
     refuse(procedure, chosen.target, by_store=chosen.logged is None)
-    chosen.mounting(procedure.by_hand)
+    chosen.mounting(procedure.manual_work)
     if resumed is not None:
         with opened(chosen, log, resumed) as bench:
             return record_run(procedure, bench, resumed.folder, progress, pause, resumed)
@@ -118,7 +118,7 @@ def record_run(
         {**asdict(procedure), **procedure.constants},
         folder,
         calibrating=procedure.calibrating,
-        by_hand=procedure.by_hand,
+        manual_work=procedure.manual_work,
         resumed=resumed,
     ) as session:
         if resumed is not None:

@@ -67,10 +67,10 @@ class Chosen:
         force_limit = BenchDescription.model_fields["force_limit"].default
         return Target(design, force_limit, self.scene.nodes, self.scene.model)
 
-    def mounting(self, by_hand: str) -> Mounting:
+    def mounting(self, manual_work: str) -> Mounting:
         """How a run will know what is mounted. Raises UsageError as `check_somebody` does.
 
-        `by_hand`: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        `manual_work`: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
         """
         if self.logged is not None:
             return self.logged.mounting
@@ -78,7 +78,7 @@ class Chosen:
             return "simulated"
         if self.operator is not None:
             return "confirmed"
-        return check_somebody(by_hand, bool(self.description.filling("sample_changer")), self.assume_mounted)
+        return check_somebody(manual_work, bool(self.description.filling("sample_changer")), self.assume_mounted)
 
 
 def choose(

@@ -121,7 +121,7 @@ def recording(
     folder: Path,
     *,
     calibrating: Calibrating | None = None,
-    by_hand: str = "",
+    manual_work: str = "",
     resumed: Resumed | None = None,
 ) -> Iterator[Session]:
     """Begin a run on an open bench, or go on with one. If it fails, outputs are off before the record is closed.
@@ -132,7 +132,7 @@ def recording(
         settings: settings of the procedure, for the record's header.
         folder: folder of the run.
         calibrating: what the run calibrates; None: nothing.
-        by_hand: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
         resumed: the run to go on with; None: a new run.
 
     Raises:
@@ -149,7 +149,7 @@ def recording(
         )
         raise UsageError(f"no other run can begin on this bench: {why}; open the bench anew")
     logged, scene = opened.chosen.logged, opened.scene
-    mounting = opened.chosen.mounting(by_hand)
+    mounting = opened.chosen.mounting(manual_work)
     started = datetime.now(UTC) if opened.runs else opened.started
     lab = opened.lab(folder.name, started, calibrating)
     header = {

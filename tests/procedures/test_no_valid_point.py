@@ -11,7 +11,7 @@ import pytest
 from rich.table import Table
 
 from palpate.instrument.errors import EstimateError
-from palpate.procedures.engine.procedure import Found
+from palpate.procedures.engine.procedure import SimpleResult
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.steps import agreement, flags
 from palpate.procedures.steps.flags import FLAGS
@@ -60,9 +60,9 @@ class Flagged:
 def test_so_does_a_procedure_of_ones_own_whose_points_are_flagged_and_one_of_unjudged_points_does_not() -> None:
     own = Relaxation()
     with pytest.raises(EstimateError, match=r"none of the 1 points is valid, so there is no result\. clipped"):
-        own.judge(Found([Flagged(False, ("clipped",))]))
-    own.judge(Found([Flagged(False, ("clipped",)), Flagged(True, ())]))
-    own.judge(Found([]))
+        own.check_result(SimpleResult([Flagged(False, ("clipped",))]))
+    own.check_result(SimpleResult([Flagged(False, ("clipped",)), Flagged(True, ())]))
+    own.check_result(SimpleResult([]))
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ SIGNATURES = {
     "Characterisation": "sample loads dwell frequency drift_time",
     "SoftnessTest": "objects loads dwell frequency model",
     "unknown_object": "design thickness modulus name",
-    "Taken": "point waveforms error",
+    "Measurement": "point waveforms error",
     "Step": "dwell_s seconds force_ratio_u what group",
     "Lab": "bench design calibration films run started",
 }

@@ -16,9 +16,10 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.frequency_response import TACTILE
 from palpate.procedures.engine.plan import FIRST_STEPS, Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.frequency.result import (
     FEWEST,
     FilmResponse,
@@ -26,7 +27,6 @@ from palpate.procedures.measurements.frequency.result import (
     FrequencyResult,
     evaluate,
 )
-from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import Extrapolate, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import (
@@ -60,9 +60,9 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
 
     name = "sweep-frequency"
     point = FrequencyPoint
-    continues = True
+    resumable_on_real_bench = True
     pausable = True
-    added = frozenset({"extrapolate"})
+    newer_settings = frozenset({"extrapolate"})
 
     frequencies: Annotated[tuple[float, ...], Setting("Hz", "Increasing frequencies of the load.")] = field(
         default_factory=lambda: parse_frequencies(DEFAULT)
@@ -91,8 +91,8 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
             check_frequency(frequency, RANGE)
             check_time(dwell_at(frequency, self.dwell), frequency)
 
-    def loads_to_tell(self) -> Loads:
-        return Loads((self.load,), self.extrapolate)
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads((self.load,), self.extrapolate)
 
     def plan(self, target: Target) -> Plan[FrequencyStep]:
         """All points: every frequency, from low to high."""
@@ -117,7 +117,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(Loaded):
+class Sweeping(DynamicLoadWork):
     """The bench work: one load on one sample, set again at each frequency."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: FrequencySweep) -> None:
@@ -129,13 +129,13 @@ class Sweeping(Loaded):
         sample = get_sample(self._sweep.sample)
         self._preloaded = press(self.lab.bench, self.lab.calibration, sample, self.preload)
 
-    def take(self, step: FrequencyStep) -> Taken[FrequencyPoint]:
+    def take(self, step: FrequencyStep) -> Measurement[FrequencyPoint]:
         self.films.set_frequency(step.frequency_Hz)
         self.hold(self._preloaded)
         dwell = dwell_at(step.frequency_Hz, self._sweep.dwell)
         measured = self.measured(self._sweep.load, step.what, dwell, compare=False)
         point = _point(self.lab.design, step.frequency_Hz, measured, self.servo.amplitude)
-        return Taken(point, measured.waveforms(self.lab.design))
+        return Measurement(point, measured.waveforms(self.lab.design))
 
 
 def parse_frequencies(text: str) -> tuple[float, ...]:

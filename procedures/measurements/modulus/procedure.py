@@ -18,7 +18,7 @@ from palpate.instrument.findings.load_line import LEAST_POINTS, Series
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import APPROACH, MOUNTING, Plan, Step
-from palpate.procedures.engine.procedure import Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.modulus.result import DisplaysPoint, ModulusResult
@@ -57,8 +57,8 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
 
     name = "test-modulus"
     point = DisplaysPoint
-    by_hand = "lays the sample on the support"
-    added = frozenset({"extrapolate"})
+    manual_work = "lays the sample on the support"
+    newer_settings = frozenset({"extrapolate"})
 
     sample: SampleName
     strain: Annotated[float, Setting(help="Largest strain, such as 30 %.")] = 0.3
@@ -155,12 +155,12 @@ class Compressing:
         positions = self._on_support() if step.series == BARE_SUPPORT else self._on_sample()
         self._positions = np.round(positions / POSITION_STEP) * POSITION_STEP
 
-    def take(self, step: CompressionStep) -> Taken[DisplaysPoint]:
+    def take(self, step: CompressionStep) -> Measurement[DisplaysPoint]:
         position = float(self._positions[step.number - 1])
         what = f"{step.series}, {1e3 * position:.3f} mm"
         shown = carry_out(self._bench, what, partial(self._pressed, position))
         mean = math.fsum(shown) / len(shown)
-        return Taken(DisplaysPoint(step.series, position, mean, tuple(shown), self._bench.incidents.new()))
+        return Measurement(DisplaysPoint(step.series, position, mean, tuple(shown), self._bench.incidents.new()))
 
     def end(self) -> None:
         finish(self._bench, self._calibration)
