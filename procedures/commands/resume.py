@@ -17,7 +17,7 @@ from palpate.procedures.lab.store import store
 )
 @click.argument("run")
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
-@option("--accept-change", is_flag=True, help="Go on although the bench has changed; the record lists changes.")
+@option("--accept-change", is_flag=True, help="Go on although bench or software changed; the record lists changes.")
 @assume_option
 @output_options
 def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, as_json: bool, quiet: bool) -> None:

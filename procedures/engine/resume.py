@@ -58,7 +58,7 @@ def resume(
         run: its folder, or its name in the store.
         kind: class of its procedure; None: the one of that name, ours or of an installed package.
         bench: bench file of a real bench; None: the run's own.
-        accept_change: go on although the bench has changed; the record says how.
+        accept_change: go on although bench or software have changed; the record says how.
 
     Raises:
         UnknownName: no such run. UsageError: it is complete, or of another procedure or bench.
@@ -119,7 +119,7 @@ def go_on(
     """Open the bench of a run again and take the points that are left.
 
     Raises:
-        UsageError: the run is complete, or the bench has changed and that is not accepted.
+        UsageError: the run is complete, or bench or software have changed and that is not accepted.
         RecordError: the run is damaged.
         Others as `open_and_run` raises them.
     """

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.engine.known import outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.settings import check_settings
@@ -119,6 +120,7 @@ def record_run(
         folder,
         calibrating=procedure.calibrating,
         manual_work=procedure.manual_work,
+        outside=outside(type(procedure)),
         resumed=resumed,
     ) as session:
         if resumed is not None:

@@ -12,6 +12,7 @@ from typing import NotRequired, TypedDict
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import check_log
+from palpate.instrument.additions import Addition
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
@@ -122,6 +123,7 @@ def recording(
     *,
     calibrating: Calibrating | None = None,
     manual_work: str = "",
+    outside: Addition | None = None,
     resumed: Resumed | None = None,
 ) -> Iterator[Session]:
     """Begin a run on an open bench, or go on with one. If it fails, outputs are off before the record is closed.
@@ -133,6 +135,7 @@ def recording(
         folder: folder of the run.
         calibrating: what the run calibrates; None: nothing.
         manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        outside: where a procedure that is not palpate's own comes from; None: it is palpate's own.
         resumed: the run to go on with; None: a new run.
 
     Raises:
@@ -168,9 +171,10 @@ def recording(
         "calibration": lab.calibration.model_dump(),
         "film_calibration": lab.films.model_dump() if lab.films else None,
         "calibration_files": _calibration_files(lab),
-        "versions": versions() | added_by(lab.bench.description, scene),
+        "versions": versions() | added_by(lab.bench.description, scene, outside),
         "arithmetic": arithmetic(),
         "commit": commit(),
+        **({} if outside is None else {"procedure_from": outside.package}),
         **(logged.header if logged is not None else {}),
     }
     opened.runs.append(folder)

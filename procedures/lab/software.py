@@ -8,7 +8,7 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
-from palpate.instrument.additions import packages
+from palpate.instrument.additions import Addition, packages
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import GROUP as kind_group
 from palpate.instrument.bench.kinds import KINDS
@@ -27,14 +27,15 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{package: metadata.version(package) for package in PACKAGES}}
 
 
-def added_by(bench: BenchDescription, scene: Scene | None) -> dict[str, str]:
-    """Versions of the installed packages that devices, the design and effects come from."""
+def added_by(bench: BenchDescription, scene: Scene | None, procedure: Addition | None = None) -> dict[str, str]:
+    """Versions of the installed packages that devices, the design, effects and the procedure come from."""
     kinds = {each.kind.name for each in bench.devices} - KINDS.keys()
     effects = scene.effects.keys() - EFFECTS.keys() if scene is not None else ()
     return {
         **packages(kind_group, "kind of device", kinds),
         **packages(design_group, "design", {bench.design} - DESIGNS.keys()),
         **packages(effect_group, "effect", effects),
+        **({procedure.package: procedure.version} if procedure is not None and procedure.version else {}),
     }
 
 

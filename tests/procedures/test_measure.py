@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from palpate.procedures.lab import keys
 from palpate.procedures.records.run import Run
 from tests.conftest import Install
 from tests.procedures.conftest import Benches, Palpate, refused
+from tests.runs import rehash
 
 RELAXATION = (Path(__file__).parents[1] / "examples" / "relaxation.py").read_text(encoding="utf-8")
 GROUP = "palpate.procedures"
@@ -71,9 +73,18 @@ def test_it_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
     assert palpate(*asked, "--out", "cut").status == 130
     assert len(Run.open(Path("cut")).points()) == 1
     on_progress(silent)
+    assert "procedure    relaxation, from acme-lab 1.2\n" in palpate("runs", "show", "cut").out
+    shutil.copytree("cut", "old")
+    rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.1"}))
+    changed = 'versions.acme-lab: "1.1" in the record, "1.2" now\nchange it back'
+    assert changed in palpate("runs", "resume", "cut").complaint
+    rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.2"}))
     assert palpate("runs", "resume", "cut", "--quiet").status == 0
+    rehash(Path("old"), header=lambda header: (header.pop("procedure_from"), header["versions"].pop("acme-lab")))
+    assert "acme-lab" not in palpate("runs", "show", "old").out
+    assert palpate("runs", "resume", "old", "--quiet").status == 0  # of a version that did not record the package
     assert palpate("bus", "replay", "log.pcapng", "--out", "again", "--quiet").status == 0
-    assert Run.open(Path("cut")).digest() == whole.digest()
+    assert {Run.open(Path(folder)).digest() for folder in ("cut", "old")} == {whole.digest()}
     assert Run.open(Path("again")).points() == whole.points()
 
 

@@ -178,6 +178,7 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(s
     with pytest.raises(palpate.UsageError, match="'relaxation' cannot be resumed"):
         palpate.resume("cut")
     again = palpate.resume("cut", Relaxation)
+    assert again.run.header["procedure_from"] == "relaxation.py"
     assert again.run.digest() == whole.run.digest()
     assert again.result.summary() == whole.result.summary()
 
