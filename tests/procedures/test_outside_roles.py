@@ -14,6 +14,7 @@ from palpate.drivers.roles import Exciter, LoadIndicator, SensorNode
 from palpate.instrument.errors import SafetyError
 from palpate.procedures.logs.shown import read_log
 from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.testing.traffic import Traffic
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
@@ -54,6 +55,22 @@ def test_an_exciter_drives_a_sweep_and_finds_the_ratio_that_generator_and_amplif
             found = ratio(sweep(bench, tmp_path / "run", **SMALL))
             assert not sim.rig.coil_voltage().amplitude.any()
     assert found == pytest.approx(usual, rel=1e-3)
+
+
+def test_a_failed_test_tells_what_a_drive_said_with_its_own_names() -> None:
+    with installed("drive"):
+        scene = read_scene("thesis_single").with_devices({"shaker": {"kind": "acme-drive"}})
+        with SimulatedBench(scene) as sim:
+            bench = Bench(sim.description, sim.clock, sim.operator)
+            traffic = Traffic(bench)
+            with bench:
+                bench.role(Exciter).drive()
+                bench.device("sensor_node_1").acquire(0.01)
+                told = traffic.told()
+    assert "torque drive 2: NMT OPERATIONAL" in told
+    assert "torque drive 2: send controlword = on, amplitude = 0 V" in told
+    assert "statusword = " in told
+    assert "sensor node 2" not in told
 
 
 def test_an_indicator_reads_the_loads_of_a_sweep(
