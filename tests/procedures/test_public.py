@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import palpate
-from tests.examples.relaxation import Relaxation
+from tests.examples.relaxation import Holding, Reading, Relaxation
 
 OUTSIDE = Path(__file__).parents[1] / "examples" / "relaxation.py"
 SOFT = """
@@ -115,6 +115,39 @@ def test_a_bench_takes_run_after_run_and_none_once_one_has_failed(
         ):
             palpate.run(held, bench, out="fourth")
     assert palpate.read("third").status == "stopped"
+
+
+class Once:
+    """Asks for a pause before the first point."""
+
+    asks = True
+
+    def asked(self) -> bool:
+        asks, self.asks = self.asks, False
+        return asks
+
+    def wait(self) -> None:
+        pass
+
+
+def test_after_a_pause_only_outputs_that_were_on_before_are_on(tmp_path: Path) -> None:
+    class Looking(Holding):
+        def arrange(self, _step: palpate.Step) -> None:
+            pass
+
+        def take(self, step: palpate.Step) -> palpate.Measurement[Reading]:
+            assert not self.bench.driving
+            return super().take(step)
+
+    class Resting(Relaxation):
+        name, pausable = "resting", True
+
+        def begin(self, lab: palpate.Lab, record: palpate.Recorder) -> Looking:
+            return Looking(lab, self.sample, self.force)
+
+    with palpate.open_bench(scene="ideal") as bench:
+        done = palpate.run(Resting(readings=1), bench, out=tmp_path / "run", pause=Once())
+    assert [event["kind"] for event in done.run.events()] == ["paused", "resumed"]
 
 
 @pytest.mark.parametrize(
