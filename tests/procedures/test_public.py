@@ -10,11 +10,13 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
 import palpate
+from palpate.procedures.engine.settings import check_settings
 from tests.examples.relaxation import Holding, Reading, Relaxation
 
 OUTSIDE = Path(__file__).parents[1] / "examples" / "relaxation.py"
@@ -115,6 +117,16 @@ def test_a_bench_takes_run_after_run_and_none_once_one_has_failed(
         ):
             palpate.run(held, bench, out="fourth")
     assert palpate.read("third").status == "stopped"
+
+
+@dataclass(frozen=True)
+class Marked(Relaxation):
+    marks: tuple[str, ...] = field(default_factory=tuple)
+
+
+def test_a_list_may_be_empty_where_its_default_is() -> None:
+    check_settings(Marked())
+    check_settings(Marked(marks=()))
 
 
 class Once:
