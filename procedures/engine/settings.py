@@ -72,7 +72,12 @@ class Asked:
 
     def _one(self, text: str) -> object:
         if self.setting.read is not None:
-            return self.setting.read(text)
+            try:
+                return self.setting.read(text)
+            except PalpateError:
+                raise
+            except (TypeError, ValueError) as error:  # a package's own function need not know palpate's errors
+                raise UsageError(f"{text[:100]!r}: {error}") from error
         if self.kind is float:
             return parse(text, self.setting.unit)
         if self.kind is int:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import fields
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 from click.testing import CliRunner
@@ -37,6 +37,11 @@ RELAX = ("measure", "relaxation", "--scene", "ideal")
 def relaxation(install: Install) -> Path:
     """A package that palpate knows nothing of adds a procedure; where it stands."""
     return install("acme-lab", GROUP, {"relaxation": "acme_relaxation:Relaxation"}, acme_relaxation=RELAXATION)
+
+
+def without_package(header: dict[str, Any]) -> None:
+    """Makes a header as versions wrote it that did not record the procedure's package."""
+    del header["procedure_from"], header["versions"]["acme-lab"]
 
 
 # --- of a package --------------------------------------------------------------------------------------
@@ -80,7 +85,7 @@ def test_it_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
     assert changed in palpate("runs", "resume", "cut").complaint
     rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.2"}))
     assert palpate("runs", "resume", "cut", "--quiet").status == 0
-    rehash(Path("old"), header=lambda header: (header.pop("procedure_from"), header["versions"].pop("acme-lab")))
+    rehash(Path("old"), header=without_package)
     assert "acme-lab" not in palpate("runs", "show", "old").out
     assert palpate("runs", "resume", "old", "--quiet").status == 0  # of a version that did not record the package
     assert palpate("bus", "replay", "log.pcapng", "--out", "again", "--quiet").status == 0
@@ -170,6 +175,22 @@ def test_a_wrong_word_is_named_with_its_option(
 
 HEAD = "from dataclasses import dataclass, field\nfrom typing import Annotated, Literal\nfrom palpate import *\n"
 KIND = "\n@dataclass(frozen=True)\nclass Odd(Procedure):\n    name = 'odd'\n"
+WRONG_TEXT = """
+    day: Annotated[object, Setting(read=date.fromisoformat)]
+    def plan(self, target): ...
+    def begin(self, lab, record): ...
+    def evaluate(self, points, lab): ...
+"""
+
+
+def test_a_text_that_a_packages_own_reader_refuses_is_named_with_its_option(
+    install: Install, palpate: Palpate, benches: Benches
+) -> None:
+    install("acme-odd", GROUP, {"odd": "acme_odd:Odd"}, acme_odd=f"from datetime import date\n{HEAD}{KIND}{WRONG_TEXT}")
+    said = refused(palpate("measure", "odd", "--day", "today"), benches)
+    assert said == "--day: 'today': Invalid isoformat string: 'today'"
+
+
 WRONG = {
     "    curve: dict[str, float]": "field 'curve' is of kind dict[str, float], which `palpate measure` cannot ask for",
     "    pair: tuple[float, float]": "field 'pair' is of kind tuple[float, float], which `palpate measure` cannot ask",
