@@ -6,6 +6,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
+from palpate.instrument.errors import UsageError
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.known import outside
@@ -29,6 +30,8 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
     """
     check_settings(procedure)
     procedure.check(target)
+    if not procedure.plan(target).steps:
+        raise UsageError(f"procedure {procedure.name!r} has no steps with these settings; change them")
     loads = procedure.required_loads()
     if by_store and loads is not None:
         simulated = target.model is not None

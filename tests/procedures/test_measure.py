@@ -161,6 +161,8 @@ def test_killed_it_goes_on_by_its_name_and_ends_as_one_that_was_not(install: Ins
         (("relaxation", "--force", "2 s"), "--force: '2 s' is in s where N belongs"),
         (("relaxation", "--readings", "2.5"), "--readings: '2.5' is no whole number; write for example '3'"),
         (("relaxation", "--force", "1 N", "--force", "2 N"), "--force is given 2 times"),
+        (("relaxation", "--readings", "0"), "procedure 'relaxation' has no steps with these settings"),
+        (("relaxation", "--readings", "0", "--dry-run"), "procedure 'relaxation' has no steps with these settings"),
         (
             ("sweep-loads", "--loads", "2 N:3 N"),
             "--loads: loads '2 N:3 N': give first:last:step",
