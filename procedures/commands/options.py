@@ -187,8 +187,14 @@ class Output:
         return not self.as_json and not self.quiet
 
     def json(self, value: Mapping[str, object]) -> None:
-        """Print the one JSON object on stdout."""
-        click.echo(json.dumps(value, indent=2, allow_nan=False))
+        """Print the one JSON object on stdout, with null for NaN and infinities."""
+        try:
+            text = json.dumps(value, indent=2, allow_nan=False)
+        except (TypeError, ValueError):
+            from palpate.procedures.records.encoding import plain
+
+            text = json.dumps(plain(value), indent=2, allow_nan=False)
+        click.echo(text)
 
     def line(self, text: str) -> None:
         if self.for_people:

@@ -31,7 +31,7 @@ def as_json(value: object) -> str:
     try:
         return _ENCODER.encode(value)
     except (TypeError, ValueError):  # numpy's values, NaN, or what is no JSON at all
-        return _ENCODER.encode(_plain(value))
+        return _ENCODER.encode(plain(value))
 
 
 def row_crc32(*values: object) -> int:
@@ -50,15 +50,16 @@ def verify(what: str, crc32: int, *values: object) -> None:
         raise ValueError(f"{what} is not as it was written, CRC-32 differs")
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """A value as JSON can have it: numpy's numbers and arrays as Python's, None for NaN and infinities."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return value
 
 

@@ -93,6 +93,18 @@ def test_it_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
     assert Run.open(Path("again")).points() == whole.points()
 
 
+ODD_VALUES = RELAXATION.replace("/ 1e9, self.load()", "/ 1e9, np.float32('nan')").replace(
+    "import palpate", "import numpy as np\nimport palpate"
+)
+
+
+def test_json_has_numbers_of_numpy_and_null_for_nan_as_the_record_has(install: Install, palpate: Palpate) -> None:
+    install("acme-lab", GROUP, {"relaxation": "acme_odd_values:Relaxation"}, acme_odd_values=ODD_VALUES)
+    found = palpate(*RELAX, "--readings", "1", "--out", "run", "--json").object
+    assert (found["points"][0]["load_N"], found["relaxed"]) == (None, None)
+    assert [point["load_N"] for point in Run.open(Path("run")).points()] == [None]
+
+
 MORE = """
 import os, signal
 class Pausing(Relaxation):
