@@ -120,7 +120,10 @@ class SampleChanger(Protocol):
         """From now on a person may put anything under the probe."""
 
     def check(self) -> None:
-        """Check that the mounted sample is still there. Raises SampleError: it is not, or was away meanwhile."""
+        """Check that the sample that was mounted last is still there, if there is one and `leave` was not called since.
+
+        The engine asks before it stores a point. Raises SampleError: it is not there, or was away meanwhile.
+        """
 
 
 class ProbeStage(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from palpate.drivers.roles import SampleChanger
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.procedure import P, Procedure, R, S
 from palpate.procedures.lab.lab import Lab
@@ -16,6 +17,8 @@ def conduct(
 ) -> R:
     """Carry out the remaining steps of a procedure. Each point is durable on disk before `progress` is called.
 
+    Before a point is stored, the bench's sample changer is asked whether its sample is still mounted.
+
     Args:
         procedure: the procedure.
         lab: the open bench.
@@ -26,6 +29,7 @@ def conduct(
     Raises:
         RangeError, UnknownName: a setting is impossible on this bench; the outputs stay off.
         UnreachableError, SafetyError, LinkError, DeviceError: the bench failed; finished points stay on disk.
+        SampleError: the sample changer does not hold the sample that it mounted, or it was away meanwhile.
         EstimateError: the points give no result.
     """
     procedure.check(lab.target)
@@ -33,6 +37,7 @@ def conduct(
     work = procedure.begin(lab, record)
     points: list[P] = record.finished(procedure.point)
     group: str | None = None
+    changer = lab.bench.maybe(SampleChanger)
     for step in steps[len(points) :]:
         if step.group != group:
             group = step.group
@@ -43,6 +48,8 @@ def conduct(
         if procedure.pausable:
             pause_here(pause, lab.bench, record)
         taken = work.take(step)
+        if changer:
+            changer.check()
         record.point(asdict(taken.point), taken.waveforms, lab.bench.clock.now_ns())
         points.append(taken.point)
         progress(len(points), len(steps), step.what)
