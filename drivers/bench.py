@@ -19,7 +19,7 @@ from palpate.drivers.incident import Incidents, Store
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.ownership import cautions, claim
-from palpate.drivers.roles import Chamber, Exciter, ProbeStage, SampleChanger
+from palpate.drivers.roles import Exciter
 from palpate.drivers.safe_end import held, taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.operator import Operator
@@ -42,8 +42,7 @@ class Bench(Fitted):
         """Raises ConfigError: the driver of a listed device cannot be loaded, or does not fit its role."""
         super().__init__(description, clock)
         self.force_limit = description.force_limit
-        hands = self.maybe(SampleChanger), self.maybe(Chamber), self.maybe(ProbeStage)
-        self.operator: Operator = Hands(operator, *hands) if any(hands) else operator
+        self.operator: Operator = Hands(operator, self)
         self.incidents = Incidents(self.clock)
         self.attended = False
         self.waits: Callable[[str], object] = lambda _why: None  # called with the reason before a wait for others

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -99,7 +100,8 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
         with pytest.raises(BenchError, match="nothing answers at"):
             Bench(absent, sim.clock, sim.operator).__enter__()
         tables["device"]["oven"]["optional"] = True
-        with Bench(check(tables, BenchDescription, "here"), sim.clock, sim.operator) as bench:
+        person = Mock(sim.operator)
+        with Bench(check(tables, BenchDescription, "here"), sim.clock, person) as bench:
             assert bench.maybe(Chamber) is None
             assert bench.role(Positioner) is bench.device("positioner")
             assert bench.cautions[0].startswith("oven is not used: nothing answers at 127.0.0.1:1")
@@ -107,6 +109,18 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
                 bench.role(Chamber)
             with pytest.raises(UnknownName, match="unknown device of this bench 'oven'"):
                 bench.device("oven")
+            bench.operator.set_temperature(12.5)
+            person.set_temperature.assert_called_once_with(12.5)
+
+
+def test_a_can_bus_whose_devices_are_all_optional_may_be_absent(scene: Scene) -> None:
+    with SimulatedBench(scene) as sim:
+        tables: dict[str, Any] = tomllib.loads(sim.description.to_toml())
+        tables["link"] = {"far": {"kind": "canopen", "interface": "socketcan", "channel": "none"}}
+        tables["device"] = {"spare": {"kind": "sensor_node", "link": "far", "node": 9, "optional": True}}
+        with Bench(check(tables, BenchDescription, "here"), sim.clock, sim.operator) as bench:
+            assert bench.cautions[0].startswith("spare is not used: CAN bus socketcan:none cannot be opened")
+            bench.check_settings()
 
 
 WRONG = {
