@@ -109,6 +109,10 @@ class Fitted:
             )
         return found
 
+    def fills(self, role: Role) -> bool:
+        """Whether a device in use fills a role."""
+        return any(name in self._devices for name in self._filling[role])
+
     def leave_out(self, part: Device | ModbusLink | CanLink, why: Exception) -> bool:
         """Go on without a device or link if all devices that need it are optional; returns whether they are."""
         needing = [name for name, device in self._devices.items() if part in (device, device.link)]

@@ -30,6 +30,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar
 
+from palpate.instrument.bench.kinds import Role
 from palpate.instrument.errors import PalpateError, RecordError
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.lab.lab import Lab, Target
@@ -193,6 +194,7 @@ class Procedure(ABC, Generic[S, P, R]):
             taken in one run. A run of a simulated bench can always be resumed.
         pausable: True: outputs may go to zero before any step, because each step sets its load again.
         manual_work: what a person does in addition to mounting samples, as "places weights"; empty: nothing.
+        automated_by: role of a device that does the `manual_work` instead, if the bench has one; None: no device can.
         constants: entries of the record in addition to the settings.
         newer_settings: settings that records of older versions lack; a record must have all others to be resumed.
     """
@@ -203,6 +205,7 @@ class Procedure(ABC, Generic[S, P, R]):
     resumable_on_real_bench: ClassVar[bool] = False
     pausable: ClassVar[bool] = False
     manual_work: ClassVar[str] = ""
+    automated_by: ClassVar[Role | None] = None
     constants: ClassVar[Mapping[str, object]] = {}
     newer_settings: ClassVar[frozenset[str]] = frozenset()
 

@@ -98,7 +98,7 @@ def open_and_run(
     All checks that need no open bench come before it is opened. Raises as `run` does.
     """
     refuse(procedure, chosen.target, by_store=chosen.logged is None)
-    chosen.mounting(procedure.manual_work)
+    chosen.mounting(procedure.manual_work, procedure.automated_by)
     if resumed is not None:
         with opened(chosen, log, resumed) as bench:
             return record_run(procedure, bench, resumed.folder, progress, pause, resumed)
@@ -123,6 +123,7 @@ def record_run(
         folder,
         calibrating=procedure.calibrating,
         manual_work=procedure.manual_work,
+        automated_by=procedure.automated_by,
         outside=outside(type(procedure)),
         resumed=resumed,
     ) as session:

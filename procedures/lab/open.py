@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
@@ -14,6 +14,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.logs.bus_log import BusLog, check_log
 from palpate.instrument.bench.description import BenchDescription, read_bench
+from palpate.instrument.bench.kinds import Role
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError, UsageError
@@ -67,10 +68,15 @@ class Chosen:
         force_limit = BenchDescription.model_fields["force_limit"].default
         return Target(design, force_limit, self.scene.nodes, self.scene.model)
 
-    def mounting(self, manual_work: str) -> Mounting:
+    def mounting(
+        self, manual_work: str, automated_by: Role | None = None, fills: Callable[[Role], object] | None = None
+    ) -> Mounting:
         """How a run will know what is mounted. Raises UsageError as `check_somebody` does.
 
-        `manual_work`: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        Args:
+            manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+            automated_by: role of a device that does this work instead, if the bench has one; None: no device can.
+            fills: whether a device fills a role; None: whether the bench file lists one.
         """
         if self.logged is not None:
             return self.logged.mounting
@@ -78,7 +84,10 @@ class Chosen:
             return "simulated"
         if self.operator is not None:
             return "confirmed"
-        return check_somebody(manual_work, bool(self.description.filling("sample_changer")), self.assume_mounted)
+        fills = fills or self.description.filling
+        if automated_by is not None and fills(automated_by):
+            manual_work = ""
+        return check_somebody(manual_work, bool(fills("sample_changer")), self.assume_mounted)
 
 
 def choose(

@@ -13,6 +13,7 @@ from typing import NotRequired, TypedDict
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import check_log
 from palpate.instrument.additions import Addition
+from palpate.instrument.bench.kinds import Role
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
@@ -123,6 +124,7 @@ def recording(
     *,
     calibrating: Calibrating | None = None,
     manual_work: str = "",
+    automated_by: Role | None = None,
     outside: Addition | None = None,
     resumed: Resumed | None = None,
 ) -> Iterator[Session]:
@@ -135,6 +137,7 @@ def recording(
         folder: folder of the run.
         calibrating: what the run calibrates; None: nothing.
         manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        automated_by: role of a device that does this work instead, if the bench has one; None: no device can.
         outside: where a procedure that is not palpate's own comes from; None: it is palpate's own.
         resumed: the run to go on with; None: a new run.
 
@@ -152,7 +155,7 @@ def recording(
         )
         raise UsageError(f"no other run can begin on this bench: {why}; open the bench anew")
     logged, scene = opened.chosen.logged, opened.scene
-    mounting = opened.chosen.mounting(manual_work)
+    mounting = opened.chosen.mounting(manual_work, automated_by, opened.bench.fills)
     started = datetime.now(UTC) if opened.runs else opened.started
     lab = opened.lab(folder.name, started, calibrating)
     header = {

@@ -47,6 +47,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     point = PositionPoint
     pausable = True
     manual_work = "sets the point probe"
+    automated_by = "probe_stage"
     newer_settings = frozenset({"extrapolate"})
 
     positions: Annotated[tuple[float, ...], Setting("m", "Increasing positions along the centre line.")] = tuple(
