@@ -227,7 +227,7 @@ class Bench(Fitted):
             failures = self._switch_off()
         self._safe = not failures
         if failures:
-            watchdog = f"The amplifier's watchdog drops its output within {self.description.watchdog:g} s; check by eye"
+            watchdog = f"The watchdog drops the output within {self.description.watchdog:g} s; check by eye"
             remedy = watchdog if self._guard else "It has no watchdog: switch it off by hand, now"
             message = f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}"
             if error is None:

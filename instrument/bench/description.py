@@ -115,12 +115,15 @@ class BenchDescription(Config):
                 f"{exciter[0].name} drives, and {source[0].name} with {amplifier[0].name} as well; a bench has one "
                 "exciter: leave the others out"
             )
-        driving = exciter or (source and amplifier)
+        driving = exciter or (source and amplifier and [*amplifier, *source])
         if not driving:
             return
-        (each,) = driving
-        if each.optional:
-            raise ConfigError(f"device.{each.name}: optional: what drives cannot be left out; write optional = false")
+        for each in driving:
+            if each.optional:
+                raise ConfigError(
+                    f"device.{each.name}: optional: what drives cannot be left out; write optional = false"
+                )
+        each = driving[0]
         if each.kind.contract.has("watchdog"):
             if self.unguarded:
                 raise ConfigError(f'watchdog: {each.name} has one; write its time, such as "2 s"')

@@ -258,6 +258,20 @@ def test_all_integrators_are_reset_and_no_other_object_is_written(
     assert written == ["reset_1", "reset_2", "reset_3", "reset_4"]
 
 
+def test_an_emergency_that_comes_during_a_look_is_told_at_the_next(bench: Bench) -> None:
+    node = bench.device("sensor_node_1")
+
+    class Coming(list[bytes]):
+        def __getitem__(self, which: Any) -> Any:
+            found = super().__getitem__(which)
+            if len(self) == 1:
+                node._on_emergency(0x81, bytearray(SATURATED), 0.0)
+            return found
+
+    node.emergencies = Coming([SATURATED])
+    assert [len(node.notices()) for _look in range(3)] == [1, 1, 0]
+
+
 def test_more_emergencies_than_are_kept_end_a_recording(bench: Bench) -> None:
     node = bench.device("sensor_node_1")
     node.emergencies = [SATURATED] * (MOST_EMERGENCIES - 1)

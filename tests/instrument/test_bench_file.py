@@ -45,6 +45,17 @@ def test_a_bench_file_is_read_with_defaults_and_units(tmp_path: Path) -> None:
     assert "sample_changer" not in bench.to_toml()
 
 
+@pytest.mark.parametrize("optional", ["source", "amplifier"])
+def test_neither_half_of_an_exciter_is_optional(tmp_path: Path, optional: str) -> None:
+    text = 'name = "bench"\n'
+    for role, kind in (("source", "signal_generator"), ("amplifier", "shaker_amplifier")):
+        text += f'[link.{role}]\nkind = "modbus-tcp"\nhost = "10.0.0.1"\n'
+        text += f'[device.{role}]\nkind = "{kind}"\nlink = "{role}"\nunit = 1\n'
+        text += f"optional = {str(role == optional).lower()}\n"
+    with pytest.raises(ConfigError, match=rf"device\.{optional}: optional: what drives cannot be left out"):
+        read_bench(written(tmp_path, text))
+
+
 @pytest.mark.parametrize("more", ["", '[sample_changer]\nhost = "10.0.0.3"\n'])
 def test_a_written_bench_file_reads_back_the_same(tmp_path: Path, more: str) -> None:
     bench = read_bench(written(tmp_path, GOOD + more))
