@@ -93,8 +93,7 @@ def test_a_bench_whose_amplifier_has_a_watchdog_cannot_be_without(scene: Scene, 
 
 
 def test_a_bench_has_one_exciter_which_is_not_optional(sim: SimulatedBench, tmp_path: Path) -> None:
-    address = {"host": "127.0.0.1", "port": 1}
-    both = {"signal_generator": address, "shaker_amplifier": address}
+    both = {"signal_generator": {"host": "10.0.0.1"}, "shaker_amplifier": {"host": "10.0.0.2"}}
     with pytest.raises(ConfigError, match="shaker drives, and signal_generator with shaker_amplifier as well; a bench"):
         read_bench(written(sim, tmp_path, both))
     table = tomllib.loads(sim.description.to_toml())["device"]["shaker"]
