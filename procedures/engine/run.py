@@ -12,6 +12,7 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.known import outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.returned import calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.lab import Target
@@ -30,7 +31,7 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
     """
     check_settings(procedure)
     procedure.check(target)
-    if not procedure.plan(target).steps:
+    if not planned(procedure, target).steps:
         raise UsageError(f"procedure {procedure.name!r} has no steps with these settings; change them")
     loads = procedure.required_loads()
     if by_store and loads is not None:
@@ -44,7 +45,7 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
 def plan(procedure: Procedure[S, P, R], bench: OpenBench) -> Plan[S]:
     """The plan of a procedure on an open bench; nothing is sent. Raises what the procedure's checks raise."""
     refuse(procedure, bench.target)
-    return procedure.plan(bench.target)
+    return planned(procedure, bench.target)
 
 
 def run(
@@ -78,7 +79,7 @@ def run(
 
 def concluded(procedure: Procedure[S, P, R], done: Finished[R]) -> Finished[R]:
     """Store the calibration of a finished run, and judge its result. Raises EstimateError: it permits no conclusion."""
-    procedure.save_calibration(done)
+    calibration_saved(procedure, done)
     procedure.check_result(done.result)
     return done
 

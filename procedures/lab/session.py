@@ -28,6 +28,8 @@ from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder, put_file
 from palpate.procedures.records.resumed import Resumed
 
+RUNS_BEFORE = "runs_before"  # header key: number of earlier runs on the same open simulated bench
+
 
 class Outcome(TypedDict):
     """Keys that every result in JSON has: where it comes from and what it was computed with."""
@@ -59,6 +61,11 @@ class Kept(TypedDict, total=False):
     calibration_file: str
     certificate: str
     film_calibration_file: str
+
+
+def reserved() -> frozenset[str]:
+    """Names of values that palpate gives for every run, which no value of a result can have."""
+    return frozenset({*Outcome.__annotations__, "points", "plot"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +187,9 @@ def recording(
         **({} if outside is None else {"procedure_from": outside.package}),
         **(logged.header if logged is not None else {}),
     }
+    later = scene is not None and bool(opened.runs)  # a simulated bench depends on everything that was done before
+    if later:
+        header[RUNS_BEFORE] = len(opened.runs)
     opened.runs.append(folder)
     with ExitStack() as stack:
         if opened.log is not None:
@@ -203,7 +213,7 @@ def recording(
             yield Session(opened, lab, record, mounting)
         except BaseException as error:
             if record.points:
-                remedy = "" if logged else f"; go on with: palpate runs resume {record.folder}"
+                remedy = "" if logged or later else f"; go on with: palpate runs resume {record.folder}"
                 error.add_note(f"points already taken are kept in {record.folder}{remedy}")
             raise
         failing.pop_all()
