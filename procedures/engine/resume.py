@@ -11,6 +11,7 @@ from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.open import Chosen, choose
+from palpate.procedures.lab.session import RUNS_BEFORE
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.headers import header_of
 from palpate.procedures.records.record import put_file
@@ -92,12 +93,18 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
     """The procedure of a run that can go on, with its settings.
 
     Raises:
-        UsageError: a bench for a simulated run, or points on a real bench that belong together.
+        UsageError: a bench for a simulated run, a later run on an open simulated bench, or points on a real bench
+            that belong together.
         RecordError: its header is none of a procedure's.
     """
-    if header_of(run)["scene"] is not None:
+    if (header := header_of(run))["scene"] is not None:
         if bench is not None:
             raise UsageError("--bench: the run used a simulated bench; leave this option out")
+        if before := header.get(RUNS_BEFORE):
+            raise UsageError(
+                f"{run.folder}: it was run {before + 1} on an open simulated bench, which cannot be brought back to "
+                "where it was; run it anew"
+            )
     elif not kind.resumable_on_real_bench and run.points():
         raise UsageError(
             f"{run.folder}: on a real bench {run.procedure!r} cannot be resumed, because its points must be taken in "

@@ -228,6 +228,23 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(s
     assert again.result.summary() == whole.result.summary()
 
 
+def test_a_later_run_on_an_open_simulated_bench_says_that_it_cannot_be_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt) as ended:
+        palpate.run(Relaxation(readings=1), bench, out="first")
+        palpate.run(Relaxation(), bench, out="second", progress=stop)
+    assert not any("palpate runs resume" in note for note in ended.value.__notes__)
+    with pytest.raises(palpate.UsageError, match=r"second: it was run 2 on an open simulated bench, .*; run it anew"):
+        palpate.resume("second", Relaxation)
+
+
 @pytest.mark.slow
 def test_a_procedure_of_ones_own_that_was_killed_goes_on(soft: str, tmp_path: Path) -> None:
     shutil.copy(OUTSIDE, tmp_path)
