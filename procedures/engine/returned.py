@@ -56,9 +56,7 @@ def evaluated(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> R
     """
     result = procedure.evaluate(points, lab)
     if not all(hasattr(result, name) for name in ("points", "budgets", "summary")):
-        raise _wrong(
-            procedure, f"evaluate returned {_short(result)}", "it must return a result, such as a SimpleResult"
-        )
+        raise _wrong(procedure, f"evaluate returned {_short(result)}", "it must return a result, as SimpleResult is")
     if theirs := sorted(reserved() & result.summary().keys()):
         raise _wrong(
             procedure,
