@@ -88,7 +88,7 @@ def test_outputs_are_off_after_a_signal_in_the_middle_of_a_request(
 def test_a_signal_that_the_program_was_started_to_ignore_ends_nothing(
     number: signal.Signals, sim: SimulatedBench
 ) -> None:
-    """As by nohup, or in the background of a script."""
+    """nohup does so, and a shell that starts a program in the background."""
     before = signal.signal(number, signal.SIG_IGN)
     try:
         with open_bench(sim) as bench:

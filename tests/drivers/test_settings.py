@@ -139,7 +139,7 @@ def test_a_waveform_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_
 def test_an_amplifier_that_refuses_a_claim_says_why_in_its_own_words(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only one that has no such register has no owners."""
+    """Only an amplifier without the register of the owner counts as one without owners."""
 
     def refused(_name: str) -> float:
         raise DeviceError("answered exception 4, device failure", code=4)
@@ -274,7 +274,7 @@ def test_a_bench_says_whether_it_is_open(sim: SimulatedBench) -> None:
 def test_a_bench_that_cannot_be_opened_gives_its_amplifier_up(
     sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else the next program would have to wait for the watchdog."""
+    """Otherwise the next program would have to wait for the watchdog."""
     bench = open_bench(sim)
     monkeypatch.setattr(bench.device("positioner"), "connect", _fails)
     with pytest.raises(DeviceError, match="it is stuck"):

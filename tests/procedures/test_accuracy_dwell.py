@@ -51,7 +51,7 @@ def test_least_squares_follow_the_bound_down_with_the_dwell() -> None:
 
 
 def test_peak_to_peak_and_rms_show_their_bias() -> None:
-    """Of films whose relative noise differs."""
+    """The relative noise of the films differs; else it would cancel in the ratio."""
     taken = record(0.01)
     taken.voltage[0] += 0.1 * np.random.default_rng(2).normal(size=taken.time.size)
     prices = measure(taken, FREQUENCY, (1.0,))

@@ -85,6 +85,7 @@ def test_an_indicator_reads_the_loads_of_a_sweep(
     assert found == pytest.approx(usual, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_logger_samples_the_films_of_a_sweep(
     ideal: Scene, usual: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

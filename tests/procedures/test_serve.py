@@ -63,7 +63,7 @@ def test_a_sweep_that_is_interrupted_finds_each_sample_by_its_name_when_it_is_ru
     monkeypatch: pytest.MonkeyPatch,
     on_progress: Callable[[Progress], None],
 ) -> None:
-    """On a served bench with a sample changer, against a bench of its own with other noise."""
+    """The bench is served with a sample changer; a bench of its own, with other noise, says what is to be found."""
     sweep = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")
     alone = palpate(*sweep, "--seed", "5").object["samples"]
     place = Path("bench.toml")
