@@ -49,8 +49,7 @@ def plot_dwell(prices: DwellPrices, title: str, folder: Path) -> Path:
     Raises:
         RecordError: the folder or file cannot be written.
     """
-    figure, axes = new_figure(True, 2)
-    figure.suptitle(title, fontsize=10)
+    figure, axes = new_figure(True, 2, title)
     for number, name in enumerate(dict.fromkeys(p.estimator for p in prices.points)):
         own = [p for p in prices.points if p.estimator == name]
         style = f"C{number}{MARKERS[number]}-"

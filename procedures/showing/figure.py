@@ -15,11 +15,12 @@ if TYPE_CHECKING:
 MARKERS = "osD^vP*X"
 
 
-def new_figure(simulated: bool, panels: int) -> tuple[Figure, list[Axes]]:
-    """A figure with this many panels in a row, and their axes."""
+def new_figure(simulated: bool, panels: int, title: str) -> tuple[Figure, list[Axes]]:
+    """A figure with this many panels in a row below a title, and their axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.2 * panels, 4.2), layout="constrained")
+    figure.suptitle(f"{STAMP}: {title}" if simulated else title)
     axes = [figure.add_subplot(1, panels, i + 1) for i in range(panels)]
     for ax in axes:
         ax.grid(alpha=0.3)
