@@ -38,7 +38,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
 
     opened = Run.open(find_run(run, store()))
     output = Output(as_json, quiet)
-    procedure = begun(opened, class_of(opened, "resumed"), bench)
+    procedure = begun(opened, class_of(opened, "resume"), bench)
     for line in unhashed(opened.hashed):
         output.line(line)
     with keyboard() as pause, output.progress() as progress:

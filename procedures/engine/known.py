@@ -55,7 +55,7 @@ def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result
 
 
 def class_of(run: Run, done: str) -> type[Procedure[Step, DataclassInstance, Result]]:
-    """The class of a run's procedure; `done` is "resumed" or "replayed", for messages.
+    """The class of a run's procedure; `done` is "resume" or "replay", what is done with it.
 
     Raises:
         UsageError: no procedure of that name is known.
@@ -64,7 +64,11 @@ def class_of(run: Run, done: str) -> type[Procedure[Step, DataclassInstance, Res
     try:
         return procedure_class(run.procedure)
     except UnknownName:
-        raise UsageError(f"{run.folder}: {run.procedure!r} cannot be {done}; valid: {', '.join(names())}") from None
+        origin = f" of {run.header['procedure_from']}" if "procedure_from" in run.header else ""
+        raise UsageError(
+            f"{run.folder}: {run.procedure!r}{origin} cannot be {done}d without its class: install its package, or "
+            f"give the class to palpate.{done} in a script; known: {', '.join(names())}"
+        ) from None
 
 
 def outside(kind: type[Procedure[S, P, R]]) -> Addition | None:

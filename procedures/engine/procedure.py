@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 from palpate.instrument.bench.kinds import Role
-from palpate.instrument.errors import PalpateError, RecordError
+from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import Calibrating
@@ -211,7 +211,14 @@ class Procedure(ABC, Generic[S, P, R]):
 
     @classmethod
     def recorded(cls, run: Run) -> Self:
-        """The procedure of a run, with its settings. Raises RecordError: another version recorded the settings."""
+        """The procedure of a run, with its settings.
+
+        Raises:
+            UsageError: the run is of another procedure.
+            RecordError: another version recorded the settings.
+        """
+        if run.procedure != cls.name:
+            raise UsageError(f"{run.folder} is of procedure {run.procedure!r}, not {cls.name!r}; name its class")
         given = run.header["settings"]
         asked = {each.name for each in fields(cls)} - cls.newer_settings
         if isinstance(given, dict) and (lacking := asked - given.keys()):

@@ -67,15 +67,13 @@ def resume(
     """
     found, file = Run.open(find_run(str(run), store())), None if bench is None else Path(bench)
     if kind is None:
-        return _resumed(class_of(found, "resumed"), found, file, accept_change, progress, pause)
+        return _resumed(class_of(found, "resume"), found, file, accept_change, progress, pause)
     return _resumed(kind, found, file, accept_change, progress, pause)
 
 
 def _resumed(
     kind: type[Procedure[S, P, R]], run: Run, bench: Path | None, accept_change: bool, progress: Progress, pause: Pause
 ) -> Finished[R]:
-    if run.procedure != kind.name:
-        raise UsageError(f"{run.folder} is of procedure {run.procedure!r}, not {kind.name!r}; name its class")
     procedure = begun(run, kind, bench)
     done = go_on(
         procedure,
@@ -93,11 +91,12 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
     """The procedure of a run that can go on, with its settings.
 
     Raises:
-        UsageError: a bench for a simulated run, a later run on an open simulated bench, or points on a real bench
-            that belong together.
+        UsageError: a run of another procedure, a bench for a simulated run, a later run on an open simulated bench, or
+            points on a real bench that belong together.
         RecordError: its header is none of a procedure's.
     """
-    if (header := header_of(run))["scene"] is not None:
+    header, procedure = header_of(run), kind.recorded(run)
+    if header["scene"] is not None:
         if bench is not None:
             raise UsageError("--bench: the run used a simulated bench; leave this option out")
         if before := header.get(RUNS_BEFORE):
@@ -110,7 +109,7 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
             f"{run.folder}: on a real bench {run.procedure!r} cannot be resumed, because its points must be taken in "
             "one run; run it anew"
         )
-    return kind.recorded(run)
+    return procedure
 
 
 def go_on(

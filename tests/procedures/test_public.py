@@ -40,7 +40,7 @@ SIGNATURES = {
     "read": "folder",
     "read_calibration": "path",
     "read_film_calibration": "path",
-    "replay": "log out progress",
+    "replay": "log out kind progress",
     "response": "design load model tolerance",
     "resume": "run kind bench accept_change progress pause",
     "run": "procedure bench out progress pause",
@@ -207,8 +207,13 @@ def soft(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(soft: str) -> None:
-    with palpate.open_bench(scene=soft) as bench:
+    with palpate.open_bench(scene=soft, log="log.pcapng") as bench:
         whole = palpate.run(Relaxation(), bench, out="whole")
+    with pytest.raises(palpate.UsageError, match=r"give the class to palpate\.replay in a script"):
+        palpate.replay("log.pcapng")
+    assert palpate.replay("log.pcapng", "again", Relaxation).run.digest() == whole.run.digest()
+    with pytest.raises(palpate.UsageError, match="is of procedure 'relaxation', not 'sweep-loads'; name its class"):
+        palpate.replay("log.pcapng", "another", palpate.LoadSweep)
     assert 0.02 < float(str(whole.result.values["relaxed"])) < 0.9
     loads = [point.load_N for point in whole.result.points]
     assert loads[-1] < loads[0] < 2.2
@@ -220,7 +225,11 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(s
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene=soft) as bench:
         palpate.run(Relaxation(), bench, out="cut", progress=stop)
     assert len(palpate.read("cut").points()) == 2
-    with pytest.raises(palpate.UsageError, match="'relaxation' cannot be resumed"):
+    with pytest.raises(
+        palpate.UsageError,
+        match=r"cut: 'relaxation' of relaxation.py cannot be resumed without its class: install its package, or give "
+        "the class to palpate.resume in a script; known: sweep-loads",
+    ):
         palpate.resume("cut")
     again = palpate.resume("cut", Relaxation)
     assert again.run.header["procedure_from"] == "relaxation.py"

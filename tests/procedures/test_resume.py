@@ -204,7 +204,7 @@ def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
     rehash(whole.folder, status="running")
     assert "leave this option out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
     rehash(whole.folder, header=lambda header: header.update(procedure="reproduce"))
-    assert "'reproduce' cannot be resumed; valid: sweep-loads" in palpate("runs", "resume", "whole").complaint
+    assert "'reproduce' cannot be resumed without its class: " in palpate("runs", "resume", "whole").complaint
     (whole.folder / HEAD_FILE).unlink()
     assert "salvage it with palpate runs repair" in palpate("runs", "resume", "whole").complaint
 
