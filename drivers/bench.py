@@ -184,7 +184,7 @@ class Bench(Fitted):
             for notice in device.notices():
                 self.incidents.note(notice)
         for link in self.links.values():
-            if isinstance(link, CanLink) and (errors := link.error_frames()):  # before the nodes' answers have come
+            if isinstance(link, CanLink) and (errors := link.error_frames()):  # this comes before the nodes are asked
                 self.incidents.note(f"{link.name}: {errors} error frames")
         for device in self.devices:
             if found := device.differences():

@@ -43,7 +43,7 @@ TCP_SECTIONS: dict[str, type[TcpAddress]] = {
     CHANGER: TcpAddress,
 }
 BITRATE = 1_000_000
-TIMEOUT: Any = "10 s"  # of wall time: long, because on a busy machine a simulated device answers late
+TIMEOUT: Any = "10 s"  # of wall time; it is long, because on a busy machine a simulated device answers late
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,7 +99,7 @@ class CanLink:
         self._description = bus
         self._lock = threading.Lock()
         self._network: canopen.Network | None = None
-        self._listener = _Listener({})  # of a bus that is not open, as that of an optional device that is left out
+        self._listener = _Listener({})  # until the bus is open; that of an absent optional device stays closed
         self._answers_due: set[canopen.RemoteNode] = set()
         self._taps: list[FrameTap] = []
 

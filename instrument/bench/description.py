@@ -52,7 +52,7 @@ class BenchDescription(Config):
     name: str
     design: str = "single"
     force_limit: Newtons = Field(default=10.0, gt=0)
-    watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)  # infinite, in the file "none": the exciter has none
+    watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)  # infinite ("none" in the file): the exciter has no watchdog
     # greatest force that a film's moving cable adds in step with the drive, as a share of the load; 0: unknown
     pickup: float = Field(default=0.0, ge=0, le=0.5, strict=True)
     signal_generator: TcpAddress | None = None
@@ -61,7 +61,7 @@ class BenchDescription(Config):
     strain_indicator: Indicator | None = None  # present, like the positioner, if there is a line
     positioner: RtuAddress | None = None
     can: CanBus | None = None
-    sample_changer: TcpAddress | None = None  # without one a person mounts the samples
+    sample_changer: TcpAddress | None = None  # None: a person mounts the samples
     link: dict[str, dict[str, Any]] | None = None
     device: dict[str, dict[str, Any]] | None = None
 

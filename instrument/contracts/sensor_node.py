@@ -16,7 +16,7 @@ SYNC_COB_ID = 0x80
 RANGES = {"5 V": 0, "500 mV": 1}
 RANGE_VOLTS = (5.0, 0.5)
 EMERGENCY = "emergency_cob_id"
-SILENT = 0x8000_0000  # bit of a COB-ID that says: not used
+SILENT = 0x8000_0000  # bit of a COB-ID that says that it is not used
 FULL_SCALE_COUNTS = 32768
 CLOCKS_APART = 0.0158
 

@@ -28,7 +28,7 @@ INTERVAL, AT_LEAST, AT_MOST, ANY = "interval", "at least", "at most", "any"
 # Greatest relative error of the modulus over that of the ratio. The column model reaches it at a ratio of 0.97: above
 # that, an error of 1 % of the ratio is an error of a third of the modulus.
 MOST_SENSITIVE = 30.0
-NEAR = 0.1  # relative distance to the ratio at an end of the curve; a flat part farther inside has two sides
+NEAR = 0.1  # relative distance within which a ratio counts as that at an end of the curve
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,7 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
             nodes, ratios = nodes[::-1], ratios[::-1]
         hit = (high >= ratios[0]) & (low <= ratios[-1])
         sides: list[tuple[Array, Literal["left", "right"]]] = [(low, "left"), (high, "right")]
-        for ends, side in sides[: 1 if low is high else 2]:  # a single ratio has one modulus here
+        for ends, side in sides[: 1 if low is high else 2]:  # on this part of the curve each ratio has one modulus
             modulus = _inverse(curve, nodes, ratios, np.clip(ends[hit], ratios[0], ratios[-1]), side)
             first[hit], last[hit] = np.minimum(first[hit], modulus), np.maximum(last[hit], modulus)
     soft, hard = (float(curve.polynomial(end)) for end in (curve.turns[0], curve.turns[-1]))
@@ -146,7 +146,7 @@ def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side
     """
     from scipy.optimize import elementwise
 
-    find_root: Callable[..., Any] = elementwise.find_root  # its stubs know no arguments
+    find_root: Callable[..., Any] = elementwise.find_root  # scipy's type stubs lack these arguments
     place = np.searchsorted(ratios, wanted, side=side) - 1
     start = np.clip(place, 0, len(nodes) - 2)
     found = find_root(lambda at, ratio: curve.polynomial(at) - ratio, (nodes[start], nodes[start + 1]), args=(wanted,))

@@ -15,7 +15,7 @@ from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.limits import require_nested
 from palpate.instrument.sensor.material import Material
 
-# First words of films' names: a film under a tooth, a film under a base.
+# The first words of films' names, for films under a tooth and under a base.
 FILM_KINDS = ("rigid", "total")
 OUTLINES = ("square", "round")
 SUPPORTS = ("elastic", "rigid")

@@ -23,7 +23,8 @@ from palpate.simulators.randomness import Stream
 TRIED, FEWER = 12, 3  # phases of the drive that are tried; fewer for a long record, in which a phase matters less
 LONG = 5000  # samples of a long record
 MORE = 2.0  # factor that allows for phases in between, and for other noise
-# Greatest difference that phases tell. Above it a film is next to nothing in some of them, and may be less in others.
+# Greatest difference that trying phases can show. Above it a film's signal nearly vanishes in some phases, and may be
+# smaller still in phases that were not tried.
 TOLD = 1.0
 
 

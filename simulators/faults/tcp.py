@@ -16,7 +16,7 @@ from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_
 from palpate.simulators.wire.relay import Listener
 
 TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # places in a frame
-HEADER = 6  # bytes up to the length, which does not count them
+HEADER = 6  # bytes up to the length field, which the field does not count
 
 
 class TcpFault(Fault):

@@ -16,7 +16,7 @@ from palpate.instrument.models.parameters import RoundParameters
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-POINTS = 5  # along a side of an element
+POINTS = 5  # number of points along a side of an element
 
 
 @dataclass(frozen=True, slots=True)

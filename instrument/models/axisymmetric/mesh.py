@@ -21,7 +21,7 @@ from palpate.instrument.sensor.film_material import FilmMaterial
 Array = NDArray[np.float64]
 
 GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
-SMOOTH = math.inf  # no corner at this end
+SMOOTH = math.inf  # value for an end without a corner
 
 
 @dataclass(frozen=True, slots=True)

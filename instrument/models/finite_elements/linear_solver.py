@@ -72,7 +72,7 @@ class SymmetricSolver:
         solution += self._solve(load - self.matrix @ solution)
         left = np.max(np.abs(load - self.matrix @ solution) * self._scale)
         size = self._norm * np.max(np.abs(solution / self._scale)) + np.max(np.abs(load * self._scale))
-        residual = float(left / size) if size != 0 else 0.0  # there is no load, as by a film without charge
+        residual = float(left / size) if size != 0 else 0.0  # the load is zero, as for a film without charge
         if not residual <= RESIDUAL_LIMIT:
             raise EstimateError(
                 f"residual {residual:.1e} of the stiffness system is above {RESIDUAL_LIMIT:g}: it is singular to "

@@ -21,7 +21,7 @@ def one_each(shares: int) -> Iterator[Each]:
     A share stays with its thread, because SuperLU gives memory back only in the thread that took it.
     """
     with ExitStack() as stack:
-        if shares > 1:  # BLAS' own threads, which spin while they wait, would take the cores
+        if shares > 1:  # the threads of BLAS spin while they wait, and would occupy the cores
             stack.enter_context(_blas().limit(limits=1, user_api="blas"))
         pools = [stack.enter_context(ThreadPoolExecutor(1)) for _ in range(shares - 1)]
 

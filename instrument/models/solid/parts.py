@@ -47,7 +47,7 @@ class Part:
         return total.reshape(*total.shape[:2], 3, body.height.local.shape[1], body.plan.local.shape[1])
 
 
-# A part below, and the displacements that both share.
+# The part below this one, and the displacements that both share.
 Join = tuple[Part, tuple[int, ...]]
 
 

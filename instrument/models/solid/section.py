@@ -21,7 +21,7 @@ from palpate.instrument.models.solid.system import Solved, System
 
 Vector = NDArray[np.float64]
 
-POINTS = np.linspace(0.0, 1.0, 5)  # along a side of an element
+POINTS = np.linspace(0.0, 1.0, 5)  # number of points along a side of an element
 GAUSS = (np.polynomial.legendre.leggauss(5)[0] + 1) / 2
 
 
