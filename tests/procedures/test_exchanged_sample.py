@@ -50,6 +50,6 @@ def test_a_sample_that_is_exchanged_between_two_points_ends_the_run_before_the_n
             sim.rig.mount(SAMPLES["2"])  # the right one lies there again, but it was away
 
     lab = Lab(bench, get_design("single"), THESIS_LOAD_CELL)
-    with Recorder.create(tmp_path / "run", HEADER) as record, pytest.raises(SampleError, match="exchanged . times"):
+    with Recorder.create(tmp_path / "run", HEADER) as record, pytest.raises(SampleError, match=r"exchanged . times"):
         conduct(procedure, lab, record, exchange)
     assert len(Run.open(tmp_path / "run").points()) == 1
