@@ -109,3 +109,5 @@ def tell_result(
             print_budgets(
                 (each if isinstance(each, Budget) else each.budget for each in budgets), bool(found["simulated"])
             )
+            if not budgets:
+                say("this procedure gives no uncertainty budget; its points and results have their uncertainties")

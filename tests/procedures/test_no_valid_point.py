@@ -11,6 +11,8 @@ import pytest
 from rich.table import Table
 
 from palpate.instrument.errors import EstimateError
+from palpate.procedures.commands.options import Output
+from palpate.procedures.commands.procedures import tell_result
 from palpate.procedures.engine.procedure import SimpleResult
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.steps import agreement, flags
@@ -93,6 +95,14 @@ def test_a_mark_is_explained_below_the_table_in_which_it_stands_and_no_other(mar
     clean.add_row("1", "2", "yes")
     assert legend(table) == [f"{mark:<14} {MARKS[mark]}"]
     assert legend(clean) == []
+
+
+def test_a_result_without_a_budget_says_so_where_one_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    said = []
+    for asked in (True, False):
+        tell_result(Output(as_json=False, quiet=False, budgets=asked), {"simulated": True}, lambda: None)
+        said.append(capsys.readouterr().out)
+    assert said == ["this procedure gives no uncertainty budget; its points and results have their uncertainties\n", ""]
 
 
 def test_json_has_budgets_where_they_are_asked_for(palpate: Palpate) -> None:
