@@ -34,15 +34,16 @@ class Bench(Fitted):
     """All devices of a bench, as a context manager.
 
     On entry every device is opened and identified, the exciter first, and the outputs go to zero. On every way out,
-    also by SIGINT, SIGTERM and SIGHUP, they go to zero again. If that fails, or the program is killed, the exciter's
-    watchdog switches the output off, if it has one.
+    also by SIGINT, SIGTERM and SIGHUP, they go to zero again, and a chamber that has warmed the sensor is switched off.
+    If that fails, or the program is killed, the exciter's watchdog switches the output off, if it has one.
     """
 
     def __init__(self, description: BenchDescription, clock: BenchClock, operator: Operator) -> None:
         """Raises ConfigError: the driver of a listed device cannot be loaded, or does not fit its role."""
         super().__init__(description, clock)
         self.force_limit = description.force_limit
-        self.operator: Operator = Hands(operator, self)
+        self._hands = Hands(operator, self)
+        self.operator: Operator = self._hands
         self.incidents = Incidents(self.clock)
         self.attended = False
         self.waits: Callable[[str], object] = lambda _why: None  # called with the reason before a wait for others
@@ -225,13 +226,16 @@ class Bench(Fitted):
             device.broken = ""
         with held(ENDINGS):
             failures = self._switch_off()
+            chamber_failure = self._hands.chamber_off()
         self._safe = not failures
+        messages = [chamber_failure] if chamber_failure else []
         if failures:
             watchdog = f"The watchdog drops the output within {self.description.watchdog:g} s; check by eye"
             remedy = watchdog if self._guard else "It has no watchdog: switch it off by hand, now"
-            message = f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}"
-            if error is None:
-                raise BenchError(message)
+            messages.insert(0, f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}")
+        if messages and error is None:
+            raise BenchError("\n".join(messages))
+        for message in messages if error is not None else ():
             error.add_note(message)
 
     def _switch_off(self) -> list[str]:

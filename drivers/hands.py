@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from palpate.drivers.fitted import Fitted
 from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger
 from palpate.instrument.bench.operator import Operator
@@ -16,6 +18,7 @@ class Hands:
 
     def __init__(self, person: Operator, bench: Fitted) -> None:
         self._person, self._bench = person, bench
+        self._warmed: Any = None  # the chamber, once it was told to warm
         self.place_weight = person.place_weight
         self.turn_load_cell = person.turn_load_cell
 
@@ -37,8 +40,22 @@ class Hands:
         (self._bench.maybe(ProbeStage) or self._person).place_probe(x, y)
 
     def set_temperature(self, kelvin: float) -> None:
-        chamber = self._bench.maybe(Chamber)
-        (chamber.warm if chamber else self._person.set_temperature)(kelvin)
+        if chamber := self._bench.maybe(Chamber):
+            self._warmed = chamber
+            chamber.warm(kelvin)
+        else:
+            self._person.set_temperature(kelvin)
+
+    def chamber_off(self) -> str:
+        """Switch off a chamber that has warmed the sensor; returns a message if that fails, else an empty text."""
+        if self._warmed is None:
+            return ""
+        try:
+            self._warmed.broken = ""
+            self._warmed.off()
+        except Exception as failure:  # also a defect of its driver: the end of the bench goes on
+            return f"{self._warmed.name} could not be switched off: {failure}; switch it off by hand, now"
+        return ""
 
     def _free_changer(self) -> None:
         if changer := self._bench.maybe(SampleChanger):

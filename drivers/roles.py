@@ -108,6 +108,9 @@ class Chamber(Protocol):
     def warm(self, kelvin: float) -> None:
         """Make the surroundings this much warmer than at the start [K], and wait until they are."""
 
+    def off(self) -> None:
+        """Stop heating and cooling, and do not wait. A bench that has warmed the sensor calls this when it ends."""
+
 
 class SampleChanger(Protocol):
     """Puts samples under the probe, by their names."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import Exciter, LoadIndicator, SensorNode
-from palpate.instrument.errors import SafetyError
+from palpate.instrument.errors import BenchError, SafetyError
 from palpate.procedures.logs.shown import read_log
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.testing.traffic import Traffic
@@ -164,3 +165,43 @@ def test_a_load_cell_is_calibrated_with_an_indicator_whose_settings_the_certific
     certificate = (tmp_path / "run" / "certificate.md").read_text(encoding="utf-8")
     assert "SIM-FG-0001" in certificate
     assert "full scale" not in certificate  # which is a setting of the strain indicator
+
+
+class Hot(Exception):
+    """A failure while the oven heats."""
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_chamber_that_was_heated_is_off_at_the_end_also_after_a_failure(ideal: Scene, fails: bool) -> None:
+    with installed("oven"), SimulatedBench(ideal.with_devices({"oven": {"kind": "acme-oven"}})) as sim:
+        oven = sim.devices["oven"]
+        bench = Bench(sim.description, sim.clock, sim.operator)
+        with pytest.raises(Hot) if fails else nullcontext(), bench:
+            bench.operator.set_temperature(15.0)
+            assert oven.settings["heater"]
+            if fails:
+                raise Hot
+        assert not oven.settings["heater"]
+
+
+def test_a_chamber_that_a_person_heats_is_left_alone(ideal: Scene) -> None:
+    with installed("oven"), SimulatedBench(ideal.with_devices({"oven": {"kind": "acme-oven"}})) as sim:
+        oven = sim.devices["oven"]
+        oven.settings["heater"] = 1
+        with Bench(sim.description, sim.clock, sim.operator):
+            pass
+        assert oven.settings["heater"]
+
+
+def test_a_chamber_that_cannot_be_switched_off_is_named(ideal: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    def off() -> None:
+        raise ZeroDivisionError("a defect of its driver")
+
+    with installed("oven"), SimulatedBench(ideal.with_devices({"oven": {"kind": "acme-oven"}})) as sim:
+        bench = Bench(sim.description, sim.clock, sim.operator)
+        with (
+            pytest.raises(BenchError, match=r"^oven .*could not be switched off: a defect of its driver; .* by hand"),
+            bench,
+        ):
+            monkeypatch.setattr(bench.device("oven"), "off", off)
+            bench.operator.set_temperature(15.0)
