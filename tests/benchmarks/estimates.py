@@ -92,7 +92,7 @@ def tried(number: int) -> Tried:
 
 
 def _disc(number: int) -> SolidParameters:
-    """Of films that are the same in every direction, as the round model has them."""
+    """A random sensor whose films are the same in every direction, as in the round model."""
     return replace(solid_sensors(1, 0, 0, SEED + number)[0], film=PVDF.round())
 
 

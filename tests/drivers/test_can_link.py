@@ -138,7 +138,7 @@ def test_on_a_bus_without_echoes_each_frame_that_comes_is_another_s() -> None:
 
 @pytest.fixture
 def link(monkeypatch: pytest.MonkeyPatch) -> Iterator[CanLink]:
-    """Not open yet."""
+    """A link that is not open yet."""
     monkeypatch.setattr(can, "Bus", Bus)
     monkeypatch.setattr(canopen.Network, "connect", lambda _network: None)
     monkeypatch.setattr(canopen.Network, "disconnect", lambda _network: None)

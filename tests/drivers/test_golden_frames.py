@@ -76,7 +76,7 @@ def read_exchange(field: Field, golden: dict[str, Any]) -> tuple[bytes, bytes]:
 
 @pytest.fixture
 def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
-    """With every device that a bench may have."""
+    """A bench with every device that it may have."""
     with SimulatedBench(scene, samples=[get_sample("3")]) as simulated:
         yield simulated
 

@@ -243,7 +243,7 @@ def test_what_comes_after_a_bench_is_closed_is_not_told_to_its_record(sim: Simul
 def test_an_amplifier_is_given_up_only_when_all_outputs_are_off(
     safe: bool, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where one cannot be switched off, the watchdog has to: it needs an owner that falls silent."""
+    """If an output cannot be switched off, the watchdog must do it, for which the owner must fall silent."""
     bench = open_bench(sim)
     bench.__enter__()
     drive(bench)

@@ -29,7 +29,7 @@ SHIFT = 3e-4
 
 @pytest.fixture(scope="module")
 def built() -> ResponseSurface:
-    """As it comes with palpate."""
+    """The surface that comes with palpate."""
     return surface.find(ROUND, LOAD)
 
 

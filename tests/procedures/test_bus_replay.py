@@ -57,7 +57,7 @@ def test_a_run_without_an_optional_device_is_replayed_without_it(
 def test_a_replay_of_a_noisy_bench_that_failed_once_has_the_same_points_and_incidents(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Over TCP, the line and CAN, whose transfers take their time here; once the generator does not answer."""
+    """Transfers over TCP, the line and CAN take their time here, and once the generator does not answer."""
     scene = Path(session.__file__).parents[2] / "simulators" / "scenes" / "noisy_lab.toml"
     fault = '\n[[fault]]\nkind = "no_reply"\non = "signal_generator"\ntransaction = 12\n'
     Path("faulty.toml").write_text(scene.read_text() + fault)

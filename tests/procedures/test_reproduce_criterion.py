@@ -37,7 +37,7 @@ def table(*rows: Row, number: str = "5.5", again: bool = False) -> RowTable:
 
 
 def rows(count: int, outside: int, evidence: Evidence) -> list[Row]:
-    """Of one row each load, those outside off to both sides."""
+    """One row for each load; those outside are off to both sides."""
     off = [0.3 * (-1) ** n if n < outside else 0.0 for n in range(count)]
     return [replace(row(1.0, 1.0 + o, 0.1, evidence=evidence), row=str(n)) for n, o in enumerate(off)]
 

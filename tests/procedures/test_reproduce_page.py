@@ -329,7 +329,7 @@ def test_a_curve_says_whether_it_was_fitted_to_the_marks_beside_it(whole: Whole)
     assert "Ours, fitted: 3D, ring 24 kPa by the identified set; 2D, ring 24 kPa by the beam." in whole.caption(
         "Figure 4.15"
     )
-    # Beside experiments none is fitted, whatever it was fitted to among the theories.
+    # No curve beside experiments is fitted, whatever it was fitted to among the theories.
     for figure in WITH_THEORIES:
         (axes,) = whole.panels(figure.number)
         curves = [

@@ -288,7 +288,7 @@ def test_the_same_scene_and_seed_give_the_same_faults_byte_for_byte(scene: Scene
 
 
 def test_on_a_bench_without_faults_nothing_stands_in_between(sim: SimulatedBench) -> None:
-    """So a transaction costs what it cost before there were faults."""
+    """A transaction therefore costs what it would cost if there were no faults at all."""
     for device in (sim.generator, sim.amplifier, sim.indicator, sim.positioner, *sim.nodes):
         assert not {"read", "write", "requested", "sample"} & vars(device).keys()
     assert "send" not in vars(sim.can._bus)
