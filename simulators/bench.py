@@ -16,6 +16,7 @@ from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.bench.usual import CAN, LINE, Amplifier, CanBus, Indicator, RtuAddress, TcpAddress
 from palpate.instrument.config import check
+from palpate.instrument.errors import BenchError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import SERIAL, CanSegment
@@ -122,7 +123,10 @@ class SimulatedBench:
             self.can.add(self.devices[name])
 
     def _find(self, role: Role) -> Any:
-        return next(self.devices[name] for name, kind in self._kinds.items() if role in kind.roles)
+        for name, kind in self._kinds.items():
+            if role in kind.roles:
+                return self.devices[name]
+        raise BenchError(f"the simulated bench has no {role}; list a device of such a kind in the scene")
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:

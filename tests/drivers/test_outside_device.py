@@ -16,6 +16,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.roles import Chamber, Positioner
 from palpate.instrument import additions as modules
+from palpate.instrument.additions import load
 from palpate.instrument.bench import kinds
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
@@ -26,6 +27,7 @@ from palpate.procedures.logs.shown import read_log
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.device import Place
 
 OVEN = Path(__file__).parents[1] / "examples" / "oven"
 ENTRY = EntryPoint("acme-oven", "acme_oven:KIND", kinds.GROUP)
@@ -111,6 +113,19 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
                 bench.device("oven")
             bench.operator.set_temperature(12.5)
             person.set_temperature.assert_called_once_with(12.5)
+
+
+def test_a_simulated_device_that_looks_for_a_role_that_nobody_fills_is_told_so(
+    with_oven: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places: list[Place] = []
+    oven = load(with_oven.devices[0].kind.simulator or "", "oven")
+    made = oven.at
+    monkeypatch.setattr(oven, "at", lambda place: (places.append(place), made(place))[1])
+    with SimulatedBench(with_oven) as sim:
+        assert places[0].find("chamber") is sim.devices["oven"]
+        with pytest.raises(BenchError, match="the simulated bench has no probe_stage; list a device"):
+            places[0].find("probe_stage")
 
 
 def test_a_can_bus_whose_devices_are_all_optional_may_be_absent(scene: Scene) -> None:
