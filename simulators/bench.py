@@ -123,8 +123,9 @@ class SimulatedBench:
             self.can.add(self.devices[name])
 
     def _find(self, role: Role) -> Any:
-        for name, kind in self._kinds.items():
-            if role in kind.roles:
+        given = [guest.name for guest in self.scene.devices if guest.table.get("role") == role]
+        for name in (*given, *self._kinds):
+            if role in self._kinds[name].roles:
                 return self.devices[name]
         raise BenchError(f"the simulated bench has no {role}; list a device of such a kind in the scene")
 

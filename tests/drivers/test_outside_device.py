@@ -115,9 +115,12 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
             person.set_temperature.assert_called_once_with(12.5)
 
 
-def test_a_simulated_device_that_looks_for_a_role_that_nobody_fills_is_told_so(
+def test_a_simulated_device_finds_the_one_that_the_scene_gives_a_role_and_is_told_where_nobody_fills_it(
     with_oven: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    with_oven = with_oven.with_devices(
+        {"spare": {"kind": "acme-oven"}, "oven": {"kind": "acme-oven", "role": "chamber"}}
+    )
     places: list[Place] = []
     oven = load(with_oven.devices[0].kind.simulator or "", "oven")
     made = oven.at
