@@ -34,9 +34,49 @@ noise = "0.3 mV"
 decimals = 2
 """
 SIGNATURES = {
+    "Characterisation": "sample loads dwell frequency drift_time",
+    "DynamicLoadWork": "lab record loads frequency samples extrapolate",
+    "FilmCalibration": (
+        "accepted design films covariance crosstalk crosstalk_u frequencies_Hz gain least_N greatest_N "
+        "load_cell load_cell_degrees_of_freedom device simulated source created expires"
+    ),
+    "FilmSeries": "loads frequencies dwell valid_days extrapolate",
+    "Finished": "procedure result session outcome",
+    "FrequencySweep": "frequencies sample load dwell extrapolate",
+    "Lab": "bench design calibration films run started",
+    "Load": "force sensed interface at",
+    "LoadCellCalibration": (
+        "accepted sensitivity_mV_per_N sensitivity_u zero_mV zero_u covariance degrees_of_freedom least_N "
+        "greatest_N linearity reversibility reversibility_of_reading repeatability reproducibility "
+        "interpolation zero_return creep resolution_mV scatter_mV lower_limit_factor_N astm_e74 iso_376 "
+        "gage_factor device simulated source created expires curvature"
+    ),
+    "LoadCellSeries": "loads runs positions degree creep valid_days",
+    "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
+    "Measurement": "point waveforms error",
+    "ModulusTest": "sample strain steps extrapolate",
+    "OpenBench": "bench chosen today started wall_start log runs",
+    "Plan": "procedure steps",
+    "PositionSweep": "positions sample load dwell frequency extrapolate",
+    "Procedure": "",
+    "Recorder": "folder header",
+    "Report": "show draw",
+    "RequiredLoads": "values extrapolate",
+    "Response": "model force_rigid force_total force_ratio error_estimate tooth_forces films stiffness why",
+    "Run": "folder procedure simulated started status header summary hashed",
+    "Setting": "unit help read",
+    "SimpleResult": "points values budgets",
+    "SoftnessTest": "objects loads dwell frequency model",
+    "StaticLoadWork": "lab sample force",
+    "Step": "dwell_s seconds force_ratio_u what group",
+    "Target": "design force_limit nodes model",
+    "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
+    "Work": "args kwargs",
+    "as_dataset": "run",
+    "get_design": "name",
+    "get_sample": "name",
     "open_bench": "scene bench seed model log operator assume_mounted",
     "plan": "procedure bench",
-    "as_dataset": "run",
     "read": "folder",
     "read_calibration": "path",
     "read_film_calibration": "path",
@@ -44,27 +84,45 @@ SIGNATURES = {
     "response": "design load model tolerance",
     "resume": "run kind bench accept_change progress pause",
     "run": "procedure bench out progress pause",
-    "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
-    "LoadCellSeries": "loads runs positions degree creep valid_days",
-    "FilmSeries": "loads frequencies dwell valid_days extrapolate",
-    "ModulusTest": "sample strain steps extrapolate",
-    "PositionSweep": "positions sample load dwell frequency extrapolate",
-    "Setting": "unit help read",
-    "Characterisation": "sample loads dwell frequency drift_time",
-    "SoftnessTest": "objects loads dwell frequency model",
     "unknown_object": "design thickness modulus name",
-    "Measurement": "point waveforms error",
-    "Step": "dwell_s seconds force_ratio_u what group",
-    "Lab": "bench design calibration films run started",
 }
+ERRORS = "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName UsageError"
+MEMBERS = {  # what a script or a class of its own uses
+    "DynamicLoadWork": "end held hold measured press set",
+    "Finished": "folder outcome plot procedure replayed result run session",
+    "Lab": "bench calibration design films run started target",
+    "OpenBench": "bench chosen lab log runs scene started target today wall_start",
+    "Plan": "procedure seconds steps summary",
+    "Procedure": (
+        "automated_by begin calibrating check check_result constants evaluate manual_work name "
+        "newer_settings pausable plan point recorded report required_loads resumable_on_real_bench "
+        "save_calibration"
+    ),
+    "Recorder": "close create event finish finished point points",
+    "Run": (
+        "digest events folder hashed header open points procedure simulated started status summary table "
+        "waveform waveform_names waveforms"
+    ),
+    "StaticLoadWork": "arrange end load",
+    "Target": "design force_limit model nodes",
+    "Work": "arrange end take",
+}
+
+
+def members(public: type) -> set[str]:
+    """Names of a class and of those of palpate that it inherits from, without those that begin with an underscore."""
+    ours = [each for each in public.__mro__ if each.__module__.startswith("palpate.")]
+    return {name for each in ours for name in (*vars(each), *vars(each).get("__annotations__", ())) if name[0] != "_"}
 
 
 def test_the_public_names_and_their_parameters_stay() -> None:
     for name in palpate.__all__:
         assert getattr(palpate, name).__name__ == name
     assert sorted(palpate.__all__) == sorted(" ".join(palpate._PLACES.values()).split())
+    assert sorted(palpate.__all__) == sorted((*SIGNATURES, *ERRORS.split()))
     found = {name: " ".join(inspect.signature(getattr(palpate, name)).parameters) for name in SIGNATURES}
     assert found == SIGNATURES
+    assert {name: " ".join(sorted(members(getattr(palpate, name)))) for name in MEMBERS} == MEMBERS
     with pytest.raises(AttributeError, match="has no attribute 'open_bank'"):
         palpate.open_bank  # noqa: B018
 
