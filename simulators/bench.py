@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order
 CHANGER = "sample_changer"
+NAMED = "simulated bench"  # the name of every simulated bench begins so
 TCP_SECTIONS: dict[str, type[TcpAddress]] = {
     "signal_generator": TcpAddress,
     "shaker_amplifier": Amplifier,
@@ -162,7 +163,7 @@ class SimulatedBench:
             if name in ports
         }
         sections = {
-            "name": f"simulated bench, scene {scene.name}",
+            "name": f"{NAMED}, scene {scene.name}",
             "design": scene.design.name,
             "pickup": scene.pickup,
             **tcp,
