@@ -47,6 +47,7 @@ A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 5e-5, 3e-8, 5e-9
 CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing function", "transitions"
 
 
+UNITS = {"load": "N", "frequency": "Hz", "dwell": "s"}
 FREQUENCIES, DWELLS = (1e-6, 1e6), (1e-6, 1e9)  # limits in Hz and s; beyond them numbers overflow or vanish
 
 
@@ -73,7 +74,8 @@ class Question:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, float) and not (0 < value < math.inf):
-                raise RangeError(f"{item.name} {value:g} of a question is not above 0 and finite; give a positive one")
+                unit = UNITS[item.name]
+                raise RangeError(f"{item.name} {value:g} {unit} is not above 0 and finite; give a positive one")
         for value, unit, limits in ((self.frequency, "Hz", FREQUENCIES), (self.dwell, "s", DWELLS)):
             if not limits[0] <= value <= limits[1]:
                 raise RangeError(f"{value:g} {unit} is outside {limits[0]:g} to {limits[1]:g} {unit}; give one inside")
@@ -233,7 +235,7 @@ def moves(rig: Rig, until_ns: int) -> list[set[str]]:
 def path_of(found: list[set[str]], steady: bool) -> tuple[str, str]:
     """Path of a scene with these transitions, and the reason."""
     if not found:
-        return CLOSED_FORM, "every limit carries a certificate that it stays inactive"
+        return CLOSED_FORM, "it is proven for each limit of the bench that the drive does not reach it"
     moved = set[str]().union(*found)
     if steady and moved == {"drag"}:
         return DESCRIBING_FUNCTION, "play operators move on a sine, outside any loop; no limit acts"
