@@ -62,7 +62,8 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         """
         names = [each.name for each in self.objects]
         if not names or len(set(names)) < len(names):
-            raise RangeError(f"objects {names}: give at least one, and each only once")
+            told = f"'{', '.join(names)}'"
+            raise RangeError(f"objects {told}: give at least one, and each only once")
         if len({each.thickness for each in self.objects}) > 1:
             raise RangeError(
                 "the objects have different thicknesses, each of which needs its own ratio curve; measure them in "
