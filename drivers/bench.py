@@ -92,6 +92,7 @@ class Bench(Fitted):
                 self._exciter.quiet()
             for device in self.devices:
                 device.set_up(self.named(device).settings, self.description.watchdog)
+            stack.push(self._switch_chamber_off)
             self._stack = stack.pop_all()
         self.is_open = True
         return self
@@ -226,20 +227,31 @@ class Bench(Fitted):
             device.broken = ""
         with held(ENDINGS):
             failures = self._switch_off()
-            chamber_failure = self._hands.chamber_off()
         self._safe = not failures
-        messages = [chamber_failure] if chamber_failure else []
         if failures:
             watchdog = f"The watchdog drops the output within {self.description.watchdog:g} s; check by eye"
             remedy = watchdog if self._guard else "It has no watchdog: switch it off by hand, now"
-            messages.insert(0, f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}")
-        if messages and error is None:
-            raise BenchError("\n".join(messages))
-        for message in messages if error is not None else ():
-            error.add_note(message)
+            _tell(f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}", error)
+
+    def _switch_chamber_off(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Switch off a chamber that has warmed the sensor, after the outputs and before its link is closed."""
+        if self._hands.has_warmed:
+            self.clock.watching = False
+            with held(ENDINGS):
+                self._switch_off()  # `_make_safe` does it again, and tells what failed
+                failure = self._hands.chamber_off()
+            if failure:
+                _tell(failure, error)
 
     def _switch_off(self) -> list[str]:
         return self._exciter.switch_off() if self._exciter else []
+
+
+def _tell(message: str, error: BaseException | None) -> None:
+    """Raise a message about the end of a bench, or add it to the error that ends the bench. Raises BenchError."""
+    if error is None:
+        raise BenchError(message)
+    error.add_note(message)
 
 
 def _terminate(number: int, _frame: FrameType | None) -> None:

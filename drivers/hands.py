@@ -46,10 +46,13 @@ class Hands:
         else:
             self._person.set_temperature(kelvin)
 
+    @property
+    def has_warmed(self) -> bool:
+        """Whether a chamber was told to warm the sensor."""
+        return self._warmed is not None
+
     def chamber_off(self) -> str:
-        """Switch off a chamber that has warmed the sensor; returns a message if that fails, else an empty text."""
-        if self._warmed is None:
-            return ""
+        """Switch off the chamber that has warmed the sensor; returns a message if that fails, else an empty text."""
         try:
             self._warmed.broken = ""
             self._warmed.off()
