@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -15,9 +14,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.roles import Chamber, Positioner
-from palpate.instrument import additions as modules
 from palpate.instrument.additions import load
-from palpate.instrument.bench import kinds
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
 from palpate.instrument.contracts import contracts_digest
@@ -28,29 +25,22 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import Place
-
-OVEN = Path(__file__).parents[1] / "examples" / "oven"
-ENTRY = EntryPoint("acme-oven", "acme_oven:KIND", kinds.GROUP)
+from tests.drivers.outside import EXAMPLES, installed
 
 
 @pytest.fixture
-def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[EntryPoint]]:
-    """The oven, as if its package were installed."""
-    entries = [ENTRY]
-    monkeypatch.syspath_prepend(str(OVEN))
-    monkeypatch.setattr(modules, "entry_points", lambda group: entries)
-    modules.additions.cache_clear()
-    yield entries
-    modules.additions.cache_clear()
+def oven() -> Iterator[None]:
+    with installed("oven"):
+        yield
 
 
 @pytest.fixture
-def with_oven(installed: list[EntryPoint], scene: Scene) -> Scene:
+def with_oven(oven: None, scene: Scene) -> Scene:
     return scene.with_devices({"oven": {"kind": "acme-oven"}})
 
 
 def test_the_oven_takes_at_most_sixty_lines() -> None:
-    assert len((OVEN / "acme_oven.py").read_text(encoding="utf-8").splitlines()) <= 60
+    assert len((EXAMPLES / "oven" / "acme_oven.py").read_text(encoding="utf-8").splitlines()) <= 60
 
 
 def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_registers(
@@ -160,7 +150,7 @@ def test_a_wrong_section_is_named_with_key_and_remedy(section: str, with_oven: S
     assert str(caught.value).startswith(f"bench.toml: {WRONG[section]}")
 
 
-def test_two_that_could_fill_a_role_need_a_word_of_who_does(installed: list[EntryPoint], scene: Scene) -> None:
+def test_two_that_could_fill_a_role_need_a_word_of_who_does(oven: None, scene: Scene) -> None:
     two = {"one": {"kind": "acme-oven"}, "two": {"kind": "acme-oven"}}
     with pytest.raises(ConfigError, match='one and two can each be the chamber; write role = "chamber" below one'):
         SimulatedBench(scene.with_devices(two)).__enter__()

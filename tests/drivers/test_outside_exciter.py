@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +23,7 @@ from palpate.simulators.faults.places import places
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused
+from tests.drivers.benches import off_the_main_thread
 from tests.drivers.outside import installed
 from tests.drivers.test_bench_ends import ENDING, REQUESTS, Failure
 
@@ -204,9 +204,7 @@ def test_off_the_main_thread_it_is_off_too(sim: SimulatedBench) -> None:
             drive(bench)
             raise Failure
 
-    thread = threading.Thread(target=use)
-    thread.start()
-    thread.join()
+    off_the_main_thread(use)
     assert output(sim) == OFF
 
 
