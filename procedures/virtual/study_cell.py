@@ -19,6 +19,7 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.software import packages_of
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
@@ -79,6 +80,16 @@ class Sweep:
         ratio = scene.answer(sample).force_ratio
         points = self._closed_form(scene, sample) if self.how == CLOSED_FORM else _on_a_bench(scene, sweep)
         return [{**point, "model_force_ratio": ratio, "scene_seed": scene.seed} for point in points]
+
+    def packages(self, study: Study) -> dict[str, str]:
+        """Versions of the installed packages that devices, designs and effects of the study come from."""
+        files = self.scenes.values()
+        named = study.axes.get("design", [])
+        assert not isinstance(named, Span)
+        kinds = {str(table["kind"]) for file in files for table in (file.device or {}).values()}
+        designs = {file.design for file in files} | set(map(str, named))
+        varied = {name.split(".")[1] for name in study.axes if name.startswith(EFFECTS)}
+        return packages_of(kinds, designs, varied.union(*(file.effects for file in files)))
 
     def _scene(self, cell: Mapping[str, Value]) -> Scene:
         file = self.scenes[str(cell["scene"])]
