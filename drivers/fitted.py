@@ -79,7 +79,7 @@ class Fitted:
             raise UnknownName("device of this bench", name, self._devices)
         return self._devices[name]
 
-    def named(self, device: Device) -> Listed:
+    def named(self, device: object) -> Listed:
         """The entry of a device in the bench file."""
         return next(self._listed[name] for name, each in self._devices.items() if each is device)
 

@@ -78,7 +78,7 @@ class Positioner(Protocol):
 
 
 class SensorNode(Protocol):
-    """Samples up to four films, on channels 1 to 4.
+    """Samples films on its channels, from 1 to the `channels` of its `DeviceKind`.
 
     Attributes:
         serial: its serial number; film calibrations are stored by that of the first node.

@@ -18,6 +18,7 @@ from palpate.instrument.additions import addition, additions, load_addition, unu
 from palpate.instrument.config import Config
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Amperes, Volts
 
@@ -45,6 +46,7 @@ class DeviceKind:
         simulator: "module:Class" of its simulator; None: simulated benches cannot have it.
         settings: keys of its section in a bench file, in addition to its address.
         roles: roles in which procedures can use it; see `palpate.drivers.roles`.
+        channels: number of its channels, if it is a sensor node.
     """
 
     contract: Contract
@@ -53,6 +55,7 @@ class DeviceKind:
     simulator: str | None = None
     settings: type[Config] = NoSettings
     roles: tuple[Role, ...] = ()
+    channels: int = CHANNELS
 
     @property
     def name(self) -> str:

@@ -9,6 +9,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
 
 
@@ -21,12 +22,14 @@ class Target:
         force_limit: force limit, peak to peak [N].
         nodes: number of sensor nodes.
         model: sensor model of a simulated bench; None: the bench may be real.
+        channels: number of channels of each node.
     """
 
     design: Design
     force_limit: float
     nodes: int
     model: str | None = None
+    channels: int = CHANNELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,4 +55,6 @@ class Lab:
     @property
     def target(self) -> Target:
         """The limits against which procedures check their settings."""
-        return Target(self.design, self.bench.force_limit, len(self.bench.all(SensorNode)))
+        nodes = self.bench.all(SensorNode)
+        channels = self.bench.named(nodes[0]).kind.channels if nodes else CHANNELS
+        return Target(self.design, self.bench.force_limit, len(nodes), channels=channels)

@@ -17,6 +17,7 @@ from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
@@ -62,7 +63,9 @@ class Chosen:
         """What is known of the bench before it is opened. Raises ConfigError, UnknownName."""
         if self.description is not None:
             design = get_design(self.description.design).with_pickup(self.description.pickup)
-            return Target(design, self.description.force_limit, len(self.description.filling("sensor_node")))
+            nodes = self.description.filling("sensor_node")
+            channels = nodes[0].kind.channels if nodes else CHANNELS
+            return Target(design, self.description.force_limit, len(nodes), channels=channels)
         assert self.scene is not None
         design = self.scene.design.with_pickup(self.scene.pickup)
         force_limit = BenchDescription.model_fields["force_limit"].default

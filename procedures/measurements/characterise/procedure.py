@@ -69,7 +69,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
             UnknownName: there is no such sample.
         """
         get_sample(self.sample)
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         if len(self.loads) < LEAST_LOADS:
             raise RangeError(f"{len(self.loads)} loads do not give a line with its scatter; give {LEAST_LOADS} or more")
         check_force(self.loads, target.force_limit)

@@ -68,7 +68,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
                 outside its limits, frequencies repeat, the validity is outside its limits, or the bench has too few
                 sensor nodes.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         if len(self.loads) < FEWEST:
             raise RangeError(f"{len(self.loads)} loads cannot show linearity and scatter; use at least {FEWEST}")
         check_force(self.loads, target.force_limit)

@@ -80,7 +80,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
                 them, the load exceeds the force limit, the dwell is not finite, or the bench has too few sensor nodes.
             UnknownName: there is no such sample.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         get_sample(self.sample)
         check_force((self.load,), target.force_limit)
         check_end(self.dwell)

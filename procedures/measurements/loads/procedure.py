@@ -66,7 +66,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
                 the tolerance, or the bench has too few sensor nodes.
             UnknownName: there is no such sample.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         for sample in self.samples:
             get_sample(sample)
         if len(set(self.samples)) < len(self.samples):

@@ -67,7 +67,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
                 the force limit in N, a frequency or dwell that gives no estimate, or too few sensor nodes.
             UnknownName: an unknown sample.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         sample = get_sample(self.sample)
         if len(self.positions) < FEWEST:
             raise RangeError(f"{len(self.positions)} positions are too few for a sweep; give {FEWEST} or more")

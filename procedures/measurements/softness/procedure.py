@@ -69,7 +69,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
                 "the objects have different thicknesses, each of which needs its own ratio curve; measure them in "
                 "separate runs"
             )
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
         check_frequency(self.frequency)

@@ -90,7 +90,7 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
                 bench has too few sensor nodes.
             UnknownName: there is no such sample.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         get_sample(self.sample)
         changes = steps_of(self.temperatures)
         if len(set(changes)) < FEWEST or len(changes) > MOST:
