@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from io import BytesIO, StringIO, TextIOWrapper
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import RunSummary
+from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.runs import print_run, print_runs
 from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all
 from tests.procedures.conftest import HEADER, Palpate
@@ -130,6 +132,16 @@ def test_the_plot_of_a_calibration_shows_the_deviation_from_the_line(figures: li
     (deviations,) = (line for line in right.lines if line.get_label() == "loading")
     for load, reading, deviation in zip(*readings.get_data(), deviations.get_ydata(), strict=True):
         assert deviation == pytest.approx(reading - THESIS_LOAD_CELL.reading(load))
+
+
+def test_a_plot_that_is_slow_to_place_its_legend_gives_no_warning(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    figure, (ax,) = new_figure(False, 1, "slow")
+    ax.plot([0, 1], label="line")
+    ax.legend()
+    monkeypatch.setattr("matplotlib.legend.time.perf_counter", count(0.0, 2.0).__next__)  # s; above 1 s it would warn
+    assert save(figure, tmp_path).is_file()
 
 
 def test_a_plot_that_cannot_be_written_is_a_record_error(tmp_path: Path) -> None:
