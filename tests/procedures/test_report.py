@@ -28,7 +28,7 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import RunSummary
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.runs import print_run, print_runs
-from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all
+from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all, stamped
 from tests.procedures.conftest import HEADER, Palpate
 
 DESIGN = get_design("single")
@@ -239,6 +239,18 @@ def test_a_table_that_is_wider_than_the_terminal_loses_no_figure(capsys: pytest.
     text = capsys.readouterr().out
     assert [text.count(figure) for figure in figures] == [2] * len(figures)
     assert text.endswith("\nafter it\n")
+
+
+def test_a_title_that_is_longer_than_its_table_stands_on_one_line(
+    capsys: pytest.CaptureFixture[str], palpate: Palpate
+) -> None:
+    table = new_table(stamped(True, "a title of many more words than its only column is wide"), "N")
+    table.add_row("1")
+    print_all(table)
+    assert capsys.readouterr().out.startswith(f"{STAMP} a title of many more words than its only column is wide\n")
+    assert (
+        "\nleft out, and the most that it could change (* above 0.0001)\n" in palpate("scene", "explain", "ideal").out
+    )
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
