@@ -16,7 +16,7 @@ from palpate.procedures.engine.returned import calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.lab.open import Chosen, OpenBench, opened
+from palpate.procedures.lab.open import Chosen, OpenBench, one_run, opened
 from palpate.procedures.lab.session import places, recording
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.resumed import Resumed
@@ -117,17 +117,20 @@ def record_run(
     resumed: Resumed | None = None,
 ) -> Finished[R]:
     """Carry out a procedure on an open bench and record it in a folder, or go on with a run."""
-    with recording(
-        bench,
-        procedure.name,
-        {**asdict(procedure), **procedure.constants},
-        folder,
-        calibrating=procedure.calibrating,
-        manual_work=procedure.manual_work,
-        automated_by=procedure.automated_by,
-        outside=outside(type(procedure)),
-        resumed=resumed,
-    ) as session:
+    with (
+        one_run(bench),
+        recording(
+            bench,
+            procedure.name,
+            {**asdict(procedure), **procedure.constants},
+            folder,
+            calibrating=procedure.calibrating,
+            manual_work=procedure.manual_work,
+            automated_by=procedure.automated_by,
+            outside=outside(type(procedure)),
+            resumed=resumed,
+        ) as session,
+    ):
         if resumed is not None:
             pause = PausedAgain(resumed, session.lab.bench, pause)
         result = conduct(procedure, session.lab, session.record, progress, pause)

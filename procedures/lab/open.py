@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
+from threading import Lock
 from typing import Literal
 
 from palpate.drivers.bench import Bench
@@ -146,6 +147,7 @@ class OpenBench:
     wall_start: float
     log: BusLog | None
     runs: list[Path] = field(default_factory=list)
+    _taking: Lock = field(default_factory=Lock, init=False, repr=False)
 
     @property
     def scene(self) -> Scene | None:
@@ -177,6 +179,17 @@ class OpenBench:
             calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(self.bench, self.today)
             films = None if calibrating else films_of(self.bench, design, self.today)
         return Lab(self.bench, films.apply(design) if films else design, calibration, films, run, started)
+
+
+@contextmanager
+def one_run(bench: OpenBench) -> Iterator[None]:
+    """Inside, no other run can begin on this bench. Raises UsageError: one is taken on it now."""
+    if not bench._taking.acquire(blocking=False):
+        raise UsageError("no other run can begin on this bench before the one that it takes now has ended")
+    try:
+        yield
+    finally:
+        bench._taking.release()
 
 
 @contextmanager

@@ -295,6 +295,29 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(s
     assert again.result.summary() == whole.result.summary()
 
 
+def test_a_run_cannot_begin_on_a_bench_while_another_one_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would exchange the sample under the other one."""
+    monkeypatch.chdir(tmp_path)
+    refused = []
+
+    def another(done: int, _total: int, _what: str) -> None:
+        if done == 1:
+            with pytest.raises(
+                palpate.UsageError,
+                match=r"no other run can begin on this bench before the one that it takes now has ended",
+            ) as error:
+                palpate.run(Relaxation(sample="1", readings=1), bench, out="second")
+            refused.append(error)
+
+    with palpate.open_bench(scene="ideal") as bench:
+        done = palpate.run(Relaxation(readings=2), bench, out="first", progress=another)
+        assert refused
+        assert done.run.status == "complete"
+        assert palpate.run(Relaxation(readings=1), bench, out="third").run.status == "complete"
+
+
 def test_a_later_run_on_an_open_simulated_bench_says_that_it_cannot_be_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
