@@ -45,10 +45,9 @@ def test_a_sweep_whose_terminal_is_closed_hangs_up_or_where_that_is_ignored_take
     assert (sweep.wait(), Run.open(run).status) == (status, left)
 
 
-@pytest.mark.parametrize(("asked", "status"), [("--version", 0), ("nonsense", 2)])
-def test_a_command_without_standard_streams_ends_with_its_own_exit_status(asked: str, status: int) -> None:
-    closed = f"exec '{PALPATE}' {asked} <&- >&- 2>&-"
-    assert subprocess.run(["sh", "-c", closed], timeout=60).returncode == status
+def test_a_command_without_standard_streams_ends_with_its_own_exit_status() -> None:
+    closed = f"exec '{PALPATE}' nonsense <&- >&- 2>&-"
+    assert subprocess.run(["sh", "-c", closed], timeout=60).returncode == 2
 
 
 def test_no_file_gets_the_number_of_a_standard_stream_that_is_closed() -> None:
