@@ -117,7 +117,9 @@ def read_data(path: Path) -> dict[str, Any]:
             raise ConfigError(f"{path}: larger than {LARGEST_FILE} bytes; this is no configuration file")
         content = path.read_bytes()
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}; give the path of a file that exists") from None
+        raise ConfigError(
+            f"{path}: cannot be read: {error.strerror}; give the path of a file that can be read"
+        ) from None
     return _parsed(content, str(path))
 
 

@@ -97,12 +97,18 @@ class Wish:
 
 
 def _check_unused(out: Path) -> None:
-    """Raises UsageError: the file exists, and is not the bench file of a bench that was served before."""
-    if (out.parent / RECORD).exists():
-        raise UsageError(f"{out} belongs to a run; choose another --out")
+    """Look at what is there already.
+
+    Raises:
+        UsageError: the file exists, and is not the bench file of a bench that was served before.
+        RecordError: it cannot be looked at.
+    """
     written = f'name = "{NAMED}'.encode()
-    if out.is_file() and not out.read_bytes().startswith(written):
-        raise UsageError(f"{out} exists, and palpate serve did not write it; choose another --out")
+    with storing(out):
+        if (out.parent / RECORD).exists():
+            raise UsageError(f"{out} belongs to a run; choose another --out")
+        if out.is_file() and not out.read_bytes().startswith(written):
+            raise UsageError(f"{out} exists, and palpate serve did not write it; choose another --out")
 
 
 @dataclass(frozen=True, slots=True)

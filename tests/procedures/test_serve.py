@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import re
@@ -93,6 +94,16 @@ def test_a_bench_file_that_a_person_wrote_is_not_overwritten(text: str, palpate:
     refused = palpate("serve", "ideal", "--can", "virtual", "--out", "my_bench.toml")
     assert (refused.status, Path("my_bench.toml").read_text(encoding="latin-1")) == (2, text)
     assert refused.complaint == "my_bench.toml exists, and palpate serve did not write it; choose another --out"
+
+
+def test_a_file_that_cannot_be_looked_at_is_no_traceback(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    def sealed(_path: Path) -> bytes:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    Path("sealed.toml").touch()
+    monkeypatch.setattr(Path, "read_bytes", sealed)
+    refused = palpate("serve", "ideal", "--can", "virtual", "--out", "sealed.toml")
+    assert (refused.status, "sealed.toml: Permission denied" in refused.complaint) == (1, True)
 
 
 def test_the_bench_file_of_a_run_is_not_overwritten_and_that_of_an_earlier_served_bench_is(
