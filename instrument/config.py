@@ -118,7 +118,7 @@ def read_data(path: Path) -> dict[str, Any]:
         content = path.read_bytes()
     except OSError as error:
         raise ConfigError(
-            f"{path}: cannot be read: {error.strerror}; give the path of a file that can be read"
+            f"{path}: cannot be read: {error.strerror}; give a readable file"
         ) from None
     return _parsed(content, str(path))
 
