@@ -183,7 +183,7 @@ class OpenBench:
 
 @contextmanager
 def one_run(bench: OpenBench) -> Iterator[None]:
-    """Inside, no other run can begin on this bench. Raises UsageError: one is taken on it now."""
+    """While this context lasts, no other run can begin on the bench. Raises UsageError: a run is being taken on it."""
     if not bench._taking.acquire(blocking=False):
         raise UsageError("no other run can begin on this bench before the one that it takes now has ended")
     try:

@@ -55,15 +55,15 @@ class Solved:
 
 
 def solve(elements: Elements, sources: Sequence[Source], each: Each) -> list[Solved]:
-    """Displacement and pressure under each source alone. The first source must be solved to the last digit.
+    """Solve for displacements and pressures under each source alone.
 
     Args:
         elements: the elements.
-        sources: the loads.
+        sources: the loads. The first is the one that counts: its residual decides which of several ways is used.
         each: runs a function for all subdomains at once.
 
     Raises:
-        EstimateError: the residual stays above 1e-9 of its terms.
+        EstimateError: the first source's residual stays above 1e-9 of its terms.
     """
     tried: list[list[Solved]] = []
     before = None

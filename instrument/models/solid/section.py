@@ -56,7 +56,12 @@ class Section:
 
 
 def section(parameters: SolidParameters, refinement: int, solver: str = "") -> Section:
-    """Solve and give the section.
+    """Solve the solid model, and return displacements and pressure in the plane through the teeth's axes.
+
+    Args:
+        parameters: the sensor, the object and the load.
+        refinement: refinement of the mesh; a greater one is finer.
+        solver: "pardiso", "superlu", or "" for the faster that is installed.
 
     Raises:
         RangeError, EstimateError, UnknownName: as in `palpate.instrument.models.solid.model.solve`.
