@@ -117,9 +117,7 @@ def read_data(path: Path) -> dict[str, Any]:
             raise ConfigError(f"{path}: larger than {LARGEST_FILE} bytes; this is no configuration file")
         content = path.read_bytes()
     except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be read: {error.strerror}; give a readable file"
-        ) from None
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}; give a readable file") from None
     return _parsed(content, str(path))
 
 
