@@ -188,6 +188,10 @@ class BenchDescription(Config):
         """The devices that fill a role: those to which the file gives it or, without any, all whose kind has it."""
         return filling(role, self.devices)
 
+    def kind_in(self, role: Role) -> DeviceKind | None:
+        """Kind of the first device that fills a role; None: there is none."""
+        return next((each.kind for each in self.filling(role)), None)
+
     def moved(self, places: Mapping[str, Mapping[str, Any]]) -> Self:
         """The same bench with other addresses of its links, by link name."""
         sections = {

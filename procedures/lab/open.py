@@ -23,7 +23,7 @@ from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.calibrations import films_of, load_cell_of
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, ConsoleOperator, Mounting, assume, check_somebody
 from palpate.procedures.records.resumed import Resumed
@@ -66,11 +66,12 @@ class Chosen:
             design = get_design(self.description.design).with_pickup(self.description.pickup)
             nodes = self.description.filling("sensor_node")
             channels = nodes[0].kind.channels if nodes else CHANNELS
-            return Target(design, self.description.force_limit, len(nodes), channels=channels)
+            target = Target(design, self.description.force_limit, len(nodes), channels=channels)
+            return with_kinds(target, self.description.kind_in)
         assert self.scene is not None
         design = self.scene.design.with_pickup(self.scene.pickup)
         force_limit = BenchDescription.model_fields["force_limit"].default
-        return Target(design, force_limit, self.scene.nodes, self.scene.model)
+        return with_kinds(Target(design, force_limit, self.scene.nodes, self.scene.model), self.scene.kind_in)
 
     def mounting(
         self, manual_work: str, automated_by: Role | None = None, fills: Callable[[Role], object] | None = None

@@ -74,7 +74,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
             raise RangeError(f"{len(self.loads)} loads do not give a line with its scatter; give {LEAST_LOADS} or more")
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
-        check_frequency(self.frequency)
+        check_frequency(self.frequency, target.frequency_step)
         check_time(self.dwell, self.frequency)
         least = LEAST_DRIFT_POINTS * self.dwell
         if not least <= self.drift_time <= LARGEST_DRIFT_TIME:

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
+from palpate.instrument.contracts import signal_generator
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
@@ -30,7 +31,6 @@ from palpate.procedures.measurements.frequency.result import (
 from palpate.procedures.measurements.settings import Extrapolate, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import (
-    FREQUENCY_STEP,
     check_end,
     check_force,
     check_frequency,
@@ -43,6 +43,7 @@ from palpate.procedures.steps.probe import press
 
 DEFAULT = "0.1 Hz:100 Hz:13"
 RANGE = (0.1, 100.0)  # Hz
+FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz, of frequencies that are spread over a range
 MOST = 200  # greatest number of frequencies
 CYCLES = 3  # least number of cycles in a dwell
 
@@ -88,7 +89,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
             raise RangeError(f"{len(self.frequencies)} frequencies do not show a corner; give {FEWEST} or more")
         check_increasing("frequencies", self.frequencies, "Hz")
         for frequency in self.frequencies:
-            check_frequency(frequency, RANGE)
+            check_frequency(frequency, target.frequency_step, RANGE)
             check_time(dwell_at(frequency, self.dwell), frequency)
 
     def required_loads(self) -> RequiredLoads:

@@ -11,7 +11,6 @@ from typing import Annotated
 import numpy as np
 
 from palpate.drivers.roles import LoadIndicator, Positioner
-from palpate.instrument.contracts import positioner
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
 from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
 from palpate.instrument.findings.load_line import LEAST_POINTS, Series
@@ -28,7 +27,6 @@ from palpate.procedures.steps.indicator import READING_INTERVAL, TRACK_SETTLING,
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.probe import check_zero, finish, preload, withdraw
 
-TRAVEL = positioner.CONTRACT["target"].maximum or math.inf  # m
 LARGEST_STRAIN = 0.6
 LARGEST_STEPS = 100
 LEAST_LOAD = 4.0  # least load at the largest strain, in steps of the indicator
@@ -83,10 +81,10 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
                 f"steps {self.steps} is outside {LEAST_POINTS} to {LARGEST_STEPS}, which give a line with its "
                 "uncertainty; give a number inside"
             )
-        if not sample.thickness <= TRAVEL:
+        if target.travel is not None and not sample.thickness <= target.travel:
             raise RangeError(
                 f"sample {sample.name!r} is {show(sample.thickness, 'm')} thick, beyond the positioner's travel of"
-                f" {show(TRAVEL, 'm')}; test a thinner sample"
+                f" {show(target.travel, 'm')}; test a thinner sample"
             )
         force = _force(sample, self.strain)
         if force > target.force_limit:
