@@ -76,7 +76,13 @@ def fill_streams() -> None:
     os.close(number)
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
-            setattr(sys, name, Path(os.devnull).open("r+", encoding="utf-8"))  # noqa: SIM115  (it stays open to the end)
+            setattr(sys, name, _nowhere())
+
+
+@cache
+def _nowhere() -> TextIO:
+    """/dev/null, open to the program's end."""
+    return Path(os.devnull).open("r+", encoding="utf-8")
 
 
 def give_up(stream: TextIO) -> None:

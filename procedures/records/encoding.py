@@ -69,7 +69,7 @@ def plain(value: object, where: str = "") -> object:
     if isinstance(value, (list, tuple, np.ndarray)):
         return [plain(item, where) for item in value]
     raise RangeError(
-        f"{where or 'it'}: {str(value)[:LONGEST]} is a {type(value).__name__}, which a record cannot hold; give "
+        f"{where or 'it'}: {str(value)[:LONGEST]} is of type {type(value).__name__}, which a record cannot hold; give "
         "numbers, texts, true or false, or lists and tables of these"
     )
 
