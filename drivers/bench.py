@@ -19,7 +19,7 @@ from palpate.drivers.incident import Incidents, Store
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.ownership import cautions, claim
-from palpate.drivers.roles import Chamber, Exciter, ProbeStage, SampleChanger
+from palpate.drivers.roles import Exciter
 from palpate.drivers.safe_end import held, taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.operator import Operator
@@ -34,16 +34,16 @@ class Bench(Fitted):
     """All devices of a bench, as a context manager.
 
     On entry every device is opened and identified, the exciter first, and the outputs go to zero. On every way out,
-    also by SIGINT, SIGTERM and SIGHUP, they go to zero again. If that fails, or the program is killed, the exciter's
-    watchdog switches the output off, if it has one.
+    also by SIGINT, SIGTERM and SIGHUP, they go to zero again, and a chamber that has warmed the sensor is switched off.
+    If that fails, or the program is killed, the exciter's watchdog switches the output off, if it has one.
     """
 
     def __init__(self, description: BenchDescription, clock: BenchClock, operator: Operator) -> None:
         """Raises ConfigError: the driver of a listed device cannot be loaded, or does not fit its role."""
         super().__init__(description, clock)
         self.force_limit = description.force_limit
-        hands = self.maybe(SampleChanger), self.maybe(Chamber), self.maybe(ProbeStage)
-        self.operator: Operator = Hands(operator, *hands) if any(hands) else operator
+        self._hands = Hands(operator, self)
+        self.operator: Operator = self._hands
         self.incidents = Incidents(self.clock)
         self.attended = False
         self.waits: Callable[[str], object] = lambda _why: None  # called with the reason before a wait for others
@@ -92,6 +92,7 @@ class Bench(Fitted):
                 self._exciter.quiet()
             for device in self.devices:
                 device.set_up(self.named(device).settings, self.description.watchdog)
+            stack.push(self._switch_chamber_off)
             self._stack = stack.pop_all()
         self.is_open = True
         return self
@@ -185,7 +186,7 @@ class Bench(Fitted):
             for notice in device.notices():
                 self.incidents.note(notice)
         for link in self.links.values():
-            if isinstance(link, CanLink) and (errors := link.error_frames()):  # before the nodes' answers have come
+            if isinstance(link, CanLink) and (errors := link.error_frames()):  # this comes before the nodes are asked
                 self.incidents.note(f"{link.name}: {errors} error frames")
         for device in self.devices:
             if found := device.differences():
@@ -228,15 +229,29 @@ class Bench(Fitted):
             failures = self._switch_off()
         self._safe = not failures
         if failures:
-            watchdog = f"The amplifier's watchdog drops its output within {self.description.watchdog:g} s; check by eye"
+            watchdog = f"The watchdog drops the output within {self.description.watchdog:g} s; check by eye"
             remedy = watchdog if self._guard else "It has no watchdog: switch it off by hand, now"
-            message = f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}"
-            if error is None:
-                raise BenchError(message)
-            error.add_note(message)
+            _tell(f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}", error)
+
+    def _switch_chamber_off(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Switch off a chamber that has warmed the sensor, after the outputs and before its link is closed."""
+        if self._hands.has_warmed:
+            self.clock.watching = False
+            with held(ENDINGS):
+                self._switch_off()  # `_make_safe` does it again, and tells what failed
+                failure = self._hands.chamber_off()
+            if failure:
+                _tell(failure, error)
 
     def _switch_off(self) -> list[str]:
         return self._exciter.switch_off() if self._exciter else []
+
+
+def _tell(message: str, error: BaseException | None) -> None:
+    """Raise a message about the end of a bench, or add it to the error that ends the bench. Raises BenchError."""
+    if error is None:
+        raise BenchError(message)
+    error.add_note(message)
 
 
 def _terminate(number: int, _frame: FrameType | None) -> None:

@@ -79,7 +79,7 @@ class Fitted:
             raise UnknownName("device of this bench", name, self._devices)
         return self._devices[name]
 
-    def named(self, device: Device) -> Listed:
+    def named(self, device: object) -> Listed:
         """The entry of a device in the bench file."""
         return next(self._listed[name] for name, each in self._devices.items() if each is device)
 
@@ -108,6 +108,10 @@ class Fitted:
                 f"bench {self.description.name} has no {what}; add a device whose kind fills this role to its file"
             )
         return found
+
+    def fills(self, role: Role) -> bool:
+        """Whether a device in use fills a role."""
+        return any(name in self._devices for name in self._filling[role])
 
     def leave_out(self, part: Device | ModbusLink | CanLink, why: Exception) -> bool:
         """Go on without a device or link if all devices that need it are optional; returns whether they are."""

@@ -2,36 +2,64 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from palpate.drivers.fitted import Fitted
 from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.sensor.sample import Sample
 
 
 class Hands:
-    """A `palpate.instrument.bench.operator.Operator` that passes each task to a device or else to the person."""
+    """A `palpate.instrument.bench.operator.Operator` that passes each task to a device or else to the person.
 
-    def __init__(
-        self, person: Operator, changer: SampleChanger | None, chamber: Chamber | None, stage: ProbeStage | None
-    ) -> None:
-        self._person = person
-        self._changer = changer
-        self.set_temperature = chamber.warm if chamber else person.set_temperature
-        self.place_probe = stage.place_probe if stage else person.place_probe
+    The device is looked up at each task, because an optional device may be left out when the bench is opened.
+    """
+
+    def __init__(self, person: Operator, bench: Fitted) -> None:
+        self._person, self._bench = person, bench
+        self._warmed: Any = None  # the chamber, once it was told to warm
         self.place_weight = person.place_weight
         self.turn_load_cell = person.turn_load_cell
 
     def mount(self, sample: Sample) -> None:
-        if self._changer:
-            self._changer.mount(sample.name)
+        if changer := self._bench.maybe(SampleChanger):
+            changer.mount(sample.name)
         else:
             self._person.mount(sample)
 
     def lay_on_support(self, sample: Sample | None) -> None:
-        if self._changer:
-            self._changer.leave()
+        self._free_changer()
         self._person.lay_on_support(sample)
 
     def press_tooth(self, tooth: int) -> None:
-        if self._changer:
-            self._changer.leave()
+        self._free_changer()
         self._person.press_tooth(tooth)
+
+    def place_probe(self, x: float, y: float) -> None:
+        (self._bench.maybe(ProbeStage) or self._person).place_probe(x, y)
+
+    def set_temperature(self, kelvin: float) -> None:
+        if chamber := self._bench.maybe(Chamber):
+            self._warmed = chamber
+            chamber.warm(kelvin)
+        else:
+            self._person.set_temperature(kelvin)
+
+    @property
+    def has_warmed(self) -> bool:
+        """Whether a chamber was told to warm the sensor."""
+        return self._warmed is not None
+
+    def chamber_off(self) -> str:
+        """Switch off the chamber that has warmed the sensor; returns a message if that fails, else an empty text."""
+        try:
+            self._warmed.broken = ""
+            self._warmed.off()
+        except Exception as failure:  # also a defect of its driver: the end of the bench goes on
+            return f"{self._warmed.name} could not be switched off: {failure}; switch it off by hand, now"
+        return ""
+
+    def _free_changer(self) -> None:
+        if changer := self._bench.maybe(SampleChanger):
+            changer.leave()

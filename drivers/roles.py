@@ -78,7 +78,7 @@ class Positioner(Protocol):
 
 
 class SensorNode(Protocol):
-    """Samples up to four films, on channels 1 to 4.
+    """Samples films on its channels, from 1 to the `channels` of its `DeviceKind`.
 
     Attributes:
         serial: its serial number; film calibrations are stored by that of the first node.
@@ -108,6 +108,9 @@ class Chamber(Protocol):
     def warm(self, kelvin: float) -> None:
         """Make the surroundings this much warmer than at the start [K], and wait until they are."""
 
+    def off(self) -> None:
+        """Stop heating and cooling, and do not wait. A bench that has warmed the sensor calls this when it ends."""
+
 
 class SampleChanger(Protocol):
     """Puts samples under the probe, by their names."""
@@ -120,7 +123,10 @@ class SampleChanger(Protocol):
         """From now on a person may put anything under the probe."""
 
     def check(self) -> None:
-        """Check that the mounted sample is still there. Raises SampleError: it is not, or was away meanwhile."""
+        """Check that the sample that was mounted last is still there, if there is one and `leave` was not called since.
+
+        The engine asks before it stores a point. Raises SampleError: it is not there, or was away meanwhile.
+        """
 
 
 class ProbeStage(Protocol):

@@ -13,9 +13,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, 
 
 from palpate.instrument.errors import ConfigError, nearest
 
-LARGEST_FILE = 1_000_000  # bytes; a bench, scene or calibration file has a few thousand
-MOST_VALUES = 100_000  # in a file; a calibration of the films of 64 teeth has 25 thousand
-LONGEST_TEXT = 1000  # characters of a key or a value
+LARGEST_FILE = 1_000_000  # greatest number of bytes; a bench, scene or calibration file has a few thousand
+MOST_VALUES = 100_000  # greatest number of values in a file; a calibration of the films of 64 teeth has 25 thousand
+LONGEST_TEXT = 1000  # greatest number of characters of a key or a value
 DEEPEST = 8  # tables within tables
 MOST_PROBLEMS = 20  # listed in one error
 ACCEPT = "palpate calibrate accept"  # the command
@@ -117,7 +117,7 @@ def read_data(path: Path) -> dict[str, Any]:
             raise ConfigError(f"{path}: larger than {LARGEST_FILE} bytes; this is no configuration file")
         content = path.read_bytes()
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}; give the path of a file that exists") from None
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}; give a readable file") from None
     return _parsed(content, str(path))
 
 
@@ -151,7 +151,7 @@ def _parsed(content: bytes, where: str) -> dict[str, Any]:
         data = tomllib.loads(content.decode())
     except UnicodeDecodeError:
         raise ConfigError(f"{where}: is not text; a TOML file in UTF-8 belongs here") from None
-    except (ValueError, RecursionError) as error:  # integers of thousands of digits, brackets without end
+    except (ValueError, RecursionError) as error:  # for integers of thousands of digits, and for deeply nested brackets
         raise ConfigError(f"{where}: is not TOML: {error}") from None
     _hold_limits(data, where)
     return data

@@ -53,7 +53,7 @@ class RangeError(UsageError, ValueError):
     pass
 
 
-MOST_LISTED = 60  # names in a message; a store holds thousands of runs
+MOST_LISTED = 60  # greatest number of names in a message; a store holds thousands of runs
 
 
 class UnknownName(UsageError, LookupError):

@@ -111,7 +111,7 @@ def _converted(text: str, value: float, written: str, unit: str, example: str) -
         raise QuantityError(f"{text!r} has no unit where {unit} belongs; {example}")
     try:
         return float(quantity.to(_spelled(unit) or "dimensionless").magnitude)
-    except pint.PintError:  # another dimension, or a temperature with its own zero
+    except pint.PintError:  # the unit has another dimension, or is a temperature with its own zero
         raise QuantityError(
             f"{text!r} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {example}"
         ) from None

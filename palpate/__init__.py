@@ -37,7 +37,15 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.load import Load
     from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.engine.plan import Plan, Step
-    from palpate.procedures.engine.procedure import Finished, Found, Loads, Procedure, Report, Taken, Work
+    from palpate.procedures.engine.procedure import (
+        Finished,
+        Measurement,
+        Procedure,
+        Report,
+        RequiredLoads,
+        SimpleResult,
+        Work,
+    )
     from palpate.procedures.engine.replay import replay
     from palpate.procedures.engine.resume import resume
     from palpate.procedures.engine.run import plan, run
@@ -45,15 +53,15 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.lab import Lab, Target
     from palpate.procedures.lab.open import OpenBench, open_bench
     from palpate.procedures.measurements.characterise.procedure import Characterisation
+    from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
     from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.measurements.frequency.procedure import FrequencySweep
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-    from palpate.procedures.measurements.loaded import Loaded
     from palpate.procedures.measurements.loads.procedure import LoadSweep
     from palpate.procedures.measurements.modulus.procedure import ModulusTest
     from palpate.procedures.measurements.position.procedure import PositionSweep
-    from palpate.procedures.measurements.pressed import Pressed
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
+    from palpate.procedures.measurements.static_load import StaticLoadWork
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
     from palpate.procedures.records.export import as_dataset
     from palpate.procedures.records.record import Recorder
@@ -71,7 +79,7 @@ _PLACES = {
     "instrument.sensor.load": "Load",
     "instrument.sensor.sample": "get_sample",
     "procedures.engine.plan": "Plan Step",
-    "procedures.engine.procedure": "Finished Found Loads Procedure Report Taken Work",
+    "procedures.engine.procedure": "Finished Measurement Procedure Report RequiredLoads SimpleResult Work",
     "procedures.engine.replay": "replay",
     "procedures.engine.resume": "resume",
     "procedures.engine.run": "plan run",
@@ -79,15 +87,15 @@ _PLACES = {
     "procedures.lab.lab": "Lab Target",
     "procedures.lab.open": "OpenBench open_bench",
     "procedures.measurements.characterise.procedure": "Characterisation",
+    "procedures.measurements.dynamic_load": "DynamicLoadWork",
     "procedures.measurements.films.procedure": "FilmSeries",
     "procedures.measurements.frequency.procedure": "FrequencySweep",
     "procedures.measurements.load_cell.procedure": "LoadCellSeries",
-    "procedures.measurements.loaded": "Loaded",
     "procedures.measurements.loads.procedure": "LoadSweep",
     "procedures.measurements.modulus.procedure": "ModulusTest",
     "procedures.measurements.position.procedure": "PositionSweep",
-    "procedures.measurements.pressed": "Pressed",
     "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
+    "procedures.measurements.static_load": "StaticLoadWork",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
     "procedures.records.export": "as_dataset",
     "procedures.records.record": "Recorder",
@@ -98,36 +106,36 @@ __all__ = [
     "BenchError",
     "Characterisation",
     "ConfigError",
+    "DynamicLoadWork",
     "EstimateError",
     "FilmCalibration",
     "FilmSeries",
     "Finished",
-    "Found",
     "FrequencySweep",
     "Lab",
     "Load",
     "LoadCellCalibration",
     "LoadCellSeries",
     "LoadSweep",
-    "Loaded",
-    "Loads",
+    "Measurement",
     "ModulusTest",
     "OpenBench",
     "PalpateError",
     "Plan",
     "PositionSweep",
-    "Pressed",
     "Procedure",
     "RangeError",
     "RecordError",
     "Recorder",
     "Report",
+    "RequiredLoads",
     "Response",
     "Run",
     "Setting",
+    "SimpleResult",
     "SoftnessTest",
+    "StaticLoadWork",
     "Step",
-    "Taken",
     "Target",
     "TemperatureSweep",
     "UnknownName",

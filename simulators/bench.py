@@ -16,6 +16,7 @@ from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.bench.usual import CAN, LINE, Amplifier, CanBus, Indicator, RtuAddress, TcpAddress
 from palpate.instrument.config import check
+from palpate.instrument.errors import BenchError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import SERIAL, CanSegment
@@ -37,13 +38,14 @@ if TYPE_CHECKING:
 
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order
 CHANGER = "sample_changer"
+NAMED = "simulated bench"  # the name of every simulated bench begins so
 TCP_SECTIONS: dict[str, type[TcpAddress]] = {
     "signal_generator": TcpAddress,
     "shaker_amplifier": Amplifier,
     CHANGER: TcpAddress,
 }
 BITRATE = 1_000_000
-TIMEOUT: Any = "10 s"  # of wall time: long, because on a busy machine a simulated device answers late
+TIMEOUT: Any = "10 s"  # of wall time; it is long, because on a busy machine a simulated device answers late
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +124,11 @@ class SimulatedBench:
             self.can.add(self.devices[name])
 
     def _find(self, role: Role) -> Any:
-        return next(self.devices[name] for name, kind in self._kinds.items() if role in kind.roles)
+        given = [guest.name for guest in self.scene.devices if guest.table.get("role") == role]
+        for name in (*given, *self._kinds):
+            if role in self._kinds[name].roles:
+                return self.devices[name]
+        raise BenchError(f"the simulated bench has no {role}; list a device of such a kind in the scene")
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -157,7 +163,7 @@ class SimulatedBench:
             if name in ports
         }
         sections = {
-            "name": f"simulated bench, scene {scene.name}",
+            "name": f"{NAMED}, scene {scene.name}",
             "design": scene.design.name,
             "pickup": scene.pickup,
             **tcp,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.instrument.bench.kinds import KINDS, DeviceKind, device_kind
+from palpate.instrument.bench.kinds import KINDS, DeviceKind, Role, device_kind
 from palpate.instrument.bench.listed import check_name
 from palpate.instrument.config import Config, check
 from palpate.instrument.errors import ConfigError, UnknownName
@@ -33,6 +33,16 @@ def replaced(found: Sequence[Guest]) -> tuple[str, ...]:
     """Names of the usual devices that a bench with these guests does not have: it has one exciter."""
     drives = any("exciter" in guest.kind.roles for guest in found)
     return tuple(name for name, kind in KINDS.items() if drives and {"source", "amplifier"} & {*kind.roles})
+
+
+def kind_in(role: Role, found: Sequence[Guest]) -> DeviceKind | None:
+    """Kind of the device that fills a role on a simulated bench with these guests; None: there is none.
+
+    A guest to which the scene gives the role comes first, then the usual device, then a guest whose kind has the role.
+    """
+    given = [guest.kind for guest in found if guest.table.get("role") == role]
+    usual = [kind for name, kind in KINDS.items() if name not in replaced(found)]
+    return next((kind for kind in (*given, *usual, *(guest.kind for guest in found)) if role in kind.roles), None)
 
 
 def guests(tables: Mapping[str, Mapping[str, Any]], where: str) -> tuple[Guest, ...]:

@@ -131,7 +131,7 @@ def _read(folder: Path) -> Files:
 
 
 def killed_run(folder: Path) -> Victim:
-    """As SIGKILL leaves it."""
+    """A run as SIGKILL leaves it."""
     before = []
     with Recorder.create(folder, HEADER) as record:
         for n in range(1, POINTS + 1):

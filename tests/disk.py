@@ -59,7 +59,7 @@ class Disk:
             yield
 
     def said(self, points: int) -> None:
-        """So many points were acknowledged by now."""
+        """Notes that so many points were acknowledged by now."""
         self.operations.append(Operation("said", at=points))
 
     def _asked(self, what: str, path: str | Path, at: int = 0, content: bytes = b"", to: str = "") -> None:

@@ -55,7 +55,7 @@ def _ratios(
 
 
 def _gain(gain: float, load: float, load_u: float, valid: bool) -> Value:
-    """Of a film: the films' scatter, which its uncertainty holds, is not in the scene."""
+    """The gain of a film. Its uncertainty leaves out the scatter of gains, which the scene does not have."""
     return Value(gain, APART * gain * load_u / load, valid)
 
 

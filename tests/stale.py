@@ -83,7 +83,7 @@ class Line:
         return struct.pack(f">{count}H", *(held.get(at, 0) for at in range(address, address + count)))
 
     def end(self) -> None:
-        """Of a try: all that was said has come."""
+        """End a try: all that was said has come."""
         self.line.now = max(self.line.now, self.due) + SLOWEST + AIM
 
     def now_ns(self) -> int:
@@ -94,7 +94,7 @@ class Line:
         self.line.now += duration
 
     def pause(self) -> None:
-        """Up to the next question: half of the time so that the repetition may come while its answer is due."""
+        """Wait until the next question: half of the time so that the repetition may come while its answer is due."""
         aimed = self.due - self._chance.uniform(0, AIM)
         self.line.now = max(self.line.now, aimed) if self._chance.random() < 0.5 else self.line.now
         self.line.now += 0.0 if self._chance.random() < 0.5 else self._chance.uniform(0, 0.3)
@@ -237,7 +237,7 @@ class Node:
         return answer
 
     def end(self) -> None:
-        """Of a try: what was repeated has come."""
+        """End a try: what was repeated has come."""
         self.now = max(self.now, self.due)
 
     def pause(self) -> None:

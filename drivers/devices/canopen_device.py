@@ -212,7 +212,8 @@ class CanopenDevice(Device):
         if not (self.contract.has(EMERGENCY) or self.contract.has("heartbeat")):
             return []
         self._held("error_register" if self.contract.has("error_register") else "probe")
-        new, self._noticed = self.emergencies[self._noticed :], len(self.emergencies)
+        new = self.emergencies[self._noticed :]
+        self._noticed += len(new)  # another one may have come meanwhile
         found = [f"emergency 0x{int.from_bytes(data[:2], 'little'):04X}" for data in new]
         now = self.clock.now_ns()
         missed = 1e-9 * (now - self._heard_ns)

@@ -146,7 +146,7 @@ class ModbusDevice(Device):
             self._told(lambda: self._write(start, registers, values))
         except BenchError as error:
             if isinstance(error, LinkError):
-                self._remember(values)  # it may have been carried out
+                self._remember(values)  # a write without confirmation may have been carried out
             if self.broken or self.read_attempts == 1 or not self._reads_back(values):
                 raise
             self.noticed(f"{error}; read back, it was carried out")

@@ -6,7 +6,7 @@ import logging
 import queue
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -43,8 +43,8 @@ class _Listener(can.Listener):
 
     errors = 0  # frames that were destroyed on the bus; controllers send them again
 
-    def __init__(self, network: canopen.Network) -> None:
-        self._subscribers = network.subscribers
+    def __init__(self, subscribers: Mapping[int, Sequence[FrameCallback]]) -> None:
+        self._subscribers = subscribers
 
     def on_message_received(self, msg: can.Message) -> None:
         if msg.is_error_frame:
@@ -99,6 +99,7 @@ class CanLink:
         self._description = bus
         self._lock = threading.Lock()
         self._network: canopen.Network | None = None
+        self._listener = _Listener({})  # until the bus is open; that of an absent optional device stays closed
         self._answers_due: set[canopen.RemoteNode] = set()
         self._taps: list[FrameTap] = []
 
@@ -118,7 +119,7 @@ class CanLink:
         if d.interface == MULTICAST:
             keep_to_group(bus.fileno())
         self._network = canopen.Network(bus)
-        self._listener = _Listener(self._network)
+        self._listener = _Listener(self._network.subscribers)
         taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
         self._network.listeners = [*taps, self._listener]  # type: ignore[list-item]  # told before anybody acts on it
         self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # canopen would keep these frames for ever

@@ -25,8 +25,8 @@ from pymodbus.pdu import DecodePDU
 from palpate.instrument.bench.serial_line import FASTEST, character_bits, earliest_reply
 
 READ, WRITE = 3, 16  # functions
-REFUSED = 0x80  # bit of a function that says: refused
-LARGEST_REPLY = 4096  # bytes that may come for one request, with late replies
+REFUSED = 0x80  # bit of a function code that marks a refusal
+LARGEST_REPLY = 4096  # greatest number of bytes for one request, with late replies
 CHECK_SUM, OF_REFUSAL, OF_CONFIRMATION = 2, 5, 8  # bytes of a check sum, a refusal, a confirmation
 HEAD = 3  # bytes of a reply to a read before its registers
 UART = re.compile(r"/dev/tty(S|USB|AMA|O|SC|THS|mxc|PS|UL|LP|HS|sWK|XRUSB)\d+")  # device files of Linux
@@ -117,7 +117,7 @@ class RtuClient(ModbusSerialClient):
             while (left := self._earliest - self._now()) > 0 and self.too_soon < LARGEST_REPLY:
                 if self._ready(left):
                     heard = self._heard()
-                    if self._now() > self._earliest:  # too late to tell whether they came too soon
+                    if self._now() > self._earliest:  # now it can no longer be told whether they came too soon
                         return heard
                     self.too_soon += len(heard)
             return self._heard() if self._ready(self._patience()) else b""

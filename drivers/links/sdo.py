@@ -9,7 +9,7 @@ import time
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-LATE_ANSWERS = 10  # one interrupted transfer can leave; a node that sends more is not trusted
+LATE_ANSWERS = 10  # greatest number that an interrupted transfer can leave; a node that sends more is not trusted
 LARGEST_OBJECT = 4096  # bytes; a device name has some tens
 SEGMENT = 7  # bytes of an object in a frame
 FRAME = 8  # bytes

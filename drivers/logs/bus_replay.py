@@ -24,6 +24,7 @@ from palpate.drivers.logs.bus_log import (
     CLOCK,
     RUN,
     WHOLE_FORMAT,
+    called,
     can_links,
     kind_called,
     logged,
@@ -38,7 +39,7 @@ from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.config import parse
 from palpate.instrument.contracts import shaker_amplifier
-from palpate.instrument.errors import ConfigError, UsageError
+from palpate.instrument.errors import ConfigError, LinkError, UsageError
 
 CHUNK = 4096  # bytes read at once
 TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its transaction number; the whole MBAP header
@@ -130,7 +131,14 @@ class BusReplay:
         self._stack.close()
 
     def attach(self, bench: Bench) -> None:
-        """Listen to the requests on the links of a bench that is not open yet."""
+        """Listen to the requests on the links of a bench that is not open yet.
+
+        An optional device with which the log has no traffic was absent, and is left out.
+        """
+        known = {packet.who for packet in self._packets}
+        for device in bench.devices:
+            if called(bench.named(device)) not in known:
+                bench.leave_out(device, LinkError("the log holds no traffic with it"))
         for name, modbus, kind, whom in modbus_links(bench):
             self._answer(name, modbus, kind, whom)
         for link, of in can_links(bench):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
 
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.bench.links import LINKS
-from palpate.instrument.bench.listed import filling
+from palpate.instrument.bench.listed import Listed, filling
 
 Tables = dict[str, dict[str, Any]]
 
@@ -46,7 +46,7 @@ def _tables(bench: BenchDescription) -> dict[str, Any]:
             "kind": each.kind.name,
             "link": same[each.link],
             "unit": each.unit,
-            "role": " ".join(role for role in get_args(Role) if each in filling(role, listed)),
+            "role": " ".join(_places(each, listed)),
             "optional": each.optional,
             **each.settings.model_dump(mode="json"),
         }
@@ -54,6 +54,14 @@ def _tables(bench: BenchDescription) -> dict[str, Any]:
     }
     whole = bench.model_dump(mode="json", include={"name", "design", "force_limit", "watchdog", "pickup"})
     return {**whole, "link": links, "device": devices}
+
+
+def _places(device: Listed, listed: Sequence[Listed]) -> Iterator[str]:
+    """The roles that a device fills, with its place among several, because the order of nodes gives their channels."""
+    for role in get_args(Role):
+        several = filling(role, listed)
+        if device in several:
+            yield role if len(several) == 1 else f"{role} {several.index(device) + 1}"
 
 
 def _names(first: Mapping[str, object], second: Mapping[str, object]) -> dict[str, str]:

@@ -52,7 +52,7 @@ class BenchDescription(Config):
     name: str
     design: str = "single"
     force_limit: Newtons = Field(default=10.0, gt=0)
-    watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)  # infinite, in the file "none": the exciter has none
+    watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)  # infinite ("none" in the file): the exciter has no watchdog
     # greatest force that a film's moving cable adds in step with the drive, as a share of the load; 0: unknown
     pickup: float = Field(default=0.0, ge=0, le=0.5, strict=True)
     signal_generator: TcpAddress | None = None
@@ -61,7 +61,7 @@ class BenchDescription(Config):
     strain_indicator: Indicator | None = None  # present, like the positioner, if there is a line
     positioner: RtuAddress | None = None
     can: CanBus | None = None
-    sample_changer: TcpAddress | None = None  # without one a person mounts the samples
+    sample_changer: TcpAddress | None = None  # None: a person mounts the samples
     link: dict[str, dict[str, Any]] | None = None
     device: dict[str, dict[str, Any]] | None = None
 
@@ -115,12 +115,15 @@ class BenchDescription(Config):
                 f"{exciter[0].name} drives, and {source[0].name} with {amplifier[0].name} as well; a bench has one "
                 "exciter: leave the others out"
             )
-        driving = exciter or (source and amplifier)
+        driving = exciter or (source and amplifier and [*amplifier, *source])
         if not driving:
             return
-        (each,) = driving
-        if each.optional:
-            raise ConfigError(f"device.{each.name}: optional: what drives cannot be left out; write optional = false")
+        for each in driving:
+            if each.optional:
+                raise ConfigError(
+                    f"device.{each.name}: optional: what drives cannot be left out; write optional = false"
+                )
+        each = driving[0]
         if each.kind.contract.has("watchdog"):
             if self.unguarded:
                 raise ConfigError(f'watchdog: {each.name} has one; write its time, such as "2 s"')
@@ -184,6 +187,10 @@ class BenchDescription(Config):
     def filling(self, role: Role) -> list[Listed]:
         """The devices that fill a role: those to which the file gives it or, without any, all whose kind has it."""
         return filling(role, self.devices)
+
+    def kind_in(self, role: Role) -> DeviceKind | None:
+        """Kind of the first device that fills a role; None: there is none."""
+        return next((each.kind for each in self.filling(role)), None)
 
     def moved(self, places: Mapping[str, Mapping[str, Any]]) -> Self:
         """The same bench with other addresses of its links, by link name."""

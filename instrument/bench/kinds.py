@@ -9,7 +9,7 @@ acme-oven = "acme_oven:KIND"
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from pydantic import Field
@@ -18,6 +18,7 @@ from palpate.instrument.additions import addition, additions, load_addition, unu
 from palpate.instrument.config import Config
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Amperes, Volts
 
@@ -45,6 +46,9 @@ class DeviceKind:
         simulator: "module:Class" of its simulator; None: simulated benches cannot have it.
         settings: keys of its section in a bench file, in addition to its address.
         roles: roles in which procedures can use it; see `palpate.drivers.roles`.
+        channels: number of its channels, if it is a sensor node.
+        frequency_step: step to which it rounds its frequency, if it makes the sine [Hz]; None: no setting is checked.
+        travel: lowest position to which it may go, if it is a positioner [m]; None: only its driver knows.
     """
 
     contract: Contract
@@ -53,6 +57,9 @@ class DeviceKind:
     simulator: str | None = None
     settings: type[Config] = NoSettings
     roles: tuple[Role, ...] = ()
+    channels: int = CHANNELS
+    frequency_step: float | None = None
+    travel: float | None = None
 
     @property
     def name(self) -> str:
@@ -83,10 +90,16 @@ def _own(contract: str, link: LinkKind, classes: str, role: Role, settings: type
 KINDS: dict[str, DeviceKind] = {
     kind.name: kind
     for kind in (
-        _own("signal_generator", "modbus-tcp", "SignalGenerator", "source"),
+        replace(
+            _own("signal_generator", "modbus-tcp", "SignalGenerator", "source"),
+            frequency_step=CONTRACTS["signal_generator"]["frequency"].scale,
+        ),
         _own("shaker_amplifier", "modbus-tcp", "ShakerAmplifier", "amplifier", AmplifierSettings),
         _own("strain_indicator", "modbus-rtu", "StrainIndicator", "load_indicator", IndicatorSettings),
-        _own("positioner", "modbus-rtu", "Positioner", "positioner"),
+        replace(
+            _own("positioner", "modbus-rtu", "Positioner", "positioner"),
+            travel=CONTRACTS["positioner"]["target"].maximum,
+        ),
         _own("sensor_node", "canopen", "SensorNode", "sensor_node"),
         _own("sample_changer", "modbus-tcp", "SampleChanger", "sample_changer"),
     )

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind
-from palpate.instrument.bench.links import LINKS, CanLink, Link
+from palpate.instrument.bench.links import LINKS, CanLink, Link, TcpLink
 from palpate.instrument.config import Config, check
 from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
 from palpate.instrument.errors import ConfigError, UnknownName
@@ -100,13 +100,14 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
 
 
 def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
-    """Raises ConfigError: two devices have the same name or the same address, or a link has no device."""
+    """Raises ConfigError: two devices have the same name or address, two links are one line, or one has no device."""
     by_place: dict[tuple[str, int], str] = {}
+    gateways = _gateways(links)
     names: set[str] = set()
     for each in devices:
         if each.name in names:
             raise ConfigError(f"device.{each.name}: the bench has a device of that name; give another")
-        place = (each.link, each.unit)
+        place = (gateways.get(each.link, each.link), each.unit)
         if place in by_place:
             raise ConfigError(
                 f"{by_place[place]} and {each.name} both have the address {each.unit} on {each.link}; correct one"
@@ -118,6 +119,25 @@ def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
             _check_identifiers(name, [each for each in devices if each.link == name])
     if idle := [name for name in links if name not in {each.link for each in devices}]:
         raise ConfigError(f"link.{idle[0]}: no device is on it; leave it out, or list one")
+
+
+def _gateways(links: Mapping[str, Link]) -> dict[str, str]:
+    """Name of the first link with the same TCP address, for each link on TCP: each link has a connection of its own.
+
+    Raises ConfigError: two links name the same serial line or CAN bus, which only one link can use.
+    """
+    first: dict[tuple[object, ...], str] = {}
+    found: dict[str, str] = {}
+    for name, link in links.items():
+        if isinstance(link, TcpLink):
+            found[name] = first.setdefault((link.host.lower(), link.port), name)
+            continue
+        what, place = (
+            ("CAN bus", (link.interface, link.channel)) if isinstance(link, CanLink) else ("serial line", (link.port,))
+        )
+        if (other := first.setdefault(place, name)) != name:
+            raise ConfigError(f"link.{name}: {other} is the same {what}; put its devices on that link")
+    return found
 
 
 def _check_identifiers(link: str, nodes: Sequence[Listed]) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import socket
 
-MULTICAST = "udp_multicast"  # python-can's interface; a bus hears its own frames, too
-RECEIVE_BUFFER = 4 << 20  # bytes; the usual one holds 256 frames
+MULTICAST = "udp_multicast"  # name of python-can's interface; each bus on it also receives its own frames
+RECEIVE_BUFFER = 4 << 20  # bytes; the system's default size holds only 256 frames
 IP_MULTICAST_ALL = 49  # Linux' option; Python's `socket` has no name for it
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-SILENCE = 3.5  # characters that keep frames apart
+SILENCE = 3.5  # number of characters' time that separates two frames
 SHORTEST_SILENCE = 1.75e-3  # s, above 19200 bit/s
-FASTEST = 4_000_000  # bit/s, for pseudo-terminals, which keep no baud rate: with this one waiting costs least
+FASTEST = 4_000_000  # bit/s for pseudo-terminals, which have no real baud rate; the fastest one costs the least waiting
 CLOCKS = 0.95  # two ends of a wire understand each other if their clocks differ by up to 5 %
 
 

@@ -11,7 +11,7 @@ from palpate.instrument.config import Config
 
 LINE, CAN = "line", "can"  # sections that are links of several devices
 ON_TCP, ON_LINE = ("signal_generator", "shaker_amplifier", "sample_changer"), ("strain_indicator", "positioner")
-NEEDED = ("signal_generator", "shaker_amplifier", LINE, CAN)  # where no other devices are listed
+NEEDED = ("signal_generator", "shaker_amplifier", LINE, CAN)  # needed if a bench file lists no other devices
 LINKING = {  # sections that say where a link is, with the kind of the link
     "signal_generator": "modbus-tcp",
     "shaker_amplifier": "modbus-tcp",

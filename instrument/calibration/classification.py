@@ -20,11 +20,11 @@ Floats = npt.NDArray[np.float64]
 
 NOT_CLASSIFIABLE = "not classifiable"
 
-ASTM_E74_FACTORS = {"AA": 2000.0, "A": 400.0}  # a class's range begins at so many lower limit factors
+ASTM_E74_FACTORS = {"AA": 2000.0, "A": 400.0}  # the range of a class begins at this multiple of the lower limit factor
 ASTM_E74_SIGMAS = 2.4
 ASTM_E74_LOADS, ASTM_E74_READINGS = 10, 30
 ISO_376_LOADS = 8
-ISO_376_PART = 0.5  # a class must reach down to this share of the greatest load
+ISO_376_PART = 0.5  # the range of a class must begin at this share of the greatest load, or below
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ ISO_376: dict[str, dict[str, float]] = {
 }
 """Greatest value of each quantity in each class, from the best class to the worst."""
 
-MAY_BE_MISSING = ("creep",)  # ISO 376 accepts the reversibility in its place
+MAY_BE_MISSING = ("creep",)  # ISO 376 accepts the reversibility instead of it
 
 
 def quantities(

@@ -20,7 +20,7 @@ from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.interpolation import interpolate
 
 Floats = npt.NDArray[np.float64]
-FEWEST = 3  # points for each film; fewer tell no scatter
+FEWEST = 3  # least number of points for each film; fewer do not show the scatter
 REPEATS, LOAD_CELL = "scatter from one load set to the next", "load cell"
 
 

@@ -179,14 +179,14 @@ class Contract:
         f = self._by_name[name]
         if f.scale >= 1.0:
             return raw * f.scale
-        return raw / (1.0 / f.scale)  # a product would not be exact: 25000 * 1e-6 < 0.025
+        return raw / (1.0 / f.scale)  # multiplying would not be exact: 25000 * 1e-6 < 0.025
 
     def encode_text(self, name: str, text: str) -> bytes:
         """Wire bytes of a text. Raises RangeError: the text is longer than the field, or cannot be printed."""
         f = self[name]
         if not text.isprintable():
             raise RangeError(f"{self.title}: {name} = {text!r} holds characters that cannot be printed; leave them out")
-        data = text.encode()  # what can be printed has an encoding
+        data = text.encode()  # this cannot fail, because all printable characters have an encoding
         if len(data) > f.length:
             raise RangeError(
                 f"{self.title}: {name} = {text!r} takes {len(data)} bytes of UTF-8, {f.length} are allowed; shorten it"

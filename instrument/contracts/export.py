@@ -23,13 +23,13 @@ from palpate.instrument.extras import library
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
-NODE_IDS = range(1, 21)  # the nodes of the DBC: the largest bench has 20
+NODE_IDS = range(1, 21)  # node ids in the DBC; the largest bench has 20 nodes
 HEARTBEAT, EMERGENCY = 0x700, 0x80  # COB-IDs of node 0, CiA 301
 NMT_STATES = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}  # CiA 301
 
 _OURS = "These maps are Palpate's own and no real device's"
 _COLUMNS = ("address", "name", "type", "unit", "scale", "access", "limits", "default", "choices or bits", "meaning")
-# CiA 306 wants dates. All are the epoch, so that two exports are the same bytes.
+# CiA 306 requires dates. All are 1970-01-01, so that two exports are equal to the byte.
 _EDS_FILE = {
     "FileName": "sensor_node.eds",
     "FileVersion": 1,
@@ -164,7 +164,7 @@ def node_eds(contract: Contract) -> str:
         if is_relative(f.index, f.subindex):
             variable.default_raw = f"$NODEID+0x{int(f.default):X}"
     text = io.StringIO()
-    with warnings.catch_warnings():  # from Python 3.12 on; its result is not used, all dates are given
+    with warnings.catch_warnings():  # the library's own dates warn from Python 3.12 on; they are not used
         warnings.filterwarnings("ignore", r"datetime\.datetime\.utcnow", DeprecationWarning)
         export_eds(dictionary, text, dict(_EDS_FILE))  # type: ignore[no-untyped-call]
     return text.getvalue()

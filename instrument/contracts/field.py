@@ -20,7 +20,7 @@ STRUCT: dict[str, str] = {
     "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f",
 }  # fmt: skip
 SIZE = {name: struct.calcsize(code) for name, code in STRUCT.items()}
-NUL = "\0"  # pads a text to its length
+NUL = "\0"  # the character that fills a text up to the length of its field
 
 
 def sdo(index: int, subindex: int = 0) -> int:

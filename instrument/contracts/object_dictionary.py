@@ -21,7 +21,7 @@ _TYPES = {
     "float32": datatypes.REAL32,
     "text": datatypes.VISIBLE_STRING,
 }
-MAPPING = 0x200  # objects from a PDO's COB-ID and type to its mapping
+MAPPING = 0x200  # distance from the index of a PDO's COB-ID to the index of its mapping
 
 
 def object_dictionary(contract: Contract) -> Any:

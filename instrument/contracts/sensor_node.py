@@ -16,7 +16,7 @@ SYNC_COB_ID = 0x80
 RANGES = {"5 V": 0, "500 mV": 1}
 RANGE_VOLTS = (5.0, 0.5)
 EMERGENCY = "emergency_cob_id"
-SILENT = 0x8000_0000  # bit of a COB-ID that says: not used
+SILENT = 0x8000_0000  # bit of a COB-ID that says that it is not used
 FULL_SCALE_COUNTS = 32768
 CLOCKS_APART = 0.0158
 
@@ -109,7 +109,12 @@ def stuff_bits(size: int, stuffing: str = "worst") -> float:
     return watched / 30 if stuffing == "mean" else float((watched - 1) // 4)
 
 
-def place(channel: int) -> tuple[int, int]:
-    """Number of the node and number of its channel, each from 1, to which a film's channel is wired."""
-    node, own = divmod(channel - 1, CHANNELS)
+def place(channel: int, channels: int = CHANNELS) -> tuple[int, int]:
+    """Number of the node and number of its channel, each from 1, to which a film's channel is wired.
+
+    Args:
+        channel: the film's channel, from 1.
+        channels: number of channels of each node.
+    """
+    node, own = divmod(channel - 1, channels)
     return node + 1, own + 1

@@ -26,7 +26,7 @@ Floats = npt.NDArray[np.float64]
 Values = Mapping[str, Floats]  # inputs by name, each (n,)
 
 POSITION_STEP = positioner.CONTRACT["target"].scale  # m
-SEED = 5302  # of Monte Carlo trials: any number, but always the same
+SEED = 5302  # seed of the Monte Carlo trials: any number, but always the same one
 LOADING, UNLOADING = "loading", "unloading"
 
 
@@ -108,7 +108,7 @@ def compress(
         Input("sensitivity", 1.0, calibration.sensitivity_u / calibration.sensitivity_mV_per_N, known),
         Input("zero", 0.0, calibration.zero_u / calibration.sensitivity_mV_per_N, known),
         Input("area", area, area_u),
-        Input("positions", 0.0, POSITION_STEP / math.sqrt(6)),  # two contacts, each rounded to a step
+        Input("positions", 0.0, POSITION_STEP / math.sqrt(6)),  # two contact positions, each rounded to a step
     )
     related = {
         ("sensitivity", "zero"): calibration.covariance / (calibration.sensitivity_u * calibration.zero_u),
@@ -154,7 +154,7 @@ def compress(
         for index, load in enumerate(line.loads)
     ]
     each = [up.shares(index, f"{LOADING} load {index}") for index in range(len(up.loads))]
-    # The loads of the unloading line have one scatter, too, and the line itself is not among these inputs.
+    # The loads of the unloading line share one estimate of scatter, too. The line itself is none of these inputs.
     each += [{(f"{UNLOADING} load 0", f"{UNLOADING} load {k}"): 0.0} for k in range(1, len(lines[UNLOADING].loads))]
     furthest = Input("load", float(up.loads[last]), up.scatter, up.degrees_of_freedom, "A")
     return Compression(

@@ -18,9 +18,9 @@ from palpate.instrument.uncertainty.propagation import Input
 Floats = npt.NDArray[np.float64]
 
 LEAST_POINTS = 3
-SURE = 2.0  # steps of the indicator: a greater load says that the probe touches
+SURE = 2.0  # number of the indicator's steps above which a load shows that the probe touches
 SIGNIFICANCE = 0.01
-BY_RESOLUTION = 1e6  # degrees of freedom of an uncertainty by the display's step alone: practically infinite
+BY_RESOLUTION = 1e6  # degrees of freedom of an uncertainty by the display's step alone; practically infinite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class LoadLine:
         known, freedom = _reading_u(series.displays, calibration)
         line = interpolate(positions, loads, known)
         scatter = max(line.residual_sd, known)
-        # F-test: do the loads scatter about the line more than their displays say?
+        # The F-test asks whether the loads scatter about the line more than the display's steps explain.
         if fdtrc(line.degrees_of_freedom, freedom, (line.residual_sd / known) ** 2) > SIGNIFICANCE:
             scatter = known
         else:

@@ -31,7 +31,7 @@ MOST_SENSITIVE = 30.0
 STEPS = 200  # of a search; every third halves the interval, so that it ends before
 SETTLED = 1e-10  # step of Newton's method after which no further one moves anything
 NARROWEST = 1e-14  # interval that is not halved any more
-NEAR = 0.1  # relative distance to the ratio at an end of the curve; a flat part farther inside has two sides
+NEAR = 0.1  # relative distance within which a ratio counts as that at an end of the curve
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
             nodes, ratios = nodes[::-1], ratios[::-1]
         hit = (high >= ratios[0]) & (low <= ratios[-1])
         sides: list[tuple[Array, Literal["left", "right"]]] = [(low, "left"), (high, "right")]
-        for ends, side in sides[: 1 if low is high else 2]:  # a single ratio has one modulus here
+        for ends, side in sides[: 1 if low is high else 2]:  # on this part of the curve each ratio has one modulus
             modulus = _inverse(curve, nodes, ratios, np.clip(ends[hit], ratios[0], ratios[-1]), side)
             first[hit], last[hit] = np.minimum(first[hit], modulus), np.maximum(last[hit], modulus)
     soft, hard = (float(curve.line(end)) for end in (curve.turns[0], curve.turns[-1]))

@@ -17,7 +17,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 
 GRID = 5e-5  # m
-TAILS = (0.025, 0.975)  # of a 95 % interval
+TAILS = (0.025, 0.975)  # probabilities at the ends of a 95 % interval
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 # Range of moduli over the ring's in which a curve is sampled. No model's ratio changes any more beyond it.
 SOFTEST, HARDEST = 1e-3, 1e7
-# Narrower ranges of some models.
+# Some models have narrower ranges.
 ENDS = {
     "surface": (surface.LOWEST, surface.HIGHEST),
     "column_fitted": (column_fitted.LOWEST, column_fitted.HIGHEST),

@@ -60,14 +60,14 @@ class Part:
 
 # Loads, film sensitivities, the load cell's line, moduli of the samples, and the scatter of all of them.
 GIVEN = Part(None)
-# Voltages of films, computed from their material's constants.
+# The films' voltages are computed from constants of their material.
 FILM_MATERIAL = Part(frozenset())
 # Models that are fits with any parameter set: two lengths of the corrected beam were chosen to meet the errors of two
 # dimensions, and two numbers of the fitted column to meet the tables for the softer ring.
 FITTED_MODELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"beam": ("5.8",), "beam_exact": ("5.8",), "column_fitted": ("A2.1", "A2.3")}
 )
-# Tables that repeat numbers of another table.
+# These tables repeat numbers of another table.
 REPEATS: Mapping[str, str] = MappingProxyType(
     {
         "4.1": "A2.1", "4.2": "A2.2", "4.3": "A2.3", "4.4": "A2.4", "4.5": "A2.3", "4.6": "A2.4", "A2.5": "A2.3",

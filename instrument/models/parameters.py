@@ -21,7 +21,7 @@ from palpate.instrument.sensor.load import INTERFACES, Load
 PROPORTIONS = (1e-5, 300.0)
 # Limits of moduli, far beyond those of any matter [Pa]: outside them squares leave the range of a double.
 MODULI = (1e-3, 1e20)
-CLOSED = 1e-3  # of the tooth radius: a smaller gap counts as closed
+CLOSED = 1e-3  # share of the tooth's radius; a smaller gap counts as closed
 LOADS = ("pressure", "platen")
 
 _MODULI = ("sensed_modulus", "compliant_modulus", "tooth_modulus", "plate_modulus")

@@ -28,9 +28,9 @@ from palpate.instrument.sensor.sample import Sample
 Vector = NDArray[np.float64]
 
 DRAGGED = ("tooth", "object")
-NOTHING = 1e-6  # of the load: rounding leaves as much of a force that symmetry makes zero
+NOTHING = 1e-6  # share of the load that rounding leaves of a force that is zero by symmetry
 MESHES = REFINEMENTS[:2]  # the third takes minutes
-ALIKE = 0.1  # relative difference of two films' positions that count as one
+ALIKE = 0.1  # relative difference below which two films count as being at the same position
 
 
 @dataclass(frozen=True, slots=True)

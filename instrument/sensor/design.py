@@ -7,6 +7,7 @@ touched object is. Lengths are in metres; forces and voltages of the thesis are 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 
@@ -15,7 +16,7 @@ from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.limits import require_nested
 from palpate.instrument.sensor.material import Material
 
-# First words of films' names: a film under a tooth, a film under a base.
+# The first words of films' names, for films under a tooth and under a base.
 FILM_KINDS = ("rigid", "total")
 OUTLINES = ("square", "round")
 SUPPORTS = ("elastic", "rigid")
@@ -121,7 +122,7 @@ class Design:
             sensor (from the bench file); None: not known.
 
     Raises:
-        RangeError: a dimension is not positive and finite, or parts overlap.
+        RangeError: a dimension is not positive and finite, parts overlap, or the films give no force ratio.
         UnknownName: no such outline or support.
     """
 
@@ -169,6 +170,27 @@ class Design:
             },
             f"design {self.name!r}: ",
         )
+        self._check_films()
+
+    def _check_films(self) -> None:
+        """Raises RangeError: a name, a channel or a tooth of a film is wrong, or a film is missing."""
+        rigid, total = FILM_KINDS
+        bases = [{*film.teeth} for film in self.films if film.name.startswith(total)]
+        seen = Counter(mark for film in self.films for mark in (film.name, film.channel))
+        for film in self.films:
+            problem = ""
+            if not film.name.startswith(FILM_KINDS):
+                problem = f"its name must begin with {rigid!r} or {total!r}"
+            elif seen[film.name] > 1 or seen[film.channel] > 1 or film.channel < 1:
+                problem = f"its name, and its channel {film.channel} from 1, must be those of no other film"
+            elif not film.teeth or not {*film.teeth} <= {*range(len(self.teeth))}:
+                problem = f"its teeth {film.teeth} must be one or more of the numbers 0 to {len(self.teeth) - 1}"
+            elif film.kind == rigid and not any(base.issuperset(film.teeth) for base in bases):
+                problem = f"there must be a {total!r} film that takes the force of its teeth, too"
+            if problem:
+                raise RangeError(f"design {self.name!r}: film {film.name!r}: {problem}; correct the design")
+        if not any(film.kind == rigid for film in self.films):
+            raise RangeError(f"design {self.name!r}: has no film whose name begins with {rigid!r}; add one")
 
     def with_pickup(self, share: float) -> Design:
         """The design with the pick-up that a bench file states for its cables; 0: the file states none."""

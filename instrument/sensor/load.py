@@ -9,7 +9,7 @@ from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.sensor.sample import Sample
 
 INTERFACES = ("bonded", "frictionless", "capped")
-LEAST, GREATEST = 1e-6, 1e6  # N; beyond them forces vanish in round-off or overflow
+LEAST, GREATEST = 1e-6, 1e6  # limits of a load [N]; beyond them forces vanish in round-off, or overflow
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,7 +94,7 @@ def parse_samples(text: str) -> tuple[str, ...]:
 
     Raises:
         UnknownName: there is no sample of that name.
-        RangeError: a sample is named twice, or a range runs backwards.
+        RangeError: a sample is named twice, or a range runs backwards or lacks an end.
     """
     names: list[str] = []
     for item in text.split(","):
@@ -110,6 +110,8 @@ def _expand(item: str) -> Iterator[str]:
     if not dash:
         yield get_sample(item).name
         return
+    if not first.strip() or not last.strip():
+        raise RangeError(f"sample range {item!r} lacks an end; write for example '1-3'")
     low, high = int(get_sample(first.strip()).name), int(get_sample(last.strip()).name)
     if low > high:
         raise RangeError(f"sample range {item!r} runs backwards; write '{high}-{low}'")

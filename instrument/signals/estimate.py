@@ -35,7 +35,7 @@ FEW_DEGREES = 50.0
 A record with so few is too short to tell white from 1/f noise. Where noise prevails, its intervals may be a fifth wider
 than they need to be.
 """
-LEAST_SHARE = 1e-3  # of an uncertainty: a smaller part that noise has in it does not count for degrees of freedom
+LEAST_SHARE = 1e-3  # share of an uncertainty; a smaller part of it by noise does not count for the degrees of freedom
 
 
 @dataclass(frozen=True, slots=True, eq=False)

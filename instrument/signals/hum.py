@@ -14,15 +14,15 @@ from palpate.instrument.signals.sine_columns import COEFFICIENTS, SineColumns, c
 
 Floats = npt.NDArray[np.float64]
 
-SEEN = 5.0  # standard deviations of an amplitude: hum above them shows; smaller hum does no harm
-SURE = 3.0  # standard uncertainties of a frequency: mains that are farther off are tuned
-CENTRED = 0.05  # rad at the ends of the record: so small a phase error the slopes take up by themselves
-FARTHEST = 0.5  # Hz, EN 50160: the mains are never farther off
+SEEN = 5.0  # number of an amplitude's standard deviations above which hum is seen; smaller hum does no harm
+SURE = 3.0  # number of a frequency's standard uncertainties; mains that are farther off are tuned
+CENTRED = 0.05  # rad at the ends of the record; the slopes absorb a phase error this small
+FARTHEST = 0.5  # greatest deviation of the mains' frequency by EN 50160 [Hz]
 STEPS = 8
-LONG = 2.0  # s: in longer records 0.25 Hz are more than half a turn
-BLOCK = 0.5  # s that the search averages
+LONG = 2.0  # s; in a longer record 0.25 Hz are more than half a turn
+BLOCK = 0.5  # s of a record that the search averages
 ROUND_OFF = 1e-12  # of a signal
-PADDED = 4  # frequencies that are tried for each block
+PADDED = 4  # number of frequencies that are tried for each block
 
 
 def tuned(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColumns, Floats]:

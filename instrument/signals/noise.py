@@ -15,12 +15,12 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 
 MAINS = (50.0, 60.0)  # Hz
-FEWEST_LINES = 8  # of the spectrum; where a record has fewer, all of its residuals count
-LINES = 24  # averaged at least, where the record has so many
+FEWEST_LINES = 8  # least number of lines of the spectrum; in a record with fewer, all residuals count
+LINES = 24  # least number of lines that are averaged, if the record has as many
 FIRST_LINE = 2  # offset and trend take most of line 1
 SHAPE_LINES = 96  # a spectrum of fewer lines has no shape to fit
-HARMONICS_FROM = 8  # cycles: from here on leaving out the harmonics costs at most an eighth of the lines
-BANDS = 12  # of equal ratio of frequencies; their means are fitted, and the shape must hold in each
+HARMONICS_FROM = 8  # number of cycles from which leaving out the harmonics costs at most an eighth of the lines
+BANDS = 12  # number of bands of equal frequency ratio; the fit is to their means, and must hold in each
 SURE = 1e-4  # chance that a spectrum of the fitted shape is rejected
 SCORINGS, SETTLED = 8, 1e-4  # greatest number of steps, and the relative change that ends them
 

@@ -26,9 +26,9 @@ from palpate.instrument.uncertainty.budget import COVERAGE
 
 Floats = npt.NDArray[np.float64]
 
-LONGEST = 240  # samples: a longer record has a spectrum to fit; the time to find the directions grows as the cube
-FEWEST = 6  # residuals: fewer do not tell how well their variance is known
-SHARES = np.sin((np.arange(16) + 0.5) * np.pi / 32) ** 2  # of 1/f noise at the drive; equally likely by Jeffreys
+LONGEST = 240  # greatest number of samples; a longer record has a spectrum to fit, and the time here grows as the cube
+FEWEST = 6  # least number of residuals; fewer do not show how well their variance is known
+SHARES = np.sin((np.arange(16) + 0.5) * np.pi / 32) ** 2  # shares of 1/f noise at the drive; equally likely by Jeffreys
 BEYOND_LAW = 1.15  # factor on the power of 1/f noise at the drive: amplifiers follow the 1/f law to about a tenth
 LEANING = 8.0  # cycles: this over the record's cycles is the exponent of the share in the leaning prior; by trial
 STEEPER = 0.3  # cycles: this over the record's cycles is the excess at the drive of noise that falls as 1/f throughout

@@ -37,9 +37,9 @@ At the limit the amplitude can be about 50 times as uncertain as from a whole nu
 """
 HUM_CONDITION = 5.0  # largest condition number with columns of the mains: the variance grows six times at most
 SAMPLES_PER_COLUMN = 2  # fewest samples for each column, with columns of the mains
-REMEMBERED, LONGEST_REMEMBERED = 8, 10_000  # records, and samples in one; procedures fit at the same times again
+REMEMBERED, LONGEST_REMEMBERED = 8, 10_000  # records that are remembered, and samples in one; fits repeat
 WANDER = 0.2  # Hz, by which the mains differ from their rated frequency (EN 50160: 0.5 Hz for 99.5 % of a year)
-SHOWN = 1e-12  # V that leak from 1 V of hum; less is round-off
+SHOWN = 1e-12  # V that leak from 1 V of hum; below this it is round-off
 
 
 @dataclass(slots=True, eq=False)

@@ -41,8 +41,8 @@ AGREEMENT = 0.05
 It is half a unit of the second digit where the uncertainty begins with 10. JCGM 101 takes half a unit of the last
 stated digit; this limit does not change with the unit of the result.
 """
-SEEN = 2.0  # standard uncertainties within which curvature is looked for
-MOSTLY = 0.5  # of the variance: a rectangular input that holds more shows in the interval
+SEEN = 2.0  # number of standard uncertainties within which curvature is looked for
+MOSTLY = 0.5  # share of the variance above which a rectangular input changes the interval
 MANY = 1e4  # degrees of freedom above which Student's t counts as normal
 COARSE = 1024  # least number of steps of a float64 that a difference spans
 ROUND_OFF = 64.0  # steps of a float64 by which a function's result may be off
@@ -246,7 +246,7 @@ def _trials(problem: _Problem, budget: Budget, seed: int, because: str) -> Propa
             " interval; measure them better, or give a bound"
         )
     ends = TRIALS * np.array([(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
-    sure = 3 * math.sqrt(ends[0] * (1 + COVERAGE) / 2)  # what chance may move an end of the trials' interval
+    sure = 3 * math.sqrt(ends[0] * (1 + COVERAGE) / 2)  # by this much chance may move an end of the trials' interval
     below, above = (found[np.clip(np.rint(ends + side * sure), 0, TRIALS - 1).astype(int)] for side in (-1, 1))
     linear = np.array(budget.interval())
     apart = float(np.maximum(np.maximum(below - linear, linear - above), 0.0).max())

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import MARKERS, new_figure
+from palpate.procedures.showing.figure import MARKERS, new_figure, write
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 if TYPE_CHECKING:
@@ -49,8 +49,7 @@ def plot_dwell(prices: DwellPrices, title: str, folder: Path) -> Path:
     Raises:
         RecordError: the folder or file cannot be written.
     """
-    figure, axes = new_figure(True, 2)
-    figure.suptitle(title, fontsize=10)
+    figure, axes = new_figure(True, 2, title)
     for number, name in enumerate(dict.fromkeys(p.estimator for p in prices.points)):
         own = [p for p in prices.points if p.estimator == name]
         style = f"C{number}{MARKERS[number]}-"
@@ -67,5 +66,5 @@ def plot_dwell(prices: DwellPrices, title: str, folder: Path) -> Path:
     path = folder / PLOT
     with storing(path):
         folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=120, metadata={"Software": None})
+        write(figure, path)
     return path

@@ -7,8 +7,7 @@ from pathlib import Path
 from palpate.instrument.models.prices.price import Price
 from palpate.instrument.models.prices.price_list import PriceList
 from palpate.instrument.quantity import show
-from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import MARKERS
+from palpate.procedures.showing.figure import MARKERS, write
 
 # The range of moduli of the rubber samples, in which every model answers.
 INTERVAL = 1
@@ -52,8 +51,7 @@ def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
         )
         ax.grid(alpha=0.3)
         ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    with storing(path):
-        figure.savefig(path, dpi=120, metadata={"Software": None})
+    write(figure, path)
 
 
 def _point(price: Price) -> tuple[float, float] | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import MARKERS
+from palpate.procedures.showing.figure import MARKERS, write
 from palpate.procedures.showing.text import new_table, print_all
 
 if TYPE_CHECKING:
@@ -60,5 +60,5 @@ def plot_page(parts: Sequence[Part], folder: Path) -> Path:
     path = folder / PLOT
     with storing(path):
         folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=120, metadata={"Software": None})
+        write(figure, path)
     return path

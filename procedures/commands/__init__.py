@@ -27,7 +27,7 @@ from palpate.procedures.commands.softness import softness
 from palpate.procedures.commands.study import study
 from palpate.procedures.commands.sweep import sweep
 from palpate.procedures.commands.test import test
-from palpate.procedures.console.terminal import give_up, say
+from palpate.procedures.console.terminal import fill_streams, give_up, say
 
 ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # exit status: message
 MOST_FILES = 128  # files that may have to be open at once; a served bench with all its clients has about 100
@@ -60,6 +60,7 @@ def main() -> None:
     """Run the command line, and turn every error into one message and the exit status that `palpate --help` lists."""
     from palpate.procedures.arithmetic import same_everywhere
 
+    fill_streams()
     same_everywhere()
     try:
         _run()

@@ -63,7 +63,7 @@ def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
 
     check_holes(log)
     logged, output = LoggedRun(log), Output(as_json, quiet)
-    procedure = class_of(logged.run, "replayed").recorded(logged.run)
+    procedure = class_of(logged.run, "replay").recorded(logged.run)
     with output.progress() as progress:
         done = do_again(procedure, logged, out, progress)
     return tell(procedure, done, output)

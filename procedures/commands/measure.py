@@ -9,13 +9,21 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate.instrument.errors import ConfigError, PalpateError, UsageError
-from palpate.procedures.commands.options import DRY_RUN, Choice, Command, Group, Output, bench_options, budget_option
+from palpate.procedures.commands.options import (
+    DRY_RUN,
+    LONGEST,
+    Choice,
+    Command,
+    Group,
+    Output,
+    bench_options,
+    budget_option,
+)
 
 if TYPE_CHECKING:
     from palpate.procedures.engine.settings import Asked
 
 FIELD = "field_"  # prefix of a parameter for a field, so that no other parameter of the command has the same name
-WIDTH = 80  # characters of a procedure's purpose in the list
 PLAIN = {float: "NUMBER", int: "INTEGER", str: "TEXT"}
 EXAMPLES = "Examples:\n\n  palpate measure {0}{1}\n\n  palpate measure {0}{1} --scene ideal --dry-run"
 
@@ -41,7 +49,7 @@ class Known(Group):
         rows = []
         for name in self.list_commands(ctx):
             try:
-                rows.append((name, command_of(name).get_short_help_str(WIDTH)))
+                rows.append((name, command_of(name).get_short_help_str(LONGEST)))
             except ConfigError as error:
                 rows.append((name, f"Cannot be used: {error}."))
         with formatter.section("Commands"):

@@ -13,6 +13,7 @@ Install it, and run its tests, which pass as they stand:
 
   pip install -e {folder}
   pytest {folder}
+
 """
 DEVICE = "Then put in what the device's manual says, with a golden frame for each field: see docs/how-to/device.md."
 EFFECT = "Then put in your physics, and let a scene call for it: see docs/how-to/effect.md."

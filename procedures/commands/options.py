@@ -21,6 +21,8 @@ from palpate.procedures.console.terminal import say
 F = TypeVar("F", bound=Callable[..., object])
 
 
+LONGEST = 1000  # characters of a command's summary, more than any has
+
 option = functools.partial(click.option, show_default=True)
 
 
@@ -46,6 +48,12 @@ class Group(Command, click.Group):
 
     command_class = Command
     group_class = type
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands with their whole summaries; click would cut them off at the end of a line."""
+        listed = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, each.get_short_help_str(LONGEST)) for name, each in listed if each is not None])
 
 
 def make_folder(out: Path | None) -> None:
@@ -165,7 +173,9 @@ def bench_options(command: F) -> F:
         ),
         option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         option(
-            "--scene", metavar="NAME|FILE", help="Scene to simulate (default: the one named above, or thesis_single)."
+            "--scene",
+            metavar="NAME|FILE",
+            help="Scene to simulate (default: thesis_single, if the text above names no other).",
         ),
         option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),
         OUT,
@@ -187,8 +197,14 @@ class Output:
         return not self.as_json and not self.quiet
 
     def json(self, value: Mapping[str, object]) -> None:
-        """Print the one JSON object on stdout."""
-        click.echo(json.dumps(value, indent=2, allow_nan=False))
+        """Print the one JSON object on stdout, with null for NaN and infinities."""
+        try:
+            text = json.dumps(value, indent=2, allow_nan=False)
+        except (TypeError, ValueError):
+            from palpate.procedures.records.encoding import plain
+
+            text = json.dumps(plain(value), indent=2, allow_nan=False)
+        click.echo(text)
 
     def line(self, text: str) -> None:
         if self.for_people:

@@ -14,6 +14,7 @@ from palpate.instrument.errors import PalpateError, RecordError
 from palpate.procedures.commands.options import Choice, Output
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.returned import calibration_saved, planned
 from palpate.procedures.engine.run import open_and_run, refuse
 from palpate.procedures.lab import keys
 from palpate.procedures.lab.open import Chosen, choose
@@ -47,11 +48,11 @@ def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: s
     doubt = refuse(procedure, target)
     with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
         pass  # this only checks that they can be written; the empty folder is removed again
-    planned = procedure.plan(target)
+    steps = planned(procedure, target)
     if output.as_json:
-        output.json(planned.summary())
+        output.json(steps.summary())
     elif output.for_people:
-        print_plan(planned)
+        print_plan(steps)
     if doubt and not output.quiet:
         say(f"palpate: note: {doubt}", err=True)
 
@@ -64,7 +65,7 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> No
         RecordError: a file cannot be written, or the report crashed.
     """
     with after(done.folder):
-        outcome: Outcome = {**done.outcome, **procedure.keep(done)}
+        outcome: Outcome = {**done.outcome, **calibration_saved(procedure, done)}
         rows, summary = [asdict(point) for point in done.result.points], done.result.summary()
         report = procedure.report(done.result, done.session.lab)
         found = {**outcome, "points": rows, **summary}
@@ -74,7 +75,7 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> No
             found["plot"] = str(plot)
             show = partial(report.show, outcome, plot)
         tell_result(output, found, show, done.result.budgets)
-        procedure.judge(done.result)
+        procedure.check_result(done.result)
 
 
 @contextmanager
@@ -108,3 +109,5 @@ def tell_result(
             print_budgets(
                 (each if isinstance(each, Budget) else each.budget for each in budgets), bool(found["simulated"])
             )
+            if not budgets:
+                say("this procedure gives no uncertainty budget; its points and results have their uncertainties")

@@ -17,7 +17,7 @@ from palpate.procedures.lab.store import store
 )
 @click.argument("run")
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
-@option("--accept-change", is_flag=True, help="Go on although the bench has changed; the record lists changes.")
+@option("--accept-change", is_flag=True, help="Go on although bench or software changed; the record lists changes.")
 @assume_option
 @output_options
 def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, as_json: bool, quiet: bool) -> None:
@@ -38,7 +38,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
 
     opened = Run.open(find_run(run, store()))
     output = Output(as_json, quiet)
-    procedure = begun(opened, class_of(opened, "resumed"), bench)
+    procedure = begun(opened, class_of(opened, "resume"), bench)
     for line in unhashed(opened.hashed):
         output.line(line)
     with keyboard() as pause, output.progress() as progress:

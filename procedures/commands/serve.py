@@ -40,7 +40,12 @@ if TYPE_CHECKING:
     help="Let time stand still, and move it on by TIME at each Enter.",
 )
 @option("--samples", callback=texts.samples, help="Samples in the sample changer (default: no changer).")
-@option("--out", type=FILE_NAME, metavar="FILE", help="Write the bench file to FILE.")
+@option(
+    "--out",
+    type=FILE_NAME,
+    metavar="FILE",
+    help="Write the bench file to FILE; only that of an earlier served bench is overwritten.",
+)
 @option("--status", is_flag=True, help="Show outputs, readings, faults and traffic.")
 @output_options
 def serve(

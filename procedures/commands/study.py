@@ -59,6 +59,8 @@ def study(
         "order of axes": list(asked.axes),  # it determines the numbers of the cells
         "scenes": {name: file.model_dump(mode="json") for name, file in sweep.scenes.items()},
     }
+    if packages := sweep.packages(asked):
+        described["packages"] = packages
     check_holes(folder / RECORD)
     with Store(folder, described) as opened:
         if len(opened.done) < len(asked):

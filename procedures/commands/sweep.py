@@ -116,6 +116,7 @@ def frequency(
 @options.extrapolate_option
 @options.DRY_RUN
 @options.bench_options
+@options.budget_option
 @conducts("humid_body")
 def temperature(
     temperatures: tuple[float, ...],

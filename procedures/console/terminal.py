@@ -11,6 +11,7 @@ import re
 import sys
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 # Control characters except tab and line feed; characters that change the direction of writing or break lines.
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+LAST_STREAM = 2  # number of stderr
 _PICTURES, _DELETE, _OTHER = 0x2400, "\x7f", "\ufffd"
 
 
@@ -61,6 +63,26 @@ class Spoken:
             sys.stderr.flush()
         except OSError:
             give_up(sys.stderr)
+
+
+def fill_streams() -> None:
+    """Put /dev/null in the place of standard streams that the program was started without, as by `>&-`.
+
+    Else the next file that is opened, a record or a serial line, gets the number of stdout or stderr, and libraries
+    write to it.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= LAST_STREAM:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, _nowhere())
+
+
+@cache
+def _nowhere() -> TextIO:
+    """/dev/null, open to the program's end."""
+    return Path(os.devnull).open("r+", encoding="utf-8")
 
 
 def give_up(stream: TextIO) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from palpate.drivers.roles import SampleChanger
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.procedure import P, Procedure, R, S
+from palpate.procedures.engine.returned import begun, evaluated, measured, planned
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
@@ -15,6 +17,8 @@ def conduct(
     procedure: Procedure[S, P, R], lab: Lab, record: Recorder, progress: Progress = silent, pause: Pause = NOBODY
 ) -> R:
     """Carry out the remaining steps of a procedure. Each point is durable on disk before `progress` is called.
+
+    Before a point is stored, the bench's sample changer is asked whether its sample is still mounted.
 
     Args:
         procedure: the procedure.
@@ -26,13 +30,16 @@ def conduct(
     Raises:
         RangeError, UnknownName: a setting is impossible on this bench; the outputs stay off.
         UnreachableError, SafetyError, LinkError, DeviceError: the bench failed; finished points stay on disk.
+        SampleError: the sample changer does not hold the sample that it mounted, or it was away meanwhile.
         EstimateError: the points give no result.
+        ConfigError: a method of the procedure returned what it must not.
     """
     procedure.check(lab.target)
-    steps = procedure.plan(lab.target).steps
-    work = procedure.begin(lab, record)
+    steps = planned(procedure, lab.target).steps
+    work = begun(procedure, lab, record)
     points: list[P] = record.finished(procedure.point)
     group: str | None = None
+    changer = lab.bench.maybe(SampleChanger)
     for step in steps[len(points) :]:
         if step.group != group:
             group = step.group
@@ -42,11 +49,13 @@ def conduct(
         progress(len(points), len(steps), step.what)
         if procedure.pausable:
             pause_here(pause, lab.bench, record)
-        taken = work.take(step)
-        record.point(asdict(taken.point), taken.waveforms, lab.bench.clock.now_ns())
-        points.append(taken.point)
+        found = measured(procedure, work, step)
+        if changer:
+            changer.check()
+        record.point(asdict(found.point), found.waveforms, lab.bench.clock.now_ns())
+        points.append(found.point)
         progress(len(points), len(steps), step.what)
-        if taken.error is not None:
-            raise taken.error
+        if found.error is not None:
+            raise found.error
     work.end()
-    return procedure.evaluate(points, lab)
+    return evaluated(procedure, points, lab)

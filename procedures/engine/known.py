@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.instrument.additions import Addition, addition, additions, load_addition, unusable
 from palpate.instrument.errors import UnknownName, UsageError
 from palpate.procedures.engine.plan import Step
-from palpate.procedures.engine.procedure import Procedure, Result
+from palpate.procedures.engine.procedure import P, Procedure, R, Result, S
 from palpate.procedures.records.run import Run
 
 if TYPE_CHECKING:
@@ -53,7 +55,7 @@ def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result
 
 
 def class_of(run: Run, done: str) -> type[Procedure[Step, DataclassInstance, Result]]:
-    """The class of a run's procedure; `done` is "resumed" or "replayed", for messages.
+    """The class of a run's procedure; `done` is "resume" or "replay", what is done with it.
 
     Raises:
         UsageError: no procedure of that name is known.
@@ -62,4 +64,24 @@ def class_of(run: Run, done: str) -> type[Procedure[Step, DataclassInstance, Res
     try:
         return procedure_class(run.procedure)
     except UnknownName:
-        raise UsageError(f"{run.folder}: {run.procedure!r} cannot be {done}; valid: {', '.join(names())}") from None
+        origin = f" of {run.header['procedure_from']}" if "procedure_from" in run.header else ""
+        raise UsageError(
+            f"{run.folder}: {run.procedure!r}{origin} cannot be {done}d without its class: install its package, or "
+            f"give the class to palpate.{done} in a script; known: {', '.join(names())}"
+        ) from None
+
+
+def outside(kind: type[Procedure[S, P, R]]) -> Addition | None:
+    """Where a procedure that is not palpate's own comes from; None: it is palpate's own.
+
+    The package is that of the entry point that names the class. A class that none names is of a script: the script's
+    file then stands for the package, without a version.
+    """
+    if kind.__module__.startswith("palpate."):
+        return None
+    for added in additions(GROUP).get(kind.name, ()):
+        module, _, name = added.place.partition(":")
+        if getattr(sys.modules.get(module), name, None) is kind:
+            return added
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return Addition(kind.name, kind.__module__, Path(file).name if file else kind.__module__, "")

@@ -11,7 +11,8 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
    - `check` refuses impossible settings before anything is sent to a device;
    - `plan` lists the steps, each with `what` it measures, and the `group` of steps that share one set-up;
    - `begin` returns the work: `arrange` sets up a group, `take` measures one step, `end` leaves the bench at rest.
-     Work under a dynamic load inherits from `measurements.loaded.Loaded`, which has films, servo and end;
+     Work under a dynamic load inherits from `DynamicLoadWork` (`measurements/dynamic_load.py`), which has films, servo
+     and end;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
 5. If the fields do not suffice as options, a command of its own makes the procedure of its options; the decorator
@@ -29,7 +30,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar
 
-from palpate.instrument.errors import PalpateError, RecordError
+from palpate.instrument.bench.kinds import Role
+from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import Calibrating
@@ -70,7 +72,7 @@ P_co = TypeVar("P_co", bound="DataclassInstance", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Found(Generic[P]):
+class SimpleResult(Generic[P]):
     """A result for a procedure that needs no class of its own.
 
     Attributes:
@@ -88,7 +90,7 @@ class Found(Generic[P]):
 
 
 @dataclass(frozen=True, slots=True)
-class Taken(Generic[P_co]):
+class Measurement(Generic[P_co]):
     """A measured step.
 
     Attributes:
@@ -108,7 +110,7 @@ class Work(Protocol[S_contra, P_co]):
     def arrange(self, step: S_contra) -> None:
         """Set up what a group of steps shares, such as a mounted sample. Called before the first step of the group."""
 
-    def take(self, step: S_contra) -> Taken[P_co]:
+    def take(self, step: S_contra) -> Measurement[P_co]:
         """Measure one step."""
 
     def end(self) -> None:
@@ -116,7 +118,7 @@ class Work(Protocol[S_contra, P_co]):
 
 
 @dataclass(frozen=True, slots=True)
-class Loads:
+class RequiredLoads:
     """Loads that the load cell's calibration must cover.
 
     Attributes:
@@ -188,27 +190,37 @@ class Procedure(ABC, Generic[S, P, R]):
         name: name of the procedure, in records and commands.
         point: class of its points.
         calibrating: what it calibrates, so that it needs no stored calibration of it; None: nothing.
-        continues: True: a run on a real bench can be resumed at any point; False: its points must be taken in one run.
+        resumable_on_real_bench: True: a run on a real bench can be resumed at any point; False: its points must be
+            taken in one run. A run of a simulated bench can always be resumed.
         pausable: True: outputs may go to zero before any step, because each step sets its load again.
-        by_hand: what a person does in addition to mounting samples, as "places weights"; empty: nothing.
+        manual_work: what a person does in addition to mounting samples, as "places weights"; empty: nothing.
+        automated_by: role of a device that does the `manual_work` instead, if the bench has one; None: no device can.
         constants: entries of the record in addition to the settings.
-        added: settings that records of older versions lack; a record must have all others to be resumed.
+        newer_settings: settings that records of older versions lack; a record must have all others to be resumed.
     """
 
     name: ClassVar[str]
     point: ClassVar[type[Any]]
     calibrating: ClassVar[Calibrating | None] = None
-    continues: ClassVar[bool] = False
+    resumable_on_real_bench: ClassVar[bool] = False
     pausable: ClassVar[bool] = False
-    by_hand: ClassVar[str] = ""
+    manual_work: ClassVar[str] = ""
+    automated_by: ClassVar[Role | None] = None
     constants: ClassVar[Mapping[str, object]] = {}
-    added: ClassVar[frozenset[str]] = frozenset()
+    newer_settings: ClassVar[frozenset[str]] = frozenset()
 
     @classmethod
     def recorded(cls, run: Run) -> Self:
-        """The procedure of a run, with its settings. Raises RecordError: another version recorded the settings."""
+        """The procedure of a run, with its settings.
+
+        Raises:
+            UsageError: the run is of another procedure.
+            RecordError: another version recorded the settings.
+        """
+        if run.procedure != cls.name:
+            raise UsageError(f"{run.folder} is of procedure {run.procedure!r}, not {cls.name!r}; name its class")
         given = run.header["settings"]
-        asked = {each.name for each in fields(cls)} - cls.added
+        asked = {each.name for each in fields(cls)} - cls.newer_settings
         if isinstance(given, dict) and (lacking := asked - given.keys()):
             lack = ", ".join(sorted(lacking))
             raise RecordError(
@@ -219,7 +231,7 @@ class Procedure(ABC, Generic[S, P, R]):
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device. Raises RangeError, UnknownName."""
 
-    def loads_to_tell(self) -> Loads | None:
+    def required_loads(self) -> RequiredLoads | None:
         """The loads that the load cell's calibration must cover; None: there are none, or they are not known yet."""
         return None
 
@@ -235,7 +247,7 @@ class Procedure(ABC, Generic[S, P, R]):
     def evaluate(self, points: Sequence[P], lab: Lab) -> R:
         """Compute the result from the points. Raises EstimateError: they give no result."""
 
-    def keep(self, done: Finished[R]) -> Kept:
+    def save_calibration(self, done: Finished[R]) -> Kept:
         """Store a calibration for later runs; returns keys to add to the outcome. Raises RecordError."""
         return {}
 
@@ -243,7 +255,7 @@ class Procedure(ABC, Generic[S, P, R]):
         """How to show the result; None: as a table of its points."""
         return None
 
-    def judge(self, result: R) -> None:
+    def check_result(self, result: R) -> None:
         """Refuse a result that permits no conclusion; the engine calls it after the result was shown.
 
         By default at least one point must be valid, if points say whether they are. Raises EstimateError.

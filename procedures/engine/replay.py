@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import overload
 
 from palpate.instrument.errors import PalpateError
 from palpate.procedures.console.progress import Progress, silent
@@ -13,20 +14,42 @@ from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.open import Chosen
 
 
-def replay(log: str | Path, out: str | Path | None = None, *, progress: Progress = silent) -> Finished[Result]:
+@overload
+def replay(
+    log: str | Path, out: str | Path | None = None, kind: None = None, *, progress: Progress = silent
+) -> Finished[Result]: ...
+@overload
+def replay(
+    log: str | Path, out: str | Path | None, kind: type[Procedure[S, P, R]], *, progress: Progress = silent
+) -> Finished[R]: ...
+def replay(
+    log: str | Path,
+    out: str | Path | None = None,
+    kind: type[Procedure[S, P, R]] | None = None,
+    *,
+    progress: Progress = silent,
+) -> Finished[R] | Finished[Result]:
     """Repeat the run of a bus log: the drivers receive the logged answers, without devices, operator or waiting.
 
     Args:
         log: the .pcapng file of a log, or the CAN file beside it.
         out: folder of the new run; None: a new one in the store.
+        kind: class of its procedure; None: the one of that name, ours or of an installed package.
+        progress: called with the number of finished points, of all points, and what is done now.
 
     Raises:
-        UsageError: its procedure is not known.
+        UsageError: its procedure is not known, or is another one than `kind`.
         ConfigError: the log is damaged, or another version of palpate wrote it.
     """
-    logged = LoggedRun(Path(log))
-    procedure = class_of(logged.run, "replayed").recorded(logged.run)
-    return concluded(procedure, do_again(procedure, logged, None if out is None else Path(out), progress))
+    logged, folder = LoggedRun(Path(log)), None if out is None else Path(out)
+    if kind is None:
+        return _replayed(class_of(logged.run, "replay"), logged, folder, progress)
+    return _replayed(kind, logged, folder, progress)
+
+
+def _replayed(kind: type[Procedure[S, P, R]], logged: LoggedRun, out: Path | None, progress: Progress) -> Finished[R]:
+    procedure = kind.recorded(logged.run)
+    return concluded(procedure, do_again(procedure, logged, out, progress))
 
 
 def do_again(procedure: Procedure[S, P, R], logged: LoggedRun, out: Path | None, progress: Progress) -> Finished[R]:

@@ -11,6 +11,7 @@ from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.open import Chosen, choose
+from palpate.procedures.lab.session import RUNS_BEFORE
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.headers import header_of
 from palpate.procedures.records.record import put_file
@@ -58,7 +59,7 @@ def resume(
         run: its folder, or its name in the store.
         kind: class of its procedure; None: the one of that name, ours or of an installed package.
         bench: bench file of a real bench; None: the run's own.
-        accept_change: go on although the bench has changed; the record says how.
+        accept_change: go on although bench or software have changed; the record says how.
 
     Raises:
         UnknownName: no such run. UsageError: it is complete, or of another procedure or bench.
@@ -66,15 +67,13 @@ def resume(
     """
     found, file = Run.open(find_run(str(run), store())), None if bench is None else Path(bench)
     if kind is None:
-        return _resumed(class_of(found, "resumed"), found, file, accept_change, progress, pause)
+        return _resumed(class_of(found, "resume"), found, file, accept_change, progress, pause)
     return _resumed(kind, found, file, accept_change, progress, pause)
 
 
 def _resumed(
     kind: type[Procedure[S, P, R]], run: Run, bench: Path | None, accept_change: bool, progress: Progress, pause: Pause
 ) -> Finished[R]:
-    if run.procedure != kind.name:
-        raise UsageError(f"{run.folder} is of procedure {run.procedure!r}, not {kind.name!r}; name its class")
     procedure = begun(run, kind, bench)
     done = go_on(
         procedure,
@@ -92,18 +91,25 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
     """The procedure of a run that can go on, with its settings.
 
     Raises:
-        UsageError: a bench for a simulated run, or points on a real bench that belong together.
+        UsageError: a run of another procedure, a bench for a simulated run, a later run on an open simulated bench, or
+            points on a real bench that belong together.
         RecordError: its header is none of a procedure's.
     """
-    if header_of(run)["scene"] is not None:
+    header, procedure = header_of(run), kind.recorded(run)
+    if header["scene"] is not None:
         if bench is not None:
             raise UsageError("--bench: the run used a simulated bench; leave this option out")
-    elif not kind.continues and run.points():
+        if before := header.get(RUNS_BEFORE):
+            raise UsageError(
+                f"{run.folder}: it was run {before + 1} on an open simulated bench, which cannot be brought back to "
+                "where it was; run it anew"
+            )
+    elif not kind.resumable_on_real_bench and run.points():
         raise UsageError(
             f"{run.folder}: on a real bench {run.procedure!r} cannot be resumed, because its points must be taken in "
             "one run; run it anew"
         )
-    return kind.recorded(run)
+    return procedure
 
 
 def go_on(
@@ -119,7 +125,7 @@ def go_on(
     """Open the bench of a run again and take the points that are left.
 
     Raises:
-        UsageError: the run is complete, or the bench has changed and that is not accepted.
+        UsageError: the run is complete, or bench or software have changed and that is not accepted.
         RecordError: the run is damaged.
         Others as `open_and_run` raises them.
     """

@@ -6,14 +6,17 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
+from palpate.instrument.errors import UsageError
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.engine.known import outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.returned import calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.lab.open import Chosen, OpenBench, opened
+from palpate.procedures.lab.open import Chosen, OpenBench, one_run, opened
 from palpate.procedures.lab.session import places, recording
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.resumed import Resumed
@@ -28,7 +31,9 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
     """
     check_settings(procedure)
     procedure.check(target)
-    loads = procedure.loads_to_tell()
+    if not planned(procedure, target).steps:
+        raise UsageError(f"procedure {procedure.name!r} has no steps with these settings; change them")
+    loads = procedure.required_loads()
     if by_store and loads is not None:
         simulated = target.model is not None
         stored = check_store(loads.values, loads.extrapolate, simulated, datetime.now(UTC).date())
@@ -40,7 +45,7 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
 def plan(procedure: Procedure[S, P, R], bench: OpenBench) -> Plan[S]:
     """The plan of a procedure on an open bench; nothing is sent. Raises what the procedure's checks raise."""
     refuse(procedure, bench.target)
-    return procedure.plan(bench.target)
+    return planned(procedure, bench.target)
 
 
 def run(
@@ -74,8 +79,8 @@ def run(
 
 def concluded(procedure: Procedure[S, P, R], done: Finished[R]) -> Finished[R]:
     """Store the calibration of a finished run, and judge its result. Raises EstimateError: it permits no conclusion."""
-    procedure.keep(done)
-    procedure.judge(done.result)
+    calibration_saved(procedure, done)
+    procedure.check_result(done.result)
     return done
 
 
@@ -94,7 +99,7 @@ def open_and_run(
     All checks that need no open bench come before it is opened. Raises as `run` does.
     """
     refuse(procedure, chosen.target, by_store=chosen.logged is None)
-    chosen.mounting(procedure.by_hand)
+    chosen.mounting(procedure.manual_work, procedure.automated_by)
     if resumed is not None:
         with opened(chosen, log, resumed) as bench:
             return record_run(procedure, bench, resumed.folder, progress, pause, resumed)
@@ -112,15 +117,20 @@ def record_run(
     resumed: Resumed | None = None,
 ) -> Finished[R]:
     """Carry out a procedure on an open bench and record it in a folder, or go on with a run."""
-    with recording(
-        bench,
-        procedure.name,
-        {**asdict(procedure), **procedure.constants},
-        folder,
-        calibrating=procedure.calibrating,
-        by_hand=procedure.by_hand,
-        resumed=resumed,
-    ) as session:
+    with (
+        one_run(bench),
+        recording(
+            bench,
+            procedure.name,
+            {**asdict(procedure), **procedure.constants},
+            folder,
+            calibrating=procedure.calibrating,
+            manual_work=procedure.manual_work,
+            automated_by=procedure.automated_by,
+            outside=outside(type(procedure)),
+            resumed=resumed,
+        ) as session,
+    ):
         if resumed is not None:
             pause = PausedAgain(resumed, session.lab.bench, pause)
         result = conduct(procedure, session.lab, session.record, progress, pause)

@@ -63,7 +63,7 @@ class Asked:
     required: bool
 
     def value(self, text: str) -> object:
-        """The value that a text stands for. Raises QuantityError, RangeError, UnknownName: the text is not allowed."""
+        """The value that a text stands for. Raises UsageError: the text is not allowed."""
         if not self.many:
             return self._one(text)
         if self.kind is float and ":" in text:
@@ -72,7 +72,12 @@ class Asked:
 
     def _one(self, text: str) -> object:
         if self.setting.read is not None:
-            return self.setting.read(text)
+            try:
+                return self.setting.read(text)
+            except PalpateError:
+                raise
+            except (TypeError, ValueError) as error:  # a package's own function need not know palpate's errors
+                raise UsageError(f"{text[:100]!r}: {error}") from error
         if self.kind is float:
             return parse(text, self.setting.unit)
         if self.kind is int:
@@ -97,8 +102,7 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
     for field in fields(procedure):
         value = getattr(procedure, field.name)
         told = f"{procedure.name}: {field.name} = {value!r}"
-        default = () if field.default is MISSING else field.default
-        if isinstance(value, (tuple, list)) and not value and (default or field.default is MISSING):
+        if isinstance(value, (tuple, list)) and not value and _default(field):
             raise UsageError(f"{told}: nothing is given; give at least one")
         try:
             TypeAdapter(types[field.name]).validate_python(
@@ -164,11 +168,16 @@ def _asked(field: Field[object], hint: object, who: str) -> Asked:
     if setting.unit and kind is not float:
         raise ConfigError(f"{where} is of kind {kind.__name__} and has the unit {setting.unit!r}; make it a float")
     try:
-        default = field.default_factory() if field.default_factory is not MISSING else field.default
+        default = _default(field)
     except Exception as error:  # whatever a package does there
         raise ConfigError(f"{where} has no default: its factory fails ({type(error).__name__}: {error})") from error
     required = default is MISSING
     return Asked(field.name, kind, many, choices, setting, "" if required else _shown(default, setting.unit), required)
+
+
+def _default(field: Field[object]) -> object:
+    """The default of a field; MISSING: it has none."""
+    return field.default if field.default_factory is MISSING else field.default_factory()
 
 
 def _unwrapped(hint: object) -> tuple[object, Setting | None]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
+from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
 
 
@@ -21,12 +24,28 @@ class Target:
         force_limit: force limit, peak to peak [N].
         nodes: number of sensor nodes.
         model: sensor model of a simulated bench; None: the bench may be real.
+        channels: number of channels of each node.
+        frequency_step: step to which the bench rounds the frequency of a load [Hz]; None: unknown.
+        travel: lowest position to which the positioner may go [m]; None: unknown.
     """
 
     design: Design
     force_limit: float
     nodes: int
     model: str | None = None
+    channels: int = CHANNELS
+    frequency_step: float | None = None
+    travel: float | None = None
+
+
+def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> Target:
+    """A target with what a bench's kinds say of their limits; `kind_in` gives the kind that fills a role."""
+    source, positioner = kind_in("exciter") or kind_in("source"), kind_in("positioner")
+    return replace(
+        target,
+        frequency_step=source.frequency_step if source else None,
+        travel=positioner.travel if positioner else None,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,4 +71,7 @@ class Lab:
     @property
     def target(self) -> Target:
         """The limits against which procedures check their settings."""
-        return Target(self.design, self.bench.force_limit, len(self.bench.all(SensorNode)))
+        nodes = self.bench.all(SensorNode)
+        channels = self.bench.named(nodes[0]).kind.channels if nodes else CHANNELS
+        target = Target(self.design, self.bench.force_limit, len(nodes), channels=channels)
+        return with_kinds(target, self.bench.description.kind_in)

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
+from threading import Lock
 from typing import Literal
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.logs.bus_log import BusLog, check_log
 from palpate.instrument.bench.description import BenchDescription, read_bench
+from palpate.instrument.bench.kinds import Role
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.calibrations import films_of, load_cell_of
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, ConsoleOperator, Mounting, assume, check_somebody
 from palpate.procedures.records.resumed import Resumed
@@ -61,16 +64,24 @@ class Chosen:
         """What is known of the bench before it is opened. Raises ConfigError, UnknownName."""
         if self.description is not None:
             design = get_design(self.description.design).with_pickup(self.description.pickup)
-            return Target(design, self.description.force_limit, len(self.description.filling("sensor_node")))
+            nodes = self.description.filling("sensor_node")
+            channels = nodes[0].kind.channels if nodes else CHANNELS
+            target = Target(design, self.description.force_limit, len(nodes), channels=channels)
+            return with_kinds(target, self.description.kind_in)
         assert self.scene is not None
         design = self.scene.design.with_pickup(self.scene.pickup)
         force_limit = BenchDescription.model_fields["force_limit"].default
-        return Target(design, force_limit, self.scene.nodes, self.scene.model)
+        return with_kinds(Target(design, force_limit, self.scene.nodes, self.scene.model), self.scene.kind_in)
 
-    def mounting(self, by_hand: str) -> Mounting:
+    def mounting(
+        self, manual_work: str, automated_by: Role | None = None, fills: Callable[[Role], object] | None = None
+    ) -> Mounting:
         """How a run will know what is mounted. Raises UsageError as `check_somebody` does.
 
-        `by_hand`: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        Args:
+            manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+            automated_by: role of a device that does this work instead, if the bench has one; None: no device can.
+            fills: whether a device fills a role; None: whether the bench file lists one.
         """
         if self.logged is not None:
             return self.logged.mounting
@@ -78,7 +89,10 @@ class Chosen:
             return "simulated"
         if self.operator is not None:
             return "confirmed"
-        return check_somebody(by_hand, bool(self.description.filling("sample_changer")), self.assume_mounted)
+        fills = fills or self.description.filling
+        if automated_by is not None and fills(automated_by):
+            manual_work = ""
+        return check_somebody(manual_work, bool(fills("sample_changer")), self.assume_mounted)
 
 
 def choose(
@@ -134,6 +148,7 @@ class OpenBench:
     wall_start: float
     log: BusLog | None
     runs: list[Path] = field(default_factory=list)
+    _taking: Lock = field(default_factory=Lock, init=False, repr=False)
 
     @property
     def scene(self) -> Scene | None:
@@ -165,6 +180,17 @@ class OpenBench:
             calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(self.bench, self.today)
             films = None if calibrating else films_of(self.bench, design, self.today)
         return Lab(self.bench, films.apply(design) if films else design, calibration, films, run, started)
+
+
+@contextmanager
+def one_run(bench: OpenBench) -> Iterator[None]:
+    """While this context lasts, no other run can begin on the bench. Raises UsageError: a run is being taken on it."""
+    if not bench._taking.acquire(blocking=False):
+        raise UsageError("no other run can begin on this bench before the one that it takes now has ended")
+    try:
+        yield
+    finally:
+        bench._taking.release()
 
 
 @contextmanager

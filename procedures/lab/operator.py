@@ -63,26 +63,26 @@ def at_terminal() -> bool:
     return sys.stdin is not None and sys.stdin.isatty()  # None: a service manager has closed standard input
 
 
-def check_somebody(by_hand: str, changer: bool, assume: bool) -> Mounting:
+def check_somebody(manual_work: str, changer: bool, assume: bool) -> Mounting:
     """Refuse a run with work by hand that nobody could confirm; returns how the run will know what is mounted.
 
     Args:
-        by_hand: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
         changer: whether the bench has a sample changer.
         assume: whether --assume-mounted was given.
 
     Raises:
         UsageError: standard input is no terminal, and --assume-mounted was not given.
     """
-    if changer and not by_hand:
+    if changer and not manual_work:
         return "sample changer"
     if assume:
         return "assumed"
     if not at_terminal():
         raise UsageError(
-            f"a person {by_hand or 'mounts the samples'} on this bench and has to confirm it, but standard input is no "
-            f"terminal; run palpate in a terminal, or give {ASSUME} if something else makes sure of it, which the "
-            "record then says"
+            f"a person {manual_work or 'mounts the samples'} on this bench and has to confirm it, but standard input "
+            f"is no terminal; run palpate in a terminal, or give {ASSUME} if something else makes sure of it, which "
+            "the record then says"
         )
     return "confirmed"
 

@@ -12,6 +12,8 @@ from typing import NotRequired, TypedDict
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import check_log
+from palpate.instrument.additions import Addition
+from palpate.instrument.bench.kinds import Role
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
@@ -25,6 +27,8 @@ from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder, put_file
 from palpate.procedures.records.resumed import Resumed
+
+RUNS_BEFORE = "runs_before"  # header key: number of earlier runs on the same open simulated bench
 
 
 class Outcome(TypedDict):
@@ -57,6 +61,11 @@ class Kept(TypedDict, total=False):
     calibration_file: str
     certificate: str
     film_calibration_file: str
+
+
+def reserved() -> frozenset[str]:
+    """Names of values that palpate gives for every run, which no value of a result can have."""
+    return frozenset({*Outcome.__annotations__, "points", "plot"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +130,9 @@ def recording(
     folder: Path,
     *,
     calibrating: Calibrating | None = None,
-    by_hand: str = "",
+    manual_work: str = "",
+    automated_by: Role | None = None,
+    outside: Addition | None = None,
     resumed: Resumed | None = None,
 ) -> Iterator[Session]:
     """Begin a run on an open bench, or go on with one. If it fails, outputs are off before the record is closed.
@@ -132,7 +143,9 @@ def recording(
         settings: settings of the procedure, for the record's header.
         folder: folder of the run.
         calibrating: what the run calibrates; None: nothing.
-        by_hand: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        automated_by: role of a device that does this work instead, if the bench has one; None: no device can.
+        outside: where a procedure that is not palpate's own comes from; None: it is palpate's own.
         resumed: the run to go on with; None: a new run.
 
     Raises:
@@ -149,7 +162,7 @@ def recording(
         )
         raise UsageError(f"no other run can begin on this bench: {why}; open the bench anew")
     logged, scene = opened.chosen.logged, opened.scene
-    mounting = opened.chosen.mounting(by_hand)
+    mounting = opened.chosen.mounting(manual_work, automated_by, opened.bench.fills)
     started = datetime.now(UTC) if opened.runs else opened.started
     lab = opened.lab(folder.name, started, calibrating)
     header = {
@@ -168,11 +181,15 @@ def recording(
         "calibration": lab.calibration.model_dump(),
         "film_calibration": lab.films.model_dump() if lab.films else None,
         "calibration_files": _calibration_files(lab),
-        "versions": versions() | added_by(lab.bench.description, scene),
+        "versions": versions() | added_by(lab.bench.description, scene, outside),
         "arithmetic": arithmetic(),
         "commit": commit(),
+        **({} if outside is None else {"procedure_from": outside.package}),
         **(logged.header if logged is not None else {}),
     }
+    later = scene is not None and bool(opened.runs)  # a simulated bench depends on everything that was done before
+    if later:
+        header[RUNS_BEFORE] = len(opened.runs)
     opened.runs.append(folder)
     with ExitStack() as stack:
         if opened.log is not None:
@@ -196,7 +213,7 @@ def recording(
             yield Session(opened, lab, record, mounting)
         except BaseException as error:
             if record.points:
-                remedy = "" if logged else f"; go on with: palpate runs resume {record.folder}"
+                remedy = "" if logged or later else f"; go on with: palpate runs resume {record.folder}"
                 error.add_note(f"points already taken are kept in {record.folder}{remedy}")
             raise
         failing.pop_all()

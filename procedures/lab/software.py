@@ -5,10 +5,11 @@ from __future__ import annotations
 import functools
 import platform
 import subprocess
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
-from palpate.instrument.additions import packages
+from palpate.instrument.additions import Addition, packages
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import GROUP as kind_group
 from palpate.instrument.bench.kinds import KINDS
@@ -27,14 +28,21 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{package: metadata.version(package) for package in PACKAGES}}
 
 
-def added_by(bench: BenchDescription, scene: Scene | None) -> dict[str, str]:
-    """Versions of the installed packages that devices, the design and effects come from."""
-    kinds = {each.kind.name for each in bench.devices} - KINDS.keys()
-    effects = scene.effects.keys() - EFFECTS.keys() if scene is not None else ()
+def added_by(bench: BenchDescription, scene: Scene | None, procedure: Addition | None = None) -> dict[str, str]:
+    """Versions of the installed packages that devices, the design, effects and the procedure come from."""
+    kinds = {each.kind.name for each in bench.devices}
     return {
-        **packages(kind_group, "kind of device", kinds),
-        **packages(design_group, "design", {bench.design} - DESIGNS.keys()),
-        **packages(effect_group, "effect", effects),
+        **packages_of(kinds, {bench.design}, scene.effects if scene is not None else ()),
+        **({procedure.package: procedure.version} if procedure is not None and procedure.version else {}),
+    }
+
+
+def packages_of(kinds: Iterable[str], designs: Iterable[str], effects: Iterable[str]) -> dict[str, str]:
+    """Versions of the installed packages that add these kinds of devices, designs and effects."""
+    return {
+        **packages(kind_group, "kind of device", set(kinds) - KINDS.keys()),
+        **packages(design_group, "design", set(designs) - DESIGNS.keys()),
+        **packages(effect_group, "effect", set(effects) - EFFECTS.keys()),
     }
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -68,10 +69,11 @@ def as_dataset(run: Run) -> xr.Dataset:
     """The points over the dimension `point`, by their ids, and their waveforms [V] over `index`, all in memory.
 
     Numbers and texts of the points are variables; sample and load are coordinates. `time_s` is the time of a sample
-    since the waveform's first one, over `index` alone if all waveforms have one rate. Shorter waveforms end in NaN.
+    since the waveform's first one, over `index` alone if all waveforms have one rate. If waveforms of one point have
+    several rates, each has its own time, `NAME_time_s`. Shorter waveforms end in NaN.
 
     Raises:
-        UsageError: xarray is not installed.
+        UsageError: xarray is not installed; or two values, waveforms, dimensions or times have the same name.
         RecordError: the run is damaged.
     """
     xarray = library("xarray", "xarray")
@@ -84,17 +86,22 @@ def as_dataset(run: Run) -> xr.Dataset:
     waveforms = list(run.waveforms())
     shape = (len(table), max((waveform.samples.size for waveform in waveforms), default=0))
     volts: dict[str, np.ndarray] = {}
-    rates = np.full(shape[0], np.nan)
+    rates: dict[str, np.ndarray] = {}
     for waveform in waveforms:
         row = table.index.get_loc(waveform.point_id)
         of_film = volts.setdefault(waveform.name, np.full(shape, np.nan, np.float32))
         of_film[row, : waveform.samples.size] = waveform.samples
-        rates[row] = waveform.rate
-    time = np.arange(shape[1]) / rates[:, np.newaxis]
+        rates.setdefault(waveform.name, np.full(shape[0], np.nan))[row] = waveform.rate
+    times = _times(rates, shape[1])
+    names = Counter(["point", "index", *columns, *volts, *times])
+    if twice := [name for name, count in names.items() if count > 1]:
+        raise UsageError(
+            f"{run.folder}: two of its values, waveforms, dimensions and times are called {twice[0]!r}; use "
+            "palpate runs export, which has points and waveforms in files of their own"
+        )
     coordinates: dict[str, object] = {"point": table.index.to_numpy()}
     coordinates |= {name: columns[name] for name in COORDINATES if name in columns}
-    if volts:
-        coordinates["time_s"] = ("index", time[0]) if len(np.unique(rates)) == 1 else (("point", "index"), time)
+    coordinates |= times
     variables = {name: column for name, column in columns.items() if name not in COORDINATES}
     variables |= {name: (("point", "index"), samples, {"units": "V"}) for name, samples in volts.items()}
     stamps = {
@@ -104,6 +111,21 @@ def as_dataset(run: Run) -> xr.Dataset:
         "started": run.started.isoformat(),
     }
     found: xr.Dataset = xarray.Dataset(variables, coordinates, stamps)
+    return found
+
+
+def _times(rates: Mapping[str, np.ndarray], length: int) -> dict[str, object]:
+    """The times of the samples as coordinates, from the rates of each waveform at each point [Hz]; NaN: it has none."""
+    common = np.full(next(iter(rates.values())).shape, np.nan) if rates else np.empty(0)
+    for each in rates.values():
+        common = np.where(np.isnan(common), each, common)
+    if all(np.all(np.isnan(each) | (each == common)) for each in rates.values()):
+        rates = {"": common} if rates else {}
+    found: dict[str, object] = {}
+    for name, each in rates.items():
+        time = np.arange(length) / each[:, np.newaxis]
+        one = len(np.unique(each)) == 1
+        found[f"{name}_time_s" if name else "time_s"] = ("index", time[0]) if one else (("point", "index"), time)
     return found
 
 

@@ -70,6 +70,8 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], where: str) -> li
         RecordError: the record's bench cannot be read.
     """
     parts = comparable(before), comparable(now)
+    # A package that the record does not name cannot be compared: older versions of palpate did not record all packages.
+    parts[1]["versions"] = {package: now["versions"].get(package) for package in before["versions"]}
     if before["scene"] is None:
         known, here = (_bench(header, where) for header in (before, now))
         parts[0]["bench"], parts[1]["bench"] = compared(known, here)

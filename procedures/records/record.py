@@ -168,10 +168,14 @@ class Recorder:
         """Ends the run with its result (`summary`, stored as JSON) and closes the files.
 
         A `message` says why it ended so; it is stored as an event whose kind is the status.
+
+        Raises:
+            RangeError: the summary holds a value that JSON has not; the run goes on.
         """
+        events = [self._event(status, message, self._bench_ns)] if message else []
+        frames = [*events, status_frame(status, summary)]
         try:
-            events = [self._event(status, message, self._bench_ns)] if message else []
-            self._append([*events, status_frame(status, summary)], events=len(events))
+            self._append(frames, events=len(events))
             with storing(self.folder / RECORD):
                 self._open_writer().end()
         finally:

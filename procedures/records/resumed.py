@@ -89,7 +89,7 @@ class Resumed(Recorder):
         found = changes(header_of(self.run), json.loads(as_json(header)), str(self.folder))
         if found and not self._accept:
             raise UsageError(
-                f"{self.folder} cannot be resumed, because the bench has changed:\n  "
+                f"{self.folder} cannot be resumed, because bench or software have changed:\n  "
                 + "\n  ".join(found)
                 + f"\nchange it back, or resume with {ACCEPT}, which is recorded"
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,11 +16,12 @@ if TYPE_CHECKING:
 MARKERS = "osD^vP*X"
 
 
-def new_figure(simulated: bool, panels: int) -> tuple[Figure, list[Axes]]:
-    """A figure with this many panels in a row, and their axes."""
+def new_figure(simulated: bool, panels: int, title: str) -> tuple[Figure, list[Axes]]:
+    """A figure with this many panels in a row below a title, and their axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.2 * panels, 4.2), layout="constrained")
+    figure.suptitle(f"{STAMP}: {title}" if simulated else title)
     axes = [figure.add_subplot(1, panels, i + 1) for i in range(panels)]
     for ax in axes:
         ax.grid(alpha=0.3)
@@ -34,6 +36,12 @@ def new_figure(simulated: bool, panels: int) -> tuple[Figure, list[Axes]]:
 def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
     """Save a figure as PNG; returns its path. Raises RecordError: the file cannot be written."""
     path = folder / name
-    with storing(path):
-        figure.savefig(path, dpi=120, metadata={"Software": None})
+    write(figure, path)
     return path
+
+
+def write(figure: Figure, path: Path, dpi: int = 120) -> None:
+    """Write a figure into a file. Raises RecordError: the file cannot be written."""
+    with storing(path), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Creating legend with loc", UserWarning)  # comes on a busy machine
+        figure.savefig(path, dpi=dpi, metadata={"Software": None})

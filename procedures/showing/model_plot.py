@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.instrument.errors import UsageError
 from palpate.instrument.quantity import show
 from palpate.procedures.records.run import storing
+from palpate.procedures.showing.figure import write
 from palpate.procedures.showing.model_picture import Picture
 
 if TYPE_CHECKING:
@@ -61,8 +62,7 @@ def draw(picture: Picture, file: Path) -> None:
     figure.suptitle(f"design {question.design}, model {question.model}, {question.parameters} parameters")
     for number, drawing in enumerate(drawings, start=1):
         drawing(picture, figure.add_subplot(1, len(drawings), number))
-    with storing(file):
-        figure.savefig(file, dpi=120, metadata={"Software": None})
+    write(figure, file)
 
 
 def _draw_deformation(picture: Picture, axes: Axes) -> None:

@@ -86,6 +86,7 @@ def print_run(run: Run, digest: str) -> None:
     print_all(
         stamped(run.simulated, str(run.folder)),
         f"status       {run.status}",
+        *([f"procedure    {run.procedure}, from {_origin(run)}"] if "procedure_from" in run.header else []),
         f"started      {run.started:{TIME}} UTC",
         f"seed         {number(run.header.get('seed'))}",
         f"calibration  {source or '-'}",
@@ -98,6 +99,12 @@ def print_run(run: Run, digest: str) -> None:
         *legend(table, marks=FLAGS),
         *(f"event at {event['bench_ns'] / 1e9:.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
     )
+
+
+def _origin(run: Run) -> str:
+    """The package of an outside procedure with its version, or the file of a script."""
+    package, versions = str(run.header["procedure_from"]), run.header.get("versions")
+    return f"{package} {versions.get(package, '') if isinstance(versions, dict) else ''}".rstrip()
 
 
 def _flagged(point: dict[str, Any]) -> dict[str, Any]:

@@ -21,7 +21,8 @@ WIDEST = 100_000  # columns, more than any table has
 def print_all(*things: object) -> None:
     """Print texts and tables. Texts are not read as markup.
 
-    A table that is too wide goes beyond the edge, so that no number is cut off.
+    A table that is too wide goes beyond the edge, so that no number is cut off. Its title stands on one line,
+    even if it is longer than the table is wide.
     """
     from rich.table import Table
 
@@ -29,6 +30,9 @@ def print_all(*things: object) -> None:
     width = out.width if out.is_terminal else PIPE_WIDTH
     for thing in things:
         out.width = width
+        if isinstance(thing, Table) and thing.title is not None:
+            out.print(thing.title, soft_wrap=True)
+            thing.title = None
         if isinstance(thing, Table) and all(column.no_wrap for column in thing.columns):
             whole = out.measure(thing, options=out.options.update(width=WIDEST)).maximum
             out.width = max(width, whole)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.contracts import signal_generator
 from palpate.instrument.errors import RangeError, UnreachableError
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.load import check_force as check_felt
@@ -16,7 +15,6 @@ from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 
 PRELOAD_MARGIN = 1.2  # preload over half the largest load, so that contact is never lost
 FREQUENCIES = (0.5, 100.0)  # Hz, for force ratios; the indicator's window takes three cycles from 0.3 Hz on
-FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 LARGEST_COUNT = 1000  # loads
 SMALLEST_LOAD = 2.0  # steps of the indicator
 
@@ -72,15 +70,20 @@ def preload_for(loads: Sequence[float]) -> float:
     return PRELOAD_MARGIN * max(loads) / 2
 
 
-def check_frequency(frequency: float, allowed: tuple[float, float] = FREQUENCIES) -> None:
-    """Refuse a frequency [Hz] that is outside the limits, or between the generator's steps. Raises RangeError."""
+def check_frequency(frequency: float, step: float | None, allowed: tuple[float, float] = FREQUENCIES) -> None:
+    """Refuse a frequency [Hz] that is outside the limits, or between the bench's steps [Hz]. Raises RangeError.
+
+    A step of None is unknown; then the driver refuses what the device cannot give.
+    """
     if not allowed[0] <= frequency <= allowed[1]:
         raise RangeError(f"frequency {frequency:g} Hz is outside {allowed[0]:g} to {allowed[1]:g} Hz; give one inside")
-    steps = round(frequency / FREQUENCY_STEP)
-    if abs(frequency - steps * FREQUENCY_STEP) > 1e-6 * FREQUENCY_STEP:
+    if step is None:
+        return
+    steps = max(round(frequency / step), 1)
+    if abs(frequency - steps * step) > 1e-6 * step:
         raise RangeError(
-            f"frequency {frequency:.10g} Hz lies between the generator's steps of {FREQUENCY_STEP:g} Hz; "
-            f"take {steps * FREQUENCY_STEP:.10g} Hz"
+            f"frequency {frequency:.10g} Hz lies between the generator's steps of {step:g} Hz; "
+            f"take {steps * step:.10g} Hz"
         )
 
 

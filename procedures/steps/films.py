@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.contracts.sensor_node import place
+from palpate.instrument.contracts.sensor_node import CHANNELS, place
 from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit, fit_sine
@@ -105,17 +105,18 @@ def bend_leak(frequency: float, dwell: float | None) -> float:
     return max(whole, float(np.linalg.norm(basis.weights() @ decaying)))
 
 
-def nodes_for(design: Design) -> int:
-    """How many sensor nodes the films of a design need."""
-    return max(place(film.channel)[0] for film in design.films)
+def nodes_for(design: Design, channels: int = CHANNELS) -> int:
+    """How many sensor nodes of so many channels the films of a design need."""
+    return max(place(film.channel, channels)[0] for film in design.films)
 
 
-def check_nodes(design: Design, nodes: int) -> None:
-    """Refuse a bench that has fewer sensor nodes than the films need. Raises RangeError."""
-    if nodes < nodes_for(design):
+def check_nodes(design: Design, nodes: int, channels: int = CHANNELS) -> None:
+    """Refuse a bench that has fewer sensor nodes of so many channels than the films need. Raises RangeError."""
+    needed = nodes_for(design, channels)
+    if nodes < needed:
         raise RangeError(
-            f"design {design.name!r} has {len(design.films)} films on {nodes_for(design)} sensor nodes; the bench has "
-            f"{nodes}; list them all under [can] in the bench file"
+            f"design {design.name!r} has {len(design.films)} films on {needed} sensor nodes of {channels} channels; the"
+            f" bench has {nodes}; list them all in the bench file"
         )
 
 
@@ -136,15 +137,18 @@ class Films:
             ConfigError: the nodes are of several kinds; nothing has been sent.
         """
         nodes = bench.all(SensorNode)
-        check_nodes(design, len(nodes))
+        channels = bench.named(nodes[0]).kind.channels if nodes else CHANNELS
+        check_nodes(design, len(nodes), channels)
         self.bench, self.design, self.frequency = bench, design, frequency
-        self._nodes = nodes[: nodes_for(design)]
+        self._nodes = nodes[: nodes_for(design, channels)]
         if several := {type(node) for node in self._nodes} - {type(nodes[0])}:
             raise ConfigError(
                 f"films are sampled together by nodes of one kind; the bench has {type(nodes[0]).__name__} and "
                 f'{several.pop().__name__}: write role = "sensor_node" below those of one kind in the bench file'
             )
-        self._places = [(node - 1, channel) for node, channel in (place(film.channel) for film in design.films)]
+        self._places = [
+            (node - 1, channel) for node, channel in (place(film.channel, channels) for film in design.films)
+        ]
         self._ranges: dict[int, str] = {}
         ranges = nodes[0].ranges
         self._widest, finest = (choose(ranges, key=ranges.__getitem__) for choose in (max, min))

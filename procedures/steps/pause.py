@@ -51,11 +51,16 @@ class PausedAgain:
 
 
 def pause_here(pause: Pause, bench: Bench, record: Recorder) -> None:
-    """Pause if that is asked for. The outputs are off and the probe stays; afterwards the load must be set anew."""
+    """Pause if that is asked for. The outputs are off and the probe stays; afterwards the load must be set anew.
+
+    Outputs that were on before are on afterwards.
+    """
     if not pause.asked():
         return
+    driving = bench.driving
     bench.rest()
     record.event(PAUSED, "outputs off", bench.clock.now_ns())
     pause.wait()
-    record.event("resumed", "outputs on", bench.clock.now_ns())
-    bench.drive()
+    record.event("resumed", f"outputs {'on' if driving else 'off'}", bench.clock.now_ns())
+    if driving:
+        bench.drive()

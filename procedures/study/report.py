@@ -7,7 +7,7 @@ from typing import Any
 
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, legend
-from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped
+from palpate.procedures.showing.text import new_table, number, print_all, stamped
 from palpate.procedures.study.results import Results, coordinate
 
 MOST_LINES, MOST_PANELS, MOST_REASONS = 40, 3, 5
@@ -48,8 +48,7 @@ def plot_study(results: Results, folder: Path) -> Path:
     ratios = [mean.force_ratio or 0.0 for mean in means]
     varied = [name for name in results.study.axes if len({str(mean.axes[name]) for mean in means}) > 1]
     shown = [name for name in varied if name != "seed"][:MOST_PANELS] or [*results.study.axes][:1]
-    figure, panels = new_figure(True, len(shown))
-    figure.suptitle(f"{STAMP}: {results.study.file.name}, {len(means)} cells", fontsize=10)
+    figure, panels = new_figure(True, len(shown), f"{results.study.file.name}, {len(means)} cells")
     for ax, name in zip(panels, shown, strict=True):
         values, unit = coordinate([mean.axes[name] for mean in means])
         if any(isinstance(value, str) for value in values):

@@ -38,7 +38,7 @@ def new_bench(name: str, kinds: Sequence[str], folder: Path) -> list[Path]:
         "bench": changer + "".join(_section(kind, number) for number, kind in enumerate(others.values())),
         "scene": "".join(f'\n[device.{_called(kind)}]\nkind = "{kind.name}"\n' for kind in simulated),
         "kinds": ", ".join(f'"{kind}"' for kind in every),
-        "absent": f" - {{{', '.join(map(repr, absent))}}}  # nothing stands in for them" if absent else "",
+        "absent": _absent(absent) if absent else "",
         "packages": "".join(f" and {package}" for package in packages),
     }
     files = {
@@ -62,6 +62,12 @@ def _section(kind: DeviceKind, number: int) -> str:
         key, shared = ("unit", "line") if link == "modbus-rtu" else ("node", "can")
         place, own = f'link = "{shared}"\n{key} = {FIRST_NUMBER + number}\n', ""
     return f'{own}\n[device.{name}]\nkind = "{kind.name}"\n{place}'
+
+
+def _absent(kinds: Sequence[str]) -> str:
+    """What a test takes away from the kinds of the bench file to get those of the simulated bench."""
+    named = ", ".join(f'"{kind}"' for kind in kinds)
+    return f" - {{{named}}}  # nothing stands in for what is taken away"
 
 
 def _called(kind: DeviceKind) -> str:

@@ -21,7 +21,9 @@ PYTHONS = frozenset({"conftest", "setup", "tests"})  # modules and folders that 
 
 def check_name(kind: str, name: str, taken: Iterable[str] = ()) -> None:
     """Raises UsageError: it is no name of a module, or something else has it, or one of the `taken` names is alike."""
-    if not NAME.fullmatch(name) or len(name) > LONGEST or keyword.iskeyword(name):
+    if keyword.iskeyword(name):
+        raise UsageError(f"{name!r} is no name of a {kind}: it is a word of Python; choose another name")
+    if not NAME.fullmatch(name) or len(name) > LONGEST:
         raise UsageError(
             f"{name!r} is no name of a {kind}: give small letters, digits and single underscores, at most {LONGEST}"
             " characters, such as force_gauge"

@@ -49,7 +49,7 @@ class GoldenFrames:
 
 
 class CanopenGoldenFrames:
-    """Beside the CANopen conformance suite: the objects travel in the SDO frames that stand in `golden`."""
+    """Added to the CANopen conformance suite: each object must travel in the SDO frames that stand in `golden`."""
 
     golden: ClassVar[Path]
 

@@ -124,7 +124,7 @@ class ModbusConformance(Conformance):
     def test_a_refused_write_changes_nothing_at_all(
         self, device: ModbusDevice, simulated: SimulatedDevice, write: Callable[[int, list[int]], int]
     ) -> None:
-        """Of two adjacent fields in one write, the first value is allowed, and the second is not."""
+        """One write holds two adjacent fields; the first value is allowed, and the second is not."""
         for one, other in zip(device.contract.fields, device.contract.fields[1:], strict=False):
             adjacent = other.address == one.address + one.size // 2
             if not adjacent or one not in settings(device.contract) or not outside_raw(other):

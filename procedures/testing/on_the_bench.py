@@ -53,4 +53,3 @@ class OnTheBench:
                 except BenchError as error:
                     assert device_kind(self.kind).contract.title in str(error), kind
                 assert sim.injection.given[0].told().endswith("once"), kind
-        assert device_kind(self.kind).simulator

@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.links.can import CanLink, FrameCallback
 from palpate.drivers.links.modbus import ModbusLink, read_identity, write_registers
-from palpate.instrument.contracts import sensor_node
-from palpate.instrument.contracts.contract import sdo
+from palpate.instrument.contracts.contract import Contract, Pdo, sdo
 from palpate.instrument.errors import BenchError
 
 SPAN = 2.0  # s of bench time
 MOST = 10_000  # number of messages that are kept
-NODE = sensor_node.CONTRACT
-STREAMS = {pdo.base: pdo for pdo in NODE.pdos}
 BROADCAST = 0x7F  # bits of a COB-ID that hold the node id
 
 
@@ -29,7 +27,8 @@ class Message:
     Attributes:
         time_ns: bench time [ns].
         who: name of the device.
-        verb: what was done: "read", "write", "identify", "frame", or an NMT command.
+        verb: what was done: "read", "write", "identify", "frame" (from the device), "send" (a frame to it), or an NMT
+            command.
         address: register address, object address, or COB-ID.
         data: bytes as on the wire: big-endian registers, or an object's or frame's bytes.
         trouble: message of the error; empty: it succeeded.
@@ -49,6 +48,7 @@ class Traffic:
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
         self._messages: deque[Message] = deque(maxlen=MOST)
+        self._contracts: dict[str, Contract] = {device.name: device.contract for device in bench.devices}
         links = {id(device.link): device.link for device in bench.devices}
         for link in links.values():
             if isinstance(link, CanLink):
@@ -86,7 +86,15 @@ class Traffic:
         link.transact = heard  # type: ignore[method-assign]
 
     def _listen_can(self, link: CanLink) -> None:
-        upload, download, command, subscribe = link.upload, link.download, link.command, link.subscribe
+        upload, download, command, subscribe, send = link.upload, link.download, link.command, link.subscribe, link.send
+        names = {
+            device.id: device.name
+            for device in self._bench.devices
+            if isinstance(device, CanopenDevice) and device.link is link
+        }
+
+        def called(cob_id: int) -> str:
+            return names.get(cob_id & BROADCAST, f"node {cob_id & BROADCAST}")
 
         def uploaded(who: str, node: Any, index: int, subindex: int, size: int | None = None) -> bytes:
             data: bytes = self._answered(
@@ -98,29 +106,37 @@ class Traffic:
             self._answered(who, "write", sdo(index, subindex), data, lambda: download(who, node, index, subindex, data))
 
         def commanded(node: Any, state: str) -> None:
-            self._keep(f"sensor node {node.id}", f"NMT {state}", 0, b"")
+            self._keep(called(node.id), f"NMT {state}", 0, b"")
             command(node, state)
 
         def subscribed(cob_id: int, callback: FrameCallback) -> None:
             def hear(cob_id: int, data: bytearray, timestamp: float) -> None:
-                self._keep(f"sensor node {cob_id & BROADCAST}", "frame", cob_id, bytes(data))
+                self._keep(called(cob_id), "frame", cob_id, bytes(data))
                 callback(cob_id, data, timestamp)
 
             subscribe(cob_id, hear)
 
+        def sent(cob_id: int, data: bytes) -> None:
+            self._keep(called(cob_id), "send", cob_id, data)
+            send(cob_id, data)
+
         link.upload, link.download = uploaded, downloaded  # type: ignore[method-assign]
         link.command, link.subscribe = commanded, subscribed  # type: ignore[method-assign]
+        link.send = sent  # type: ignore[method-assign]
 
     def told(self) -> str:
-        """The messages of the last `SPAN` seconds of bench time, one in a line; sample frames are only counted."""
+        """The messages of the last `SPAN` seconds of bench time, one in a line.
+
+        Successive frames with process data are only counted.
+        """
         now = self._bench.clock.now_ns()
         kept = [message for message in list(self._messages) if message.time_ns >= now - SPAN * 1e9]
         lines = [f"bus traffic of the last {SPAN:g} s, up to bench time {now / 1e9:.6f} s:"]
-        for streaming, group in itertools.groupby(kept, key=_is_stream):
+        for streaming, group in itertools.groupby(kept, key=self._is_stream):
             messages = list(group)
             if streaming:
                 last = messages[-1]
-                text = f"{len(messages)} frames of samples, the last: {self._decoded(last)}"
+                text = f"{len(messages)} frames of process data, the last: {self._decoded(last)}"
                 lines.append(_line(last.time_ns, last.who, text))
             else:
                 lines += [_line(m.time_ns, m.who, self._described(m)) for m in messages]
@@ -131,18 +147,13 @@ class Traffic:
         return " ".join(filter(None, (message.verb, self._decoded(message), trouble and f"failed: {trouble}")))
 
     def _decoded(self, message: Message) -> str:
-        data = message.data
-        if message.verb == "frame":
-            pdo = STREAMS.get(message.address & ~BROADCAST)
-            sizes = [NODE[name].size for name in pdo.fields] if pdo else []
-            if pdo is None or len(data) != sum(sizes):
+        data, contract = message.data, self._contracts.get(message.who)
+        if message.verb in ("frame", "send"):
+            pdo = self._pdo(message)
+            parts = contract.parts(pdo, data) if contract is not None and pdo is not None else {}
+            if contract is None or not parts or sum(map(len, parts.values())) != len(data):
                 return f"0x{message.address:03X} {data.hex(' ')}"
-            starts = itertools.accumulate(sizes, initial=0)
-            return ", ".join(
-                NODE.shown(name, data[at : at + size])
-                for name, at, size in zip(pdo.fields, starts, sizes, strict=False)
-            )
-        contract = next((device.contract for device in self._bench.devices if device.name == message.who), None)
+            return ", ".join(contract.shown(name, part) for name, part in parts.items())
         if contract is None or not data:
             return ""
         if contract.bus == "canopen":
@@ -153,9 +164,16 @@ class Traffic:
             ]
         return ", ".join(contract.shown(f.name, own) for f, own in fields if own)
 
+    def _pdo(self, message: Message) -> Pdo | None:
+        """The process data in a frame, by the contract of its device; None: it holds something else."""
+        contract = self._contracts.get(message.who)
+        if contract is None:
+            return None
+        known = contract.receives if message.verb == "send" else contract.pdos
+        return next((pdo for pdo in known if pdo.base == message.address & ~BROADCAST), None)
 
-def _is_stream(message: Message) -> bool:
-    return message.verb == "frame" and message.address & ~BROADCAST in STREAMS
+    def _is_stream(self, message: Message) -> bool:
+        return message.verb == "frame" and self._pdo(message) is not None
 
 
 def _registers(registers: list[int]) -> bytes:

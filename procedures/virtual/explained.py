@@ -57,30 +57,31 @@ def print_explained(found: Explained) -> None:
         (e.name, e.kind, "yes" if e.cancels_in_ratio else "no", f"{1e3 * e.seconds:.2g}", e.why)
         for e in answer.included
     ]
-    out.print(_table("simulated", ("effect", "kind", "cancels in the ratio", "cost (ms)", "why"), inside))
+    out.print("simulated")
+    out.print(_table(("effect", "kind", "cancels in the ratio", "cost (ms)", "why"), inside))
     outside = [
         (e.name, e.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in (e.force, e.ratio)))
         for e in answer.omitted
     ]
-    title = f"left out, and the most that it could change (* above {tolerance:g})"
-    out.print(_table(title, ("effect", "kind", "force", "ratio"), outside))
+    out.print(f"left out, and the most that it could change (* above {tolerance:g})", soft_wrap=True)
+    out.print(_table(("effect", "kind", "force", "ratio"), outside))
     if answer.steady is not None:
         films = [
             (f.film, f"{1e3 * f.amplitude:.6g}", f"{f.phase:.4f}", "" if f.ratio is None else f"{f.ratio:.6g}")
             for f in answer.steady.films
         ]
-        title = f"settled, at {answer.steady.force:.6g} N peak to peak on the load cell"
-        out.print(_table(title, ("film", "amplitude (mV)", "phase (rad)", "force ratio"), films))
+        out.print(f"settled, at {answer.steady.force:.6g} N peak to peak on the load cell", soft_wrap=True)
+        out.print(_table(("film", "amplitude (mV)", "phase (rad)", "force ratio"), films))
     for fault in scene.file.fault or []:
         out.print("fault: " + ", ".join(f"{key} {value}" for key, value in fault.items()), soft_wrap=True)
     for warning in answer.warnings:
         out.print(f"warning: {warning}", soft_wrap=True)
 
 
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     from rich.table import Table
 
-    table = Table(*columns, box=None, title=title, title_justify="left")
+    table = Table(*columns, box=None)
     for row in rows:
         table.add_row(*row)
     return table

@@ -11,7 +11,7 @@ from typing import Any
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.console.terminal import console
 from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import MARKERS
+from palpate.procedures.showing.figure import MARKERS, write
 from palpate.simulators.linear import bouc_wen, integrators
 
 Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
@@ -79,5 +79,5 @@ def plot_integrators(rows: Rows, title: str, folder: Path) -> Path:
     path = folder / "integrators.png"
     with storing(path):
         folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=120, metadata={"Software": None})
+        write(figure, path)
     return path

@@ -20,9 +20,10 @@ from palpate.instrument.bench.usual import LINE
 from palpate.instrument.errors import BenchError, PalpateError, RangeError, UsageError
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.console.terminal import console, say
+from palpate.procedures.records.record_file import RECORD
 from palpate.procedures.records.run import storing
 from palpate.procedures.virtual.person import Person, Traffic, status
-from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.bench import NAMED, Place, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.pace import Pacer
@@ -76,6 +77,8 @@ class Wish:
             raise RangeError(f"--step {step:g} s is outside 0 to 1 h")
         if line is not None and (line.exists() or line.is_symlink()):
             raise UsageError(f"--line {line} exists already; give another name")
+        if out is not None:
+            _check_unused(out)
         interface, _, channel = can.partition(":")
         place = Place(listen, port or 0, interface, channel or None)
         chosen = read_scene(scene)
@@ -91,6 +94,21 @@ class Wish:
             "bench_file": None if self.out is None else str(self.out),
             "bench": description.model_dump(mode="json"),
         }
+
+
+def _check_unused(out: Path) -> None:
+    """Look at what is there already.
+
+    Raises:
+        UsageError: the file exists, and is not the bench file of a bench that was served before.
+        RecordError: it cannot be looked at.
+    """
+    written = f'name = "{NAMED}'.encode()
+    with storing(out):
+        if (out.parent / RECORD).exists():
+            raise UsageError(f"{out} belongs to a run; choose another --out")
+        if out.is_file() and not out.read_bytes().startswith(written):
+            raise UsageError(f"{out} exists, and palpate serve did not write it; choose another --out")
 
 
 @dataclass(frozen=True, slots=True)

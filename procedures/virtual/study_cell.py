@@ -12,16 +12,18 @@ from typing import Any
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
-from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Lab, Target, with_kinds
+from palpate.procedures.lab.software import packages_of
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.checks import check_frequency
 from palpate.procedures.steps.film_point import is_short
 from palpate.procedures.steps.flags import CLIPPED, SHORT, USED
 from palpate.procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
@@ -68,17 +70,33 @@ class Sweep:
                 _check_parameter(name, where)
         named = study.axes.get("scene", [DEFAULTS["scene"]])
         assert not isinstance(named, Span)
-        scenes = {str(name): read_scene(str(name)).file for name in named}
-        return cls(scenes, study.file.how, study.loads, study.file.frequency, study.file.dwell)
+        scenes = {str(name): read_scene(str(name)) for name in named}
+        for scene in scenes.values():
+            try:
+                check_frequency(study.file.frequency, _target(scene).frequency_step)
+            except RangeError as error:
+                raise ConfigError(f"{where}: {error}") from None
+        files = {name: scene.file for name, scene in scenes.items()}
+        return cls(files, study.file.how, study.loads, study.file.frequency, study.file.dwell)
 
     def __call__(self, cell: Mapping[str, Value]) -> list[dict[str, Any]]:
         """The points of a cell, as rows by column name. Raises PalpateError: the cell cannot be computed."""
         scene, sample = self._scene(cell), _sample(cell)
         sweep = LoadSweep((sample.name,), self.loads, self.dwell, self.frequency)
-        sweep.check(Target(scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes))
+        sweep.check(_target(scene))
         ratio = scene.answer(sample).force_ratio
         points = self._closed_form(scene, sample) if self.how == CLOSED_FORM else _on_a_bench(scene, sweep)
         return [{**point, "model_force_ratio": ratio, "scene_seed": scene.seed} for point in points]
+
+    def packages(self, study: Study) -> dict[str, str]:
+        """Versions of the installed packages that devices, designs and effects of the study come from."""
+        files = self.scenes.values()
+        named = study.axes.get("design", [])
+        assert not isinstance(named, Span)
+        kinds = {str(table["kind"]) for file in files for table in (file.device or {}).values()}
+        designs = {file.design for file in files} | set(map(str, named))
+        varied = {name.split(".")[1] for name in study.axes if name.startswith(EFFECTS)}
+        return packages_of(kinds, designs, varied.union(*(file.effects for file in files)))
 
     def _scene(self, cell: Mapping[str, Value]) -> Scene:
         file = self.scenes[str(cell["scene"])]
@@ -101,6 +119,11 @@ class Sweep:
             forces = film_forces(design, fit)
             flags = tuple(f for f, on in ((CLIPPED, point.saturated.any()), (SHORT, is_short(design, fit))) if on)
             yield _point({"load_N": point.load, **asdict(forces)}, flags)
+
+
+def _target(scene: Scene) -> Target:
+    force_limit = BenchDescription.model_fields["force_limit"].default
+    return with_kinds(Target(scene.design, force_limit, scene.nodes), scene.kind_in)
 
 
 def _own_seed(seed: int, cell: Mapping[str, Value]) -> int:

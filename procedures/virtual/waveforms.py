@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.procedures.lab.store import store
-from palpate.procedures.records.run import storing
 from palpate.procedures.showing import model_plot
+from palpate.procedures.showing.figure import write
 from palpate.procedures.showing.text import STAMP
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.planning.plan import Question
@@ -73,8 +73,7 @@ def draw(design: Design, seen: Waveforms, title: str, file: Path) -> None:
         axes.grid(alpha=0.3)
         axes.margins(x=0)
         axes.ticklabel_format(axis="y", useOffset=False)
-    with storing(file):
-        figure.savefig(file, dpi=120, metadata={"Software": None})
+    write(figure, file)
 
 
 def _draw_films(axes: Axes, films: Sequence[tuple[int, Film]], milliseconds: Floats, volts: Floats, title: str) -> None:

@@ -91,7 +91,7 @@ class _Beside:
 
 def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
     """Bound from both sides, compared at the same phase and the same gains."""
-    if not before.dwell.period:  # the drive stands still below the generator's step: a fit finds rounding and noise
+    if not before.dwell.period:  # below the generator's step nothing moves, and a fit finds rounding and noise only
         return BEYOND
     beyond = BETWEEN[before.linear]
     scatters = bool(before.scatter.any())

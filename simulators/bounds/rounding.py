@@ -16,9 +16,9 @@ from palpate.simulators.randomness import Stream
 
 TRIED = 64  # phases and draws of the noise with which samples are converted
 FEW = 8.0  # steps; a film that spans no more is rounded alike in every cycle
-FLIPS = 3  # samples at most that a small change rounds to another step
-SELDOM = 1e-9  # probability of what is taken not to happen
-LARGEST = 1 << 21  # numbers in memory at once
+FLIPS = 3  # greatest number of samples that a small change rounds to another step
+SELDOM = 1e-9  # probability below which an event is taken not to happen
+LARGEST = 1 << 21  # greatest number of values in memory at once
 MARGIN = 0.99
 GOLDEN = (math.sqrt(5) - 1) / 2
 

@@ -23,10 +23,15 @@ from palpate.simulators.randomness import Stream
 TRIED, FEWER = 12, 3  # phases of the drive that are tried; fewer for a long record, in which a phase matters less
 LONG = 5000  # samples of a long record
 MORE = 2.0  # factor that allows for phases in between, and for other noise
+# Greatest difference that trying phases can show. Above it a film's signal nearly vanishes in some phases, and may be
+# smaller still in phases that were not tried.
+TOLD = 1.0
 
 
 def strays(case: Case, before: Side, after: Side, totals: Sequence[int], pairs: Sequence[tuple[int, int]]) -> Bound:
     """Greatest difference between the changes by both fits, over some phases, with the same noise before and after.
+
+    Infinite above `TOLD`.
 
     Args:
         case: the measurement.
@@ -48,7 +53,7 @@ def strays(case: Case, before: Side, after: Side, totals: Sequence[int], pairs: 
             np.abs(own[:, top] - linear[:, top]).max(),
             np.abs(own[:, tooth] / own[:, base] - linear[:, tooth] / linear[:, base]).max(),
         )
-    force, ratio = (MORE * float(each) if np.isfinite(each) else np.inf for each in found)
+    force, ratio = (MORE * float(each) if each <= TOLD else np.inf for each in found)
     return Bound(force, ratio)
 
 

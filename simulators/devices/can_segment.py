@@ -118,10 +118,6 @@ class CanSegment:
         self._timing_changed()
         self._boot(self._local[node.id])
 
-    def emergency(self, node: CanopenDevice, code: int) -> None:
-        """Let a node send an emergency message."""
-        node.emergency(code)
-
     def _let_pass(self) -> None:
         """Let the time of an SDO transfer pass. The client waits for the answer, so nobody else moves the clock."""
         if self._timing is not None:
@@ -185,12 +181,9 @@ class CanSegment:
             last = min(first + BURST, len(time_ns))
             burst(self._bus, [(cob_id, payloads[i]) for i in range(first, last) for cob_id, payloads in frames])
         for node, samples in zip(active, streams, strict=True):
-            self._report_saturation(node, samples)
-
-    def _report_saturation(self, node: SensorNode, samples: Samples) -> None:
-        if samples.saturation.any() and not node.settings["error_register"]:
-            node.settings["error_register"] = VOLTAGE_ERROR
-            self._local[node.id].emcy.send(SATURATED, VOLTAGE_ERROR)
+            if samples.saturation.any() and not node.settings["error_register"]:
+                node.settings["error_register"] = VOLTAGE_ERROR
+                node.emergency(SATURATED)
 
 
 def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]:

@@ -104,7 +104,7 @@ class SensorNode(CanopenDevice):
         bits = np.zeros(len(time_ns), np.uint8)
         if saturated.any():
             bits = np.packbits(saturated, axis=0, bitorder="little")[0]
-            fraction[np.isnan(fraction)] = 0.0  # its saturation bit is set; an integer cannot hold NaN
+            fraction[np.isnan(fraction)] = 0.0  # the saturation bit marks it; an integer cannot hold NaN
         counts = np.empty((len(time_ns), CHANNELS), "<i2")
         for channel in range(CHANNELS):
             counts[:, channel] = fraction[channel]  # twice as fast as one assignment for all channels

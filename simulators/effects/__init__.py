@@ -17,7 +17,7 @@ from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.simulators.physics.effect import Effect, Kind
 from palpate.simulators.physics.stages import PLACES
 
-# In the order of the chain.
+# These are in the order of the signal chain.
 EFFECTS: dict[str, str] = {
     "frequency_error": "palpate.simulators.effects.frequency_error:FrequencyError",
     "amplifier_clip": "palpate.simulators.effects.amplifier_clip:AmplifierClip",

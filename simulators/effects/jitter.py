@@ -34,7 +34,7 @@ class Jitter(InputEffect):
         """Voltages (n,) by which the delays change the samples [V]."""
         moving = rates()
         if not moving.any():
-            return moving  # a channel without a film costs nothing
+            return moving  # a channel without a film is not computed
         late = self.delay * moving
         late *= stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
         return late

@@ -29,7 +29,7 @@ class MainsHum(InputEffect):
     amplitude: Volts = Field(default=1e-3, ge=0, le=10)
     # 50 Hz in Europe, 60 Hz in America [S]
     frequency: Hertz = Field(default=50.0, gt=0, le=1000)
-    # cycles, at the opening of the bench [A]
+    # phase when the bench is opened, in cycles [A]
     phase: float = Field(default=0.0, ge=0, lt=1, strict=True)
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:

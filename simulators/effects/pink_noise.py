@@ -56,7 +56,7 @@ class PinkNoise(InputEffect):
     cancels_in_ratio: ClassVar[bool] = False
     seconds_a_sample: ClassVar[float] = 1e-7
 
-    # one-sided, where it equals the white noise [A]
+    # one-sided density where it equals the white noise [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0, le=1)
     corner: Hertz = Field(default=10.0, gt=0, le=1e6)
 
@@ -121,14 +121,14 @@ def _grids(rate: float) -> tuple[Grid, ...]:
 def _grid(step: int, processes: Sequence[Process]) -> Grid:
     """Grid of processes of powers p (1 - a^2) / |1 - a z|^2: in sum |c(z)|^2 over the product of |1 - a z|^2."""
     falls = np.exp([-process.decay for process in processes])
-    numerator = np.zeros(len(processes))  # over powers of w = z + 1 / z, highest first: |1 - a z|^2 = 1 + a^2 - a w
+    numerator = np.zeros(len(processes))  # of powers of w = z + 1 / z, highest first: |1 - a z|^2 = 1 + a^2 - a w
     for k, process in enumerate(processes):
         others = np.delete(falls, k)
         term = np.array([process.passed**2 * -math.expm1(-2 * process.decay)])
         for fall in others:
             term = np.polymul(term, [-fall, 1 + fall * fall])
         numerator += term
-    roots = np.roots(numerator)  # w > 2: z and 1 / z, of which the lesser is taken
+    roots = np.roots(numerator)  # w > 2 has the roots z and 1 / z, of which the smaller one is taken
     fresh = np.atleast_1d(np.poly(roots / 2 - np.sqrt(roots * roots / 4 - 1)))
     fresh *= math.sqrt(float(np.polyval(numerator, 2.0))) / float(fresh.sum())  # by the power at w = 2, z = 1
     shares = [np.polyval(fresh, fall) / np.prod(fall - np.delete(falls, k)) for k, fall in enumerate(falls)]

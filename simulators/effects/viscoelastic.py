@@ -13,7 +13,7 @@ from palpate.simulators.physics.effect import Kind
 from palpate.simulators.physics.parts import Stack
 from palpate.simulators.physics.stages import StackEffect
 
-# Shares of the fast modulus that relax, and how fast [s].
+# These are the shares of the fast modulus that relax, and their time constants [s].
 PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     "rubber": ((0.3,), (20e-3,)),  # [A]
     # two terms of the size that is reported for brain; no source was checked [A]

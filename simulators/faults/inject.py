@@ -171,7 +171,7 @@ class _Happening:
         sim.clock.add(self)
         if fault.at is None:
             self._count_requests()
-        elif 0 < sim.clock.now_ns() >= self._begin_ns:  # given by hand; a scene's faults are there from the start
+        elif 0 < sim.clock.now_ns() >= self._begin_ns:  # it is given by hand; a scene's faults are there from the start
             self._begin()
 
     def next_event_ns(self) -> int:

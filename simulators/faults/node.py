@@ -31,7 +31,7 @@ class Emergency(DeviceFault):
     code: int = Field(default=HARDWARE, ge=0, le=0xFFFF, strict=True)
 
     def begin(self, sim: Faulty) -> None:
-        sim.can.emergency(device(sim, self.on), self.code)
+        device(sim, self.on).emergency(self.code)
 
 
 class FilmFault(DeviceFault):

@@ -17,7 +17,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import Fault, Trigger
 from palpate.simulators.faults.places import Target
 
-GLITCH = b"\x00\xff\xf8"  # bytes that are read when a device begins to drive the line
+GLITCH = b"\x00\xff\xf8"  # spurious bytes that a client reads when a device begins to drive the line
 
 
 class RtuFault(Fault):

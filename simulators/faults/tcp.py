@@ -16,7 +16,7 @@ from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_
 from palpate.simulators.wire.relay import Listener
 
 TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # places in a frame
-HEADER = 6  # bytes up to the length, which does not count them
+HEADER = 6  # bytes up to the length field, which the field does not count
 
 
 class TcpFault(Fault):
@@ -95,7 +95,7 @@ class WrongCount(TcpFault):
 
     def segments(self, request: bytes, reply: bytes) -> list[bytes]:
         if reply[FUNCTION] != 3:
-            return [reply[:-1] + bytes([reply[-1] - 1])]
+            return [reply[:-1] + bytes([(reply[-1] - 1) & 0xFF])]
         body = bytes([reply[COUNT] - 2]) + reply[COUNT + 1 : -2]
         return [reply[:4] + struct.pack(">H", len(body) + 2) + reply[UNIT:COUNT] + body]
 
@@ -167,7 +167,8 @@ class FaultyLink:
     def refuse(self, server: Listener, lasts_ns: int) -> None:
         """Stop listening for a time, or until the clock goes on."""
         with self._clock.lock:
-            server.stop_listening()
+            if self._silent is None:  # else another connected client was struck before
+                server.stop_listening()
             self._silent, self._listens_again_ns = server, self._clock.now_ns() + max(lasts_ns, 1)
 
     def listen_again(self) -> None:

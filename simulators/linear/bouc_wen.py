@@ -72,7 +72,7 @@ def _after(z: float, step: float, stiffness: float, share: float) -> float:
     if step == 0:
         return z
     side, left = math.copysign(1.0, step), stiffness * abs(step)
-    z *= side  # turned so that x rises
+    z *= side  # the signs are chosen so that x rises
     if z < 0:
         rate = 2 * share - 1  # while z moves towards zero, z' = 1 - rate z
         to_zero = math.log1p(-rate * z) / rate if rate else -z

@@ -44,7 +44,7 @@ class Part(NamedTuple):
     reach: float = math.inf
 
 
-Transient = Callable[[int], list[Part]]  # gives the parts at a time after the start [ns], the fastest first
+Transient = Callable[[int], list[Part]]  # a function from a time after the start [ns] to the parts, the fastest first
 
 
 @dataclass(frozen=True, slots=True, eq=False)

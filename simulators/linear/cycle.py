@@ -23,7 +23,7 @@ from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 STEPS = 8  # greatest number of Newton steps, from a root that is known to the nanosecond
 CLOSE = 10.0  # ns; greatest distance of a root from the nanosecond at which it was found
-LOST = 1e-13  # of the size of an output: the period is known no better
+LOST = 1e-13  # share of an output's size to which the period is known
 LEAST = -100.0  # exponent below which a mode has decayed
 
 
@@ -263,7 +263,7 @@ class Cycle:
         rates, shapes, inverse = leg.modes
         modes = np.zeros((len(self._rates), len(mean)), complex)
         modes[: len(rates)] = ((rows[0] @ shapes) * (inverse @ gap)).T
-        modes[: len(rates)].imag[rates.imag == 0] = 0.0  # a decay has no sine; where poles repeat, rounding leaves one
+        modes[: len(rates)].imag[rates.imag == 0] = 0.0  # a decay has no sine part; rounding leaves one if poles repeat
         weights = np.concatenate([phasors.real.T, -phasors.imag.T, _split(modes)])
         weights[np.abs(weights) < LOST * (np.abs(mean) + np.abs(weights).sum(axis=0))] = 0.0
         return mean, weights

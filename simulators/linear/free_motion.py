@@ -19,8 +19,8 @@ Seen = Callable[[Times, int, int], Floats]
 
 # Above this condition number modes are too nearly parallel to give the transient to thirteen digits.
 PARALLEL = 100.0
-BLOCK = 1024  # samples that are computed together
-GONE = 1e-150  # of its beginning: a mode below it counts as 0; products of two such are still normal floats
+BLOCK = 1024  # number of samples that are computed together
+GONE = 1e-150  # share of a mode's beginning below which it counts as 0; the product of two such is still a normal float
 KEPT = 64  # systems
 
 
@@ -40,7 +40,7 @@ class FreeMotion:
             return np.zeros(0, complex), np.zeros((0, 0), complex), np.zeros((0, 0), complex)
         from scipy.linalg import matrix_balance
 
-        # In units in which rows and columns have equal sizes; metres beside amperes would look parallel.
+        # The units give rows and columns equal sizes, because metres beside amperes would look parallel.
         balanced, (units, _) = matrix_balance(self._a, permute=False, separate=True)
         rates, shapes = np.linalg.eig(balanced)
         if np.linalg.cond(shapes) > PARALLEL:
@@ -159,7 +159,7 @@ def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, cou
     if len(within) == 1:
         np.multiply(parts.transpose(1, 0, 2), within, out=found)  # a product would take more calls
     else:
-        np.matmul(parts, within, out=found.transpose(1, 0, 2))  # a stack: each block rounds as if it were alone
+        np.matmul(parts, within, out=found.transpose(1, 0, 2))  # as a stack, each block is rounded as if it were alone
     return found.reshape(len(found), -1)[:, start : start + count]
 
 

@@ -33,7 +33,7 @@ STATES = 9
 STIFFNESS = 1e6  # fastest over slowest rate
 SAMPLE_NS = 1_000_000  # ns between the samples that are compared
 BLOCK = 100  # steps in one block of the matrix exponential
-LOST = 1.0  # relative error of an answer that is worthless
+LOST = 1.0  # relative error from which an answer counts as worthless
 DRIVE = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.array([-1j]))
 STEPS_MS = (5.0, 1.0, 0.1)
 EULER_US = (2.1, 1.9)
@@ -105,7 +105,7 @@ def compare() -> Iterator[Measured]:
         return Measured(method, setting, error, min(taken), "")
 
     for warm_up in (_closed_form(system, times[:1]), _stepped(system, _trapezoid, SECOND, 1)):
-        assert warm_up.size  # no method pays for an import
+        assert warm_up.size  # the warm-up imports everything, so that no method's time contains an import
     yield measured("closed form", None, lambda: _closed_form(chain(), times))
     yield measured("matrix exponential, blocks", SAMPLE_NS / SECOND, lambda: _blocks(chain(), times, exponential))
     for method, formula in (("first-order hold", _first_order_hold), ("trapezoid", _trapezoid)):

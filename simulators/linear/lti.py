@@ -261,7 +261,7 @@ def _rest(a: Floats, push: Floats) -> Floats:
     weight = np.abs(scaled).max(axis=0, initial=0.0)
     columns = 1 / np.where(weight > 0, weight, 1.0)
     scaled, rest = scaled * columns, np.zeros(len(a))
-    for _ in range(2):  # the second time corrects the rounding of the first
+    for _ in range(2):  # the second pass corrects the rounding of the first
         rest += np.linalg.lstsq(scaled, -rows * push - scaled @ rest, rcond=None)[0]
     return np.asarray(columns * rest)
 

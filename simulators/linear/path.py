@@ -27,8 +27,8 @@ from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 from palpate.simulators.linear.recurrence import Recurrence, Section, depended_on, recurrence
 
 LONGEST = 100 * SECOND  # time in which the transitions of a drive at rest are counted
-KEPT_NS = 12 * SECOND  # stretches are kept for so long; the indicator looks back 10 s at most
-MOST = 4000  # transitions in one period of the drive
+KEPT_NS = 12 * SECOND  # time for which stretches are kept; the indicator looks back 10 s at most
+MOST = 4000  # greatest number of transitions in one period of the drive
 
 
 @dataclass(frozen=True, eq=False)

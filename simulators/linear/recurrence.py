@@ -19,9 +19,9 @@ from palpate.simulators.linear.lti import Floats, StateSpace
 from palpate.simulators.linear.mode import Mode, Stretch
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 
-REPEATED = 1e-13  # of each state's greatest value: a state that is so close one period later has repeated
-NEAR = 1e-6  # of the same, plus the drive's change in 100 ns: so close, the fixed point is searched for
-PERIODS = 300  # within which the fixed point must be found
+REPEATED = 1e-13  # share of each state's greatest value; a state that is this close one period later has repeated
+NEAR = 1e-6  # share of the same, plus the drive's change in 100 ns; from here on the fixed point is searched for
+PERIODS = 300  # number of periods within which the fixed point must be found
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def recurrence(
     change = (after - state)[listeners]
     try:
         state[listeners] += np.linalg.solve(np.eye(len(listeners)) - once, change) if listeners else change
-    except np.linalg.LinAlgError:  # a listener that never forgets has no settled state
+    except np.linalg.LinAlgError:  # a system that never forgets its state has no settled one
         return None
     legs, _ = orbit.lived(state)
     if legs is None or not _certain(legs, now.time_ns, watch):
@@ -134,7 +134,7 @@ class _Orbit:
         self._ending = [
             (stay, drive.frequency * (stay.end_ns - drive.start_ns) % CYCLE / CYCLE)
             for stay in ending
-            if stay.failed is not None  # leaves out ends at which only the search was cut off
+            if stay.failed is not None  # skip ends at which only the search was cut off
         ]
 
     def lived(self, state: Floats) -> tuple[list[Leg] | None, Floats]:
@@ -168,7 +168,7 @@ def _certain(legs: Sequence[Leg], start_ns: int, watch: Callable[[Mode], tuple[W
         search, seen = watch(leg.mode)
         failed: int | None = None
         while failed is None and time_ns < end_ns:
-            # The state of exactly this nanosecond: a play may be a billionth of its radius from being dragged.
+            # This needs the state of exactly this nanosecond, because a play may be very close to being dragged.
             cycles = (drive.frequency * (time_ns - drive.start_ns) - period * CYCLE) / CYCLE
             time_ns, failed = search.first_failure(time_ns, leg.moment(cycles)[seen])
         if last:

@@ -66,7 +66,7 @@ class Chain:
         # Modes refer back to the chain. Whoever uses a mode holds it, so that no cycle has to wait for the garbage
         # collector.
         self._modes: WeakValueDictionary[Touch, Mode] = WeakValueDictionary()
-        # Numbers of outputs and states for others.
+        # These are indices of outputs and states, which other modules use.
         self.bridge = len(amplifiers)
         self.force, self._compression, self._displacement, self._current = range(self.bridge + 1, self.bridge + 5)
         self.stack_order = stack.order  # the stack's states come first
@@ -172,7 +172,7 @@ class Chain:
                 change: dict[str, Any] = {name: 0 if side else sign}
                 other = replace(touch, **change)
                 if name == "current" and not side and self._armature.mass:
-                    # As for plays: where limiting ends, the current is at the limit itself.
+                    # This is as for plays: where limiting ends, the current is at the limit itself.
                     guard = self._sided(row, limit * (1 + 1e-9), False, other)
                     guards.append(replace(guard, entry=self._held(sign * limit)))
                 else:

@@ -21,7 +21,7 @@ GOLDEN = (math.sqrt(5) - 1) / 2
 GONE = 30.0  # time constants after which the beginning no longer matters
 LIMITS = ("contact", "rail", "current", "stop")
 
-Seen = Callable[[Path, Times, slice], Floats]  # gives the outputs of a path at some times, or their rates (films, n)
+Seen = Callable[[Path, Times, slice], Floats]  # returns outputs of a path at some times, or their rates (films, n)
 
 
 class Driven(Protocol):
@@ -101,7 +101,7 @@ class Dwell:
         same places of the waveform.
         """
         shifts = np.arange(PHASES // len(self.starts))
-        later_by = GOLDEN * (shifts % (PHASES // STARTS)) % 1  # alike for every number of starts
+        later_by = GOLDEN * (shifts % (PHASES // STARTS)) % 1  # this does not depend on the number of starts
         shifts = ((shifts + later_by) * self.period / PHASES).astype(np.int64)
         later = self.times + shifts[:, np.newaxis]
         order = np.argsort(later.ravel(), kind="stable")
@@ -133,7 +133,7 @@ def dwell_of(rig: Driven, films: int, settled: float, dwell: float, rate: float)
                 return Dwell(times, films, period, starts, linear=False, limited=True)
             linear = linear and touch == Touch(drag=(0,) * len(touch.drag))
         if not linear and _settled(rig, films, settled):
-            del starts[1:]  # later times give all other phases
+            del starts[1:]  # the other phases follow from later times
             break
     return Dwell(times, films, period, starts, linear, limited=False)
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from palpate.simulators.physics.dwells import Driven, Dwell
 
 Floats = npt.NDArray[np.float64]
-Rates = Callable[[], Floats]  # gives rates (p, n) [V/s] of a film in some phases of the drive
+Rates = Callable[[], Floats]  # returns rates (p, n) [V/s] of a film in some phases of the drive
 Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv", "timing"]
 
 

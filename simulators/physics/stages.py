@@ -201,7 +201,7 @@ class CellEffect(Effect, ABC):
         """Reading [mV] at the display's update number `update`, of a bridge whose ideal reading is `ideal_mV`."""
 
 
-# An effect has one of these places, or it would do nothing.
+# Each effect inherits from one of these places in the chain; else it would do nothing.
 PLACES = (
     DriveEffect, ShakerEffect, StackEffect, HysteresisEffect, FilmsEffect, SourceEffect, AmplifierEffect, LeakEffect,
     InputEffect, ConverterEffect, CanEffect, LineEffect, CellEffect,

@@ -37,17 +37,18 @@ PRELOAD = 0.75  # preload as a fraction of the load: half of the load is its pea
 SETTLING = 2.0  # s between a change of the drive and a measurement
 LOOKED_AT = 2.0  # s of a scene that are searched for transitions
 FOLLOWED = 10.0  # periods of the drive after which transitions usually recur [M]
-RATE = 250.0  # samples a second
+RATE = 250.0  # samples per second
 THESIS_RIG = RigParameters()
 SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
 # CPU time [s, M] of a transition, of a settled state's phasors, and of a sample of a film: by itself, and for each
 # state
-# of the chain. Effects tell what they add.
+# of the chain. Each effect says what it adds.
 A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 5e-5, 3e-8, 5e-9
 CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing function", "transitions"
 
 
-FREQUENCIES, DWELLS = (1e-6, 1e6), (1e-6, 1e9)  # Hz, s: beyond them numbers overflow or vanish
+UNITS = {"load": "N", "frequency": "Hz", "dwell": "s"}
+FREQUENCIES, DWELLS = (1e-6, 1e6), (1e-6, 1e9)  # limits in Hz and s; beyond them numbers overflow or vanish
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,8 @@ class Question:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, float) and not (0 < value < math.inf):
-                raise RangeError(f"{item.name} {value:g} of a question is not above 0 and finite; give a positive one")
+                unit = UNITS[item.name]
+                raise RangeError(f"{item.name} {value:g} {unit} is not above 0 and finite; give a positive one")
         for value, unit, limits in ((self.frequency, "Hz", FREQUENCIES), (self.dwell, "s", DWELLS)):
             if not limits[0] <= value <= limits[1]:
                 raise RangeError(f"{value:g} {unit} is outside {limits[0]:g} to {limits[1]:g} {unit}; give one inside")
@@ -233,7 +235,7 @@ def moves(rig: Rig, until_ns: int) -> list[set[str]]:
 def path_of(found: list[set[str]], steady: bool) -> tuple[str, str]:
     """Path of a scene with these transitions, and the reason."""
     if not found:
-        return CLOSED_FORM, "every limit carries a certificate that it stays inactive"
+        return CLOSED_FORM, "it is proven for each limit of the bench that the drive does not reach it"
     moved = set[str]().union(*found)
     if steady and moved == {"drag"}:
         return DESCRIBING_FUNCTION, "play operators move on a sine, outside any loop; no limit acts"
@@ -259,7 +261,7 @@ def _omitted(scene: Scene, case: Case) -> tuple[list[Omitted], list[str]]:
                 left.append(_weighed(name, scene, case))
             except ConfigError as error:
                 problems.append(f"left out and not weighed: {error}")
-            except Exception as error:  # whatever its package does
+            except Exception as error:  # code of another package can raise anything
                 problems.append(
                     f"left out and not weighed: effect {name!r}{origin(name)}, fails: {error!r}; mend its package"
                 )

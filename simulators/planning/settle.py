@@ -25,8 +25,8 @@ from palpate.simulators.scenes.scene import ON, WHEN, Scene, SceneFile, load_of,
 if TYPE_CHECKING:
     from palpate.simulators.faults.fault import Fault
 
-EFFECTS_TOLERANCE = 1e-4  # for automatic effects, where the file has none
-THESIS_LOADS = (1.5, 4.0)  # N, the least and the greatest of A2.9 to A2.14
+EFFECTS_TOLERANCE = 1e-4  # tolerance of automatic effects if the file has none
+THESIS_LOADS = (1.5, 4.0)  # N; the least and the greatest load of Tables A2.9 to A2.14
 
 
 def read_scene(name_or_file: str) -> Scene:
@@ -152,7 +152,7 @@ def _called_for(
     """Simulated effects with reasons; of the automatic ones, those that can change more than the tolerance."""
     tolerance = EFFECTS_TOLERANCE if file.tolerance is None else file.tolerance
     called, beside = {}, dict(listed)
-    for name in sorted(listed, key=lambda name: not listed[name].dither(1.0)):  # first those that dither
+    for name in sorted(listed, key=lambda name: not listed[name].dither(1.0)):  # effects that dither come first
         if _when(file.effects[name]) == ON:
             called[name] = "called for"
             continue

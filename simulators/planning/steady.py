@@ -87,7 +87,7 @@ def followed(rig: Rig) -> Complexes:
 def steady_state(rig: Rig, values: Complexes) -> SteadyState:
     """The settled state from phasors of films and force."""
     films, force = rig.scene.design.films, values[-1]
-    # The ratio of one tooth, where a film lies under several.
+    # If a film lies under several teeth, this is the ratio of one tooth.
     shares = [abs(v) / film.sensitivity / len(film.teeth) for v, film in zip(values[:-1], films, strict=True)]
     tooth, base = FILM_KINDS
     states = []

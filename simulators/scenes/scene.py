@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
+from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.config import Config
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.foundation import springs
@@ -21,7 +22,7 @@ from palpate.instrument.quantity import LARGEST_TOLERANCE, Metres, NewtonsPerAmp
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample
-from palpate.simulators.guests import Guest, guests
+from palpate.simulators.guests import Guest, guests, kind_in
 from palpate.simulators.physics.effect import Effect
 
 if TYPE_CHECKING:
@@ -102,6 +103,10 @@ class Scene:
     def pickup(self) -> float:
         """Bound on the force that pickup in the cables adds to a film, as a share of the load; for the bench file."""
         return math.fsum(effect.pickup for effect in self.effects.values())
+
+    def kind_in(self, role: Role) -> DeviceKind | None:
+        """Kind of the device that fills a role on the simulated bench; None: there is none."""
+        return kind_in(role, self.devices)
 
     def answer(self, sample: Sample) -> Response:
         """Response of the sensor to 1 N through a sample, by the scene's model and parameter set.

@@ -22,7 +22,8 @@ class Place:
         unit: Modbus unit id, or CANopen node id.
         serial: serial number: text on Modbus, an integer on CANopen.
         settings: settings of its device kind, from the bench file.
-        find: returns the simulated device that fills a role; call it once all devices exist.
+        find: returns the simulated device that fills a role; call it once all devices exist. Raises
+            BenchError: no device fills it.
         samples: samples in the sample changer.
     """
 

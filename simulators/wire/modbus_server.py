@@ -160,6 +160,9 @@ class _TcpConnection(_Connection):
         """Answer requests over a link with faults, one whole frame after the other."""
         used = 0
         while (frame := whole_frame(data[used:])) and self.transport:
+            if alien(frame):
+                self.close()
+                return len(data)
             used += len(frame)
             fault = link.struck()
             answer = self._answer_to(frame) if fault is None or fault.forwards else b""

@@ -105,7 +105,7 @@ def amplitudes(times: int) -> Iterator[Row]:
 
 
 def held_amplitudes(number: int, name: str, times: int) -> tuple[list[bool], list[bool]]:
-    """Of each film of each record of a kind: whether its interval holds the amplitude, and whether it is marked."""
+    """For each film of each record of a kind: whether its interval holds the amplitude, and whether it is marked."""
     rng = np.random.default_rng(number)
     held: list[bool] = []
     marked: list[bool] = []
@@ -119,7 +119,7 @@ def held_amplitudes(number: int, name: str, times: int) -> tuple[list[bool], lis
 
 
 def ratios(times: int) -> Iterator[Row]:
-    """Of films whose cables add up to what the bench states, in any phase, over six load sets; as `noisy_lab`."""
+    """Coverage of ratios over six load sets; cables add what the bench states, in any phase, as in `noisy_lab`."""
     bound, share = 0.1e-12 / 20e-12 / 1.5, 0.142
     design = get_design("single").with_pickup(bound)
     rng = np.random.default_rng(77)

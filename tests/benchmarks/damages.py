@@ -73,7 +73,7 @@ def _read(file: Path) -> dict[int, Counter[str]]:
 
 
 def _version() -> str:
-    """Of the code that reads what is damaged."""
+    """A hash of the code that reads damaged runs."""
     digest = hashlib.sha256()
     for name in TRIED:
         digest.update((ROOT / name).read_bytes())

@@ -58,7 +58,7 @@ def _noisy(rng: np.random.Generator, time: Floats, sigma: float, phase: float, r
 
 
 def _ratios(name: str, time: Floats, records: Floats) -> Floats:
-    """By least squares as a measurement has them, bias taken off and silent films refused: some pairs in one fit."""
+    """Force ratios by an estimator. Least squares fit some pairs at once, as a measurement does."""
     if name != LEAST_SQUARES:
         return amplitude_ratios(name, time, records, FREQUENCY)
     found: list[float] = []

@@ -192,7 +192,7 @@ def _judged(seen: dict[str, Any], held: dict[str, str]) -> tuple[str, list[str]]
 
 
 def _tshark(served: Served) -> tuple[str, list[str]]:
-    """Of the log of a bench that is opened, moved, sampled and refuses something."""
+    """What tshark says of the log of a bench that is opened, moved, sampled and refuses something."""
     with TemporaryDirectory() as folder:
         log = Path(folder) / "trace.blf"
         clock = WallClock()

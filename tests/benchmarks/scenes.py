@@ -204,7 +204,7 @@ def _measured(scene: Scene, question: Question) -> None:
 
 
 def _sweeps() -> Iterator[Row]:
-    """Of the default sweep, on the wire and to the disk: what every sweep shares, imports and plot, is not in it."""
+    """Times of the default sweep, on the wire and to the disk, without imports and plot, which every sweep has."""
     scenes = [read_scene(name) for name in ("thesis_single", "ideal", "everything")]
     rounds = [[_sweep(scene) for scene in scenes] for _ in range(SWEEP_ROUNDS)]  # in turn: a machine has its moods
     seconds = {scene.name: min(taken) for scene, taken in zip(scenes, zip(*rounds, strict=True), strict=True)}

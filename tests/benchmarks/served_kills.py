@@ -51,7 +51,7 @@ def _read(file: Path) -> list[Counter[str]]:
 
 
 def _version() -> str:
-    """Of all code that is tried."""
+    """A hash of all code that is tried."""
     digest = hashlib.sha256()
     for folder in ("drivers", "instrument", "procedures", "simulators"):
         for path in sorted((ROOT / folder).rglob("*.py")):

@@ -54,9 +54,9 @@ def measure() -> Iterator[Row]:
 
 
 def _error_over_estimate(parameters: SolidParameters) -> float:
-    """Of refinement 1, the first that has an estimate."""
+    """The error of refinement 1, the first that has an estimate, over its estimate."""
     meshes = [solid.solve(parameters, refinement).judged for refinement in (0, 1)]
-    # Of squares no other model knows better: a finer mesh has a quarter of the error or less.
+    # No other model knows squares better: a finer mesh has a quarter of the error or less.
     known = _round_model(parameters) if parameters.outline == "round" else solid.solve(parameters, 2).force_ratio
     return abs(meshes[1].force_ratio - known) / solid.error_estimate(meshes, parameters).force_ratio
 

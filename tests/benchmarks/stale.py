@@ -51,6 +51,6 @@ def _tries(what: str) -> str:
 
 
 def _version() -> str:
-    """Of all code that is tried."""
+    """A hash of all code that is tried."""
     code = b"".join(file.read_bytes() for pattern in TRIED for file in sorted(ROOT.glob(pattern)))
     return hashlib.sha256(code).hexdigest()[:8]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from typing import Any
 
 from palpate.drivers.bench import Bench
@@ -23,6 +25,13 @@ def driving(sim: SimulatedBench) -> bool:
 def drive(bench: Bench) -> None:
     bench.drive()
     bench.device("signal_generator").sine(10.0, 1.0)
+
+
+def off_the_main_thread(use: Callable[[], None]) -> None:
+    """Carry something out in another thread, and wait for its end; what it raises fails the test."""
+    thread = threading.Thread(target=use)
+    thread.start()
+    thread.join()
 
 
 def is_closed(bench: Bench) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import threading
 
 import pytest
 
@@ -13,7 +12,7 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.errors import BenchError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused
-from tests.drivers.benches import drive, driving, is_closed, open_bench
+from tests.drivers.benches import drive, driving, is_closed, off_the_main_thread, open_bench
 
 ENDING = pytest.mark.parametrize(
     ("number", "raised"),
@@ -88,7 +87,7 @@ def test_outputs_are_off_after_a_signal_in_the_middle_of_a_request(
 def test_a_signal_that_the_program_was_started_to_ignore_ends_nothing(
     number: signal.Signals, sim: SimulatedBench
 ) -> None:
-    """As by nohup, or in the background of a script."""
+    """nohup does so, and a shell that starts a program in the background."""
     before = signal.signal(number, signal.SIG_IGN)
     try:
         with open_bench(sim) as bench:
@@ -119,9 +118,7 @@ def test_a_bench_off_the_main_thread_ends_safe_too(sim: SimulatedBench) -> None:
             drive(bench)
             raise Failure
 
-    thread = threading.Thread(target=use)
-    thread.start()
-    thread.join()
+    off_the_main_thread(use)
     assert not driving(sim)
 
 

@@ -122,7 +122,7 @@ def test_a_can_bus_within_the_process_is_no_other_process_s(monkeypatch: pytest.
 
 
 def test_a_host_without_numbers_counts_by_its_name_however_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To open the device will say that there is no such host."""
+    """That there is no such host is said when the device is opened."""
 
     def unknown(*_: object, **__: object) -> None:
         raise OSError("Name or service not known")
@@ -204,7 +204,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 def test_what_somebody_has_put_in_the_place_of_a_lock_is_neither_followed_nor_overwritten(
     put: str, tmp_path: Path
 ) -> None:
-    """In a folder in which all may write."""
+    """All may write in the folder of the locks, so anybody can put something there."""
     folder, precious = tmp_path / "locks", tmp_path / "precious"
     precious.write_text("precious")
     with BenchLock(described(), folder):
@@ -297,7 +297,7 @@ def test_a_lock_says_nothing_of_who_had_it_before(tmp_path: Path) -> None:
 def test_a_user_without_a_name_is_called_by_its_number(
     failure: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As in a container."""
+    """Users of a container often have none."""
 
     def nameless() -> str:
         raise failure

@@ -112,7 +112,7 @@ def test_a_request_that_was_not_answered_is_not_answered(sim: SimulatedBench, lo
 def test_signs_of_life_to_the_watchdog_may_come_at_other_times_than_in_the_log(
     sim: SimulatedBench, log: Path, fed_by: str
 ) -> None:
-    """On a wall's clock a thread gives them."""
+    """On a wall clock a thread gives them, at times that differ from run to run."""
     amplifier = sim.description.shaker_amplifier.model_copy(update={"watchdog_fed_by": fed_by})
     sim.description = sim.description.model_copy(update={"shaker_amplifier": amplifier})
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import queue
 from collections.abc import Callable, Iterator
-from types import SimpleNamespace
 from typing import Any
 
 import can
@@ -46,8 +45,7 @@ def frame(identifier: int, data: bytes = b"", **flags: Any) -> can.Message:
 
 
 def listening(*callbacks: Callable[..., object]) -> _Listener:
-    network: Any = SimpleNamespace(subscribers={0x181: list(callbacks)})
-    return _Listener(network)
+    return _Listener({0x181: callbacks})
 
 
 def test_a_frame_goes_to_those_who_subscribed_its_identifier() -> None:
@@ -138,7 +136,7 @@ def test_on_a_bus_without_echoes_each_frame_that_comes_is_another_s() -> None:
 
 @pytest.fixture
 def link(monkeypatch: pytest.MonkeyPatch) -> Iterator[CanLink]:
-    """Not open yet."""
+    """A link that is not open yet."""
     monkeypatch.setattr(can, "Bus", Bus)
     monkeypatch.setattr(canopen.Network, "connect", lambda _network: None)
     monkeypatch.setattr(canopen.Network, "disconnect", lambda _network: None)

@@ -47,7 +47,7 @@ class ForeignNode:
                 self._send(0x580 + NODE, self._answer(bytes(message.data)))
 
     def sample(self) -> None:
-        """As at a SYNC, which this node produces itself."""
+        """Samples as at a SYNC, which this node produces itself."""
         if self._operational and self.objects[sdo(0x1005)][3] & 0x40:
             self._count += 1
             self._send(0x1C0 + NODE, b"\x10\x81\x11" + bytes(5))

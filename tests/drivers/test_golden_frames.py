@@ -76,7 +76,7 @@ def read_exchange(field: Field, golden: dict[str, Any]) -> tuple[bytes, bytes]:
 
 @pytest.fixture
 def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
-    """With every device that a bench may have."""
+    """A bench with every device that it may have."""
     with SimulatedBench(scene, samples=[get_sample("3")]) as simulated:
         yield simulated
 
@@ -247,7 +247,7 @@ def test_a_node_answers_with_the_golden_frames_of_all_objects(
 
 
 def test_a_text_travels_in_the_golden_segments(node_bench: Bench, listener: can.BusABC) -> None:
-    """Twice, as segments do not say whose they are."""
+    """The driver reads a text twice, because its segments do not say which object they belong to."""
     for name in TEXTS:
         golden = NODE_FRAMES[name]
         assert node_bench.device("sensor_node_1")._text(NODE[name].address) == golden["text"]

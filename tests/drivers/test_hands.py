@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from palpate.drivers.hands import Hands
+from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger
 from palpate.instrument.sensor.sample import SAMPLES
+
+ROLES = {SampleChanger: "changer", Chamber: "chamber", ProbeStage: "stage"}
 
 
 class Recorder:
@@ -23,8 +28,9 @@ class Recorder:
 @pytest.mark.parametrize("devices", [(), ("changer",), ("chamber",), ("stage",), ("changer", "chamber", "stage")])
 def test_each_device_is_asked_for_what_it_can_do_and_the_person_for_the_rest(devices: tuple[str, ...]) -> None:
     done = list[tuple[object, ...]]()
-    has = {name: Recorder(name, done) if name in devices else None for name in ("changer", "chamber", "stage")}
-    hands = Hands(Recorder("person", done), has["changer"], has["chamber"], has["stage"])  # type: ignore[arg-type]
+    has = {name: Recorder(name, done) if name in devices else None for name in ROLES.values()}
+    bench: Any = SimpleNamespace(maybe=lambda role: has[ROLES[role]])
+    hands = Hands(Recorder("person", done), bench)
     hands.mount(SAMPLES["2"])
     hands.lay_on_support(SAMPLES["3"])
     hands.place_probe(1e-3, 2e-3)

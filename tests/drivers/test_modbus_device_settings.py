@@ -30,7 +30,7 @@ def test_a_setting_that_is_not_confirmed_is_read_back_on_an_attended_bench(setti
 
 @pytest.mark.parametrize("order", [{"program": 3}, {"start": 3}, {"heater": "on", "program": 3}])
 def test_an_order_that_is_not_confirmed_is_never_read_back(order: dict[str, Any]) -> None:
-    """It reads as it was written whether it was carried out or not."""
+    """Its register reads as it was written, whether the order was carried out or not."""
     driver, link, noticed = attended()
     link.late = [LinkTimeout("no answer")]
     with pytest.raises(LinkTimeout):

@@ -5,17 +5,16 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.roles import Chamber, Positioner
-from palpate.instrument import additions as modules
-from palpate.instrument.bench import kinds
+from palpate.instrument.additions import load
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
 from palpate.instrument.contracts import contracts_digest
@@ -25,29 +24,23 @@ from palpate.procedures.logs.shown import read_log
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
-
-OVEN = Path(__file__).parents[1] / "examples" / "oven"
-ENTRY = EntryPoint("acme-oven", "acme_oven:KIND", kinds.GROUP)
-
-
-@pytest.fixture
-def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[EntryPoint]]:
-    """The oven, as if its package were installed."""
-    entries = [ENTRY]
-    monkeypatch.syspath_prepend(str(OVEN))
-    monkeypatch.setattr(modules, "entry_points", lambda group: entries)
-    modules.additions.cache_clear()
-    yield entries
-    modules.additions.cache_clear()
+from palpate.simulators.wire.device import Place
+from tests.drivers.outside import EXAMPLES, installed
 
 
 @pytest.fixture
-def with_oven(installed: list[EntryPoint], scene: Scene) -> Scene:
+def oven() -> Iterator[None]:
+    with installed("oven"):
+        yield
+
+
+@pytest.fixture
+def with_oven(oven: None, scene: Scene) -> Scene:
     return scene.with_devices({"oven": {"kind": "acme-oven"}})
 
 
 def test_the_oven_takes_at_most_sixty_lines() -> None:
-    assert len((OVEN / "acme_oven.py").read_text(encoding="utf-8").splitlines()) <= 60
+    assert len((EXAMPLES / "oven" / "acme_oven.py").read_text(encoding="utf-8").splitlines()) <= 60
 
 
 def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_registers(
@@ -99,7 +92,8 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
         with pytest.raises(BenchError, match="nothing answers at"):
             Bench(absent, sim.clock, sim.operator).__enter__()
         tables["device"]["oven"]["optional"] = True
-        with Bench(check(tables, BenchDescription, "here"), sim.clock, sim.operator) as bench:
+        person = Mock(sim.operator)
+        with Bench(check(tables, BenchDescription, "here"), sim.clock, person) as bench:
             assert bench.maybe(Chamber) is None
             assert bench.role(Positioner) is bench.device("positioner")
             assert bench.cautions[0].startswith("oven is not used: nothing answers at 127.0.0.1:1")
@@ -107,6 +101,34 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
                 bench.role(Chamber)
             with pytest.raises(UnknownName, match="unknown device of this bench 'oven'"):
                 bench.device("oven")
+            bench.operator.set_temperature(12.5)
+            person.set_temperature.assert_called_once_with(12.5)
+
+
+def test_a_simulated_device_finds_the_one_that_the_scene_gives_a_role_and_is_told_where_nobody_fills_it(
+    with_oven: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_oven = with_oven.with_devices(
+        {"spare": {"kind": "acme-oven"}, "oven": {"kind": "acme-oven", "role": "chamber"}}
+    )
+    places: list[Place] = []
+    oven = load(with_oven.devices[0].kind.simulator or "", "oven")
+    made = oven.at
+    monkeypatch.setattr(oven, "at", lambda place: (places.append(place), made(place))[1])
+    with SimulatedBench(with_oven) as sim:
+        assert places[0].find("chamber") is sim.devices["oven"]
+        with pytest.raises(BenchError, match="the simulated bench has no probe_stage; list a device"):
+            places[0].find("probe_stage")
+
+
+def test_a_can_bus_whose_devices_are_all_optional_may_be_absent(scene: Scene) -> None:
+    with SimulatedBench(scene) as sim:
+        tables: dict[str, Any] = tomllib.loads(sim.description.to_toml())
+        tables["link"] = {"far": {"kind": "canopen", "interface": "socketcan", "channel": "none"}}
+        tables["device"] = {"spare": {"kind": "sensor_node", "link": "far", "node": 9, "optional": True}}
+        with Bench(check(tables, BenchDescription, "here"), sim.clock, sim.operator) as bench:
+            assert bench.cautions[0].startswith("spare is not used: CAN bus socketcan:none cannot be opened")
+            bench.check_settings()
 
 
 WRONG = {
@@ -128,7 +150,7 @@ def test_a_wrong_section_is_named_with_key_and_remedy(section: str, with_oven: S
     assert str(caught.value).startswith(f"bench.toml: {WRONG[section]}")
 
 
-def test_two_that_could_fill_a_role_need_a_word_of_who_does(installed: list[EntryPoint], scene: Scene) -> None:
+def test_two_that_could_fill_a_role_need_a_word_of_who_does(oven: None, scene: Scene) -> None:
     two = {"one": {"kind": "acme-oven"}, "two": {"kind": "acme-oven"}}
     with pytest.raises(ConfigError, match='one and two can each be the chamber; write role = "chamber" below one'):
         SimulatedBench(scene.with_devices(two)).__enter__()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +23,7 @@ from palpate.simulators.faults.places import places
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused
+from tests.drivers.benches import off_the_main_thread
 from tests.drivers.outside import installed
 from tests.drivers.test_bench_ends import ENDING, REQUESTS, Failure
 
@@ -93,8 +93,7 @@ def test_a_bench_whose_amplifier_has_a_watchdog_cannot_be_without(scene: Scene, 
 
 
 def test_a_bench_has_one_exciter_which_is_not_optional(sim: SimulatedBench, tmp_path: Path) -> None:
-    address = {"host": "127.0.0.1", "port": 1}
-    both = {"signal_generator": address, "shaker_amplifier": address}
+    both = {"signal_generator": {"host": "10.0.0.1"}, "shaker_amplifier": {"host": "10.0.0.2"}}
     with pytest.raises(ConfigError, match="shaker drives, and signal_generator with shaker_amplifier as well; a bench"):
         read_bench(written(sim, tmp_path, both))
     table = tomllib.loads(sim.description.to_toml())["device"]["shaker"]
@@ -205,9 +204,7 @@ def test_off_the_main_thread_it_is_off_too(sim: SimulatedBench) -> None:
             drive(bench)
             raise Failure
 
-    thread = threading.Thread(target=use)
-    thread.start()
-    thread.join()
+    off_the_main_thread(use)
     assert output(sim) == OFF
 
 

@@ -181,7 +181,7 @@ def test_damage_is_told_with_its_kind_and_place(content: bytes, says: str, tmp_p
 
 
 def test_blocks_of_other_kinds_are_passed_over(tmp_path: Path) -> None:
-    """Of the least size, too: other tools may add some to a file of an earlier version."""
+    """Other tools may add blocks to a file of an earlier version, also such of the least size."""
     other = bytes.fromhex("cc0b0000 0c000000 0c000000")
     earlier = EARLIER + other + CUT_OFF[len(BEGINNING) :] + other
     assert read(tmp_path, earlier) == PACKETS

@@ -69,7 +69,7 @@ def test_a_node_that_sends_no_sync_can_be_opened_and_says_what_it_wants_before_i
 def test_a_setting_that_fell_out_of_its_limits_counts_as_lost_and_is_restored(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So a power cycle leaves a node, whose defaults need not lie within the contract."""
+    """A power cycle leaves a node so: its defaults need not lie within the contract."""
     node, held = bench.device("sensor_node_1"), sim.can.nodes[0].settings
     node.set("sync_period", 0.002)
     monkeypatch.setitem(held, "sync_period", 0.0)

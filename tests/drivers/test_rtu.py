@@ -182,7 +182,7 @@ def test_only_a_uart_is_held_to_its_baud_rate(port: str, speed: int) -> None:
 
 
 def test_a_pseudo_terminal_answers_at_once_whatever_baud_rate_it_was_told() -> None:
-    """As a USB device does that has no UART, or a gateway behind a pseudo-terminal."""
+    """A USB device without a UART does so, too, and a gateway behind a pseudo-terminal."""
     with terminal(lambda request: [answered(request)], baudrate=1200) as driver:
         assert read(driver) == HELD
 
@@ -211,7 +211,7 @@ def test_reads_that_follow_each_other_differ_in_length_where_the_contract_allows
 
 
 def test_a_reply_that_is_repeated_when_the_next_has_been_asked_does_not_answer_it() -> None:
-    """As a slow adapter does it, 3 ms later: the reply to the read before, then the one to this."""
+    """A slow adapter does so 3 ms later: it gives the reply to the read before, then the one to this read."""
     before: list[bytes] = []
 
     def device(request: bytes) -> list[bytes]:

@@ -86,7 +86,7 @@ def test_what_does_not_answer_the_request_is_no_reply(request_: bytes, data: byt
 
 
 class Client(RtuClient):
-    """With a clock of its own and bytes that come at given times [s]."""
+    """A client with a clock of its own, to which bytes come at given times [s]."""
 
     def __init__(self, *coming: tuple[float, bytes], **settings: Any) -> None:
         super().__init__("/dev/ttyS0", **{"baudrate": 9600, "timeout": 0.5, **settings})

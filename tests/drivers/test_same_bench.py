@@ -79,6 +79,17 @@ def test_a_device_under_another_name_is_the_same_and_a_role_that_need_not_be_sai
     assert told(old, renamed) == []
 
 
+def test_the_order_of_sensor_nodes_counts_because_it_says_which_film_is_on_which_node() -> None:
+    one = new_form(bench(tomllib.loads(OLD)))
+    other = copy.deepcopy(one)
+    first, second = other["device"].pop("sensor_node_1"), other["device"].pop("sensor_node_2")
+    other["device"] |= {"sensor_node_2": second, "sensor_node_1": first}
+    assert told(one, other) == [
+        'bench.device.sensor_node_1.role: "sensor_node 1" in the record, "sensor_node 2" now',
+        'bench.device.sensor_node_2.role: "sensor_node 2" in the record, "sensor_node 1" now',
+    ]
+
+
 def amplifier(tables: dict[str, Any]) -> None:
     tables["device"]["shaker_amplifier"]["current_limit"] = "5 A"
 

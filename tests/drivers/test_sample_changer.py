@@ -10,7 +10,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.sample_changer import Mounted, SampleChanger
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
@@ -168,7 +168,8 @@ def test_a_bench_without_a_changer_asks_the_person(scene: Scene) -> None:
     with SimulatedBench(scene) as sim:
         bench = Bench(sim.description, sim.clock, sim.operator)
         assert (bench.maybe(SampleChanger), sim.description.sample_changer) == (None, None)
-        assert bench.operator is sim.operator
+        bench.operator.mount(get_sample("3"))
+        assert sim.rig.sample == get_sample("3")
 
 
 def test_a_changer_that_nobody_has_touched_differs_in_nothing(changer: SampleChanger) -> None:

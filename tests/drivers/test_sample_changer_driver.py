@@ -26,7 +26,7 @@ def changer(**held: Any) -> tuple[SampleChanger, Any, VirtualClock]:
 
 
 def lays(link: Any, clock: VirtualClock, name: str, after: float) -> None:
-    """From the order on it moves for so many s, then this lies there."""
+    """From the order on the changer moves for some seconds; then this sample lies there."""
     begun = list[int]()
 
     def look(reply: Any) -> Any:

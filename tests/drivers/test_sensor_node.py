@@ -15,6 +15,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import MOST_EMERGENCIES, Recording, SensorNode, acquire
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import DeviceError, LinkError, RangeError
+from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench
@@ -77,12 +78,9 @@ def test_the_films_sine_stands_in_its_channels_and_nowhere_else(bench: Bench) ->
     bench.clock.wait(5.0)
     voltage = bench.device("sensor_node_1").acquire(1.0).voltage
     spectrum = np.abs(np.fft.rfft(voltage, axis=1))[:, 10] * 2 / 1000
-    rigid, total = (film.channel - 1 for film in sorted(bench_films(bench), key=lambda film: film.name))
+    films = get_design(bench.description.design).films
+    rigid, total = (film.channel - 1 for film in sorted(films, key=lambda film: film.name))
     assert spectrum[total] > 10 * spectrum[rigid] > 100 * spectrum[2:].max()
-
-
-def bench_films(bench: Bench) -> Any:
-    return bench.operator._rig.scene.design.films  # type: ignore[attr-defined]
 
 
 def test_a_range_ten_times_smaller_resolves_ten_times_finer(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -256,6 +254,20 @@ def test_all_integrators_are_reset_and_no_other_object_is_written(
     monkeypatch.setattr(sim.nodes[0], "write", lambda field, _value: written.append(field.name))
     bench.device("sensor_node_1").reset_integrators()
     assert written == ["reset_1", "reset_2", "reset_3", "reset_4"]
+
+
+def test_an_emergency_that_comes_during_a_look_is_told_at_the_next(bench: Bench) -> None:
+    node = bench.device("sensor_node_1")
+
+    class Coming(list[bytes]):
+        def __getitem__(self, which: Any) -> Any:
+            found = super().__getitem__(which)
+            if len(self) == 1:
+                node._on_emergency(0x81, bytearray(SATURATED), 0.0)
+            return found
+
+    node.emergencies = Coming([SATURATED])
+    assert [len(node.notices()) for _look in range(3)] == [1, 1, 0]
 
 
 def test_more_emergencies_than_are_kept_end_a_recording(bench: Bench) -> None:

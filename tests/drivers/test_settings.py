@@ -139,7 +139,7 @@ def test_a_waveform_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_
 def test_an_amplifier_that_refuses_a_claim_says_why_in_its_own_words(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only one that has no such register has no owners."""
+    """Only an amplifier without the register of the owner counts as one without owners."""
 
     def refused(_name: str) -> float:
         raise DeviceError("answered exception 4, device failure", code=4)
@@ -243,7 +243,7 @@ def test_what_comes_after_a_bench_is_closed_is_not_told_to_its_record(sim: Simul
 def test_an_amplifier_is_given_up_only_when_all_outputs_are_off(
     safe: bool, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where one cannot be switched off, the watchdog has to: it needs an owner that falls silent."""
+    """If an output cannot be switched off, the watchdog must do it, for which the owner must fall silent."""
     bench = open_bench(sim)
     bench.__enter__()
     drive(bench)
@@ -274,7 +274,7 @@ def test_a_bench_says_whether_it_is_open(sim: SimulatedBench) -> None:
 def test_a_bench_that_cannot_be_opened_gives_its_amplifier_up(
     sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else the next program would have to wait for the watchdog."""
+    """Otherwise the next program would have to wait for the watchdog."""
     bench = open_bench(sim)
     monkeypatch.setattr(bench.device("positioner"), "connect", _fails)
     with pytest.raises(DeviceError, match="it is stuck"):

@@ -89,7 +89,7 @@ def test_where_time_passes_in_waits_alone_they_feed_the_watchdog_before_half_its
 def test_requests_that_take_longer_than_the_watchdog_s_time_in_all_do_not_trip_it(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As on a slow serial line."""
+    """On a slow serial line they do."""
     drive(bench)
     monkeypatch.setattr(sim.indicator, "requested", lambda: sim.clock.wait(0.4))
     for _ in range(20):

@@ -14,7 +14,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Relaxation(palpate.Procedure[palpate.Step, Reading, palpate.Found[Reading]]):
+class Relaxation(palpate.Procedure[palpate.Step, Reading, palpate.SimpleResult[Reading]]):
     name, point = "relaxation", Reading
     sample: str = "2"
     force: Annotated[float, palpate.Setting("N", "With which the probe presses.")] = 2.0
@@ -26,11 +26,11 @@ class Relaxation(palpate.Procedure[palpate.Step, Reading, palpate.Found[Reading]
     def begin(self, lab: palpate.Lab, record: palpate.Recorder) -> "Holding":
         return Holding(lab, self.sample, self.force)
 
-    def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.Found[Reading]:
-        return palpate.Found(points, {"relaxed": 1 - points[-1].load_N / points[0].load_N})
+    def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.SimpleResult[Reading]:
+        return palpate.SimpleResult(points, {"relaxed": 1 - points[-1].load_N / points[0].load_N})
 
 
-class Holding(palpate.Pressed):
-    def take(self, step: palpate.Step) -> palpate.Taken[Reading]:
+class Holding(palpate.StaticLoadWork):
+    def take(self, step: palpate.Step) -> palpate.Measurement[Reading]:
         self.bench.clock.wait(step.seconds)
-        return palpate.Taken(Reading(self.bench.clock.now_ns() / 1e9, self.load()))
+        return palpate.Measurement(Reading(self.bench.clock.now_ns() / 1e9, self.load()))

@@ -6,7 +6,7 @@ from relaxation import Reading, Relaxation
 import palpate
 
 with palpate.open_bench(scene="thesis_single") as bench:
-    done: palpate.Finished[palpate.Found[Reading]] = palpate.run(Relaxation(readings=2), bench)
+    done: palpate.Finished[palpate.SimpleResult[Reading]] = palpate.run(Relaxation(readings=2), bench)
     sweep = palpate.run(palpate.LoadSweep(samples=("1", "2"), loads=(2.0,), dwell=0.2), bench)
 order: list[str] = sweep.result.softness_order
 table: pd.DataFrame = sweep.run.table()

@@ -137,7 +137,7 @@ def digest(value: object) -> str:
 
 
 def options() -> Iterator[tuple[str, list[Found]]]:
-    """Of every command its options, as `--help` has them, and a digest of the whole text."""
+    """The options of every command, as `--help` has them, and a digest of the whole text."""
     waiting = [""]
     while waiting:
         path = waiting.pop(0)

@@ -142,7 +142,7 @@ class Frames:
             network.subscribe(cob_id, self.node._on_frame)
         network.subscribe(EMERGENCY, self.node._on_emergency)
         network.subscribe(HEARTBEAT, self.node._on_heartbeat)
-        self.listener = _Listener(network)
+        self.listener = _Listener(network.subscribers)
         transfers.link.close()
 
     def decode(self, data: bytes) -> None:

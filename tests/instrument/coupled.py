@@ -110,7 +110,7 @@ def _inside(body: Body, middle: Array) -> NDArray[np.bool_]:
 
 
 def _stiffness(body: Body) -> Array:
-    """By strains along radius, circumference and axis, and of shear."""
+    """The stiffness, in the order of strains along radius, circumference and axis, and of shear."""
     stiffness = np.zeros((4, 4))
     if body.film is not None:
         stiffness[:3, :3], stiffness[3, 3] = body.film.stiff()[0], body.film.shear[0]

@@ -92,14 +92,14 @@ def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:
 
 @pytest.mark.parametrize("sensor", [round_sensors(8, seed=20)[k] for k in (0, 7)], ids=["narrow", "wide"])
 def test_the_bound_is_above_the_error_of_a_random_setting_and_not_far_above(sensor: RoundParameters) -> None:
-    """Two that are solved quickly: one of a narrow gap, and one whose error is near its bound."""
+    """Both settings are solved quickly: one has a narrow gap, and the error of the other is near its bound."""
     solution, bound = solve_to(sensor, 1e-2)
     error = abs(solution.force_ratio - solve(sensor, 3).force_ratio)
     assert 0.001 * bound < error < bound <= 1e-2
 
 
 def test_the_identified_set_gives_table_a2_1_within_0_008() -> None:
-    """Every sixth row; `test_reproduce` has them all."""
+    """Every sixth row is checked here; `test_reproduce` checks all."""
     table = read_table("A2.1")
     rows = list(zip(table.keys(), table.values("force_rigid_N"), strict=True))
     assert len(rows) == 48

@@ -79,7 +79,7 @@ def test_a_uniform_foundation_sinks_uniformly() -> None:
 
 
 def test_a_very_soft_and_thick_object_moves_as_a_rigid_body() -> None:
-    """Beside its foundation such an object does not bend, and the ring beneath it is hard."""
+    """Compared with its foundation such an object does not bend, and the ring beneath it is hard."""
     edge, end = 1.4e-3, 5e-3
     k_tooth, k_ring = SINGLE.tooth.area, SINGLE.ring.area  # only their ratio counts
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,40 @@ def test_a_bench_file_is_read_with_defaults_and_units(tmp_path: Path) -> None:
     assert bench.can.nodes == (1, 2)
     assert bench.sample_changer is None
     assert "sample_changer" not in bench.to_toml()
+
+
+@pytest.mark.parametrize(
+    ("link", "address", "says"),
+    [
+        ('kind = "modbus-tcp"\nhost = "10.0.0.2"\nport = 1502', "unit = 1", "shaker_amplifier and spare both have"),
+        ('kind = "modbus-rtu"\nport = "/dev/ttyUSB0"', "unit = 9", "link.far: line is the same serial line; put its"),
+        (
+            'kind = "canopen"\ninterface = "socketcan"\nchannel = "can0"',
+            "node = 9",
+            "link.far: can is the same CAN bus",
+        ),
+    ],
+)
+def test_one_device_or_line_is_not_listed_twice_under_two_links(
+    tmp_path: Path, link: str, address: str, says: str
+) -> None:
+    kind = {"modbus-tcp": "sample_changer", "modbus-rtu": "positioner", "canopen": "sensor_node"}[link.split('"')[1]]
+    device = f'[device.spare]\nkind = "{kind}"\nlink = "far"\nrole = "{kind}"\n{address}\n'
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        read_bench(written(tmp_path, f"{GOOD}[link.far]\n{link}\n{device}"))
+    other = link.replace("1502", "1503").replace("ttyUSB0", "ttyUSB1").replace("can0", "can1")
+    assert read_bench(written(tmp_path, f"{GOOD}[link.far]\n{other}\n{device}")).link
+
+
+@pytest.mark.parametrize("optional", ["source", "amplifier"])
+def test_neither_half_of_an_exciter_is_optional(tmp_path: Path, optional: str) -> None:
+    text = 'name = "bench"\n'
+    text += '[link.rack]\nkind = "modbus-tcp"\nhost = "10.0.0.1"\n'
+    for unit, (role, kind) in enumerate((("source", "signal_generator"), ("amplifier", "shaker_amplifier")), 1):
+        text += f'[device.{role}]\nkind = "{kind}"\nlink = "rack"\nunit = {unit}\n'
+        text += f"optional = {str(role == optional).lower()}\n"
+    with pytest.raises(ConfigError, match=rf"device\.{optional}: optional: what drives cannot be left out"):
+        read_bench(written(tmp_path, text))
 
 
 @pytest.mark.parametrize("more", ["", '[sample_changer]\nhost = "10.0.0.3"\n'])

@@ -35,7 +35,7 @@ def calibrate(
     further: tuple[Run, ...] = (),
     runs: tuple[Run, ...] = (),
 ) -> LoadCellCalibration:
-    """Of `runs`, else of one at 0 degrees and further ones."""
+    """The calibration by `runs`; without them, by one run at 0 degrees and `further` ones."""
     return calibrate_load_cell(
         load,
         runs or [Run(0.0, np.array(loading), np.array(unloading)), *further],

@@ -35,7 +35,7 @@ SMALL = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
 
 
 def round_odds(ratio: float, refinement: int = 1, **changed: float | str) -> float:
-    """At a ratio of the moduli of object and ring."""
+    """The odds of the round model at a ratio of the moduli of object and ring."""
     asked = replace(ROUND, sensed_modulus=ratio * 24e3, **changed)  # type: ignore[arg-type]
     found = axisymmetric.solve(asked, refinement).force_ratio
     return found / (1 - found)
@@ -112,7 +112,7 @@ def test_the_ring_s_top_stays_level_and_rings_that_touch_have_one_cap() -> None:
 
 
 def test_a_platen_is_flat_where_shape_functions_bend() -> None:
-    """From degree 3 on what would bend it moved with it, and of a newton 4 mN arrived."""
+    """From degree 3 on, shape functions that bend once moved with the platen, and 4 mN of a newton arrived."""
     stack = Stack(replace(SQUARE, load="platen"), replace(SMALL, degree=3), mirrored=(True, True))
     heights, flat = stack.object.names[2, -1], stack.one[stack.object.body.plan.nodes] == 1
     assert len(np.unique(heights[flat])) == 1

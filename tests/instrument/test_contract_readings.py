@@ -133,7 +133,7 @@ def test_fields_that_are_read_together_lie_in_the_bytes_where_their_registers_ar
     ],
 )
 def test_a_read_is_widened_by_a_number_that_stands_beside_it(names: tuple[str, ...], widened: tuple[str, ...]) -> None:
-    """Neither by a text, nor by an order, which nobody can read, nor over a gap."""
+    """It is not widened by a text, by an order, which nobody can read, or over a gap."""
     assert OVEN.widened(names) == widened
 
 

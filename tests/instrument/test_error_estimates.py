@@ -72,7 +72,7 @@ NARROW: dict[str, tuple[Any, Lengths, tuple[tuple[float, float, float], ...], fl
 
 @pytest.mark.parametrize("name", NARROW)
 def test_meshes_that_do_not_see_a_narrow_gap_are_not_trusted(name: str) -> None:
-    """Of random sensors, with errors of up to 1.2 times an earlier estimate: meshes hardly differed, and all erred."""
+    """Random sensors had errors of up to 1.2 times an earlier estimate: meshes hardly differed, and all were wrong."""
     model, (tooth, inner, outer, thickness), known, finer = NARROW[name]
     judged = [Judged(ratio, (), Energies(load, jump)) for ratio, load, jump in known]
     radii = {"tooth_radius": tooth, "ring_inner_radius": inner, "ring_outer_radius": outer}
@@ -82,7 +82,7 @@ def test_meshes_that_do_not_see_a_narrow_gap_are_not_trusted(name: str) -> None:
 
 
 def test_meshes_do_not_see_what_a_cap_leaves_to_a_narrow_gap() -> None:
-    """Of random sensor 1911: its error was 1.65 times an earlier estimate."""
+    """The error of random sensor 1911 was 1.65 times an earlier estimate."""
     known = ((0.9986092516, 1.40e-3), (0.9974723342, 0.0))  # force ratio, and product of the changes of energies
     judged = [Judged(ratio, (), Energies(1.0 - product, 1.0 - product)) for ratio, product in known]
     sensor = SolidParameters(interface="capped", ring_inner_radius=1.0224 * SolidParameters().tooth_radius)
@@ -96,7 +96,7 @@ def test_meshes_of_the_same_sectors_do_not_tell_what_these_leave() -> None:
 
 
 def test_gap_and_object_of_the_designs_are_not_narrow() -> None:
-    """Else their estimates were three times as wide, for nothing: their errors are known."""
+    """Otherwise their estimates would be three times as wide without need, as their errors are known."""
     loads = PHYSICAL.load(100e3)
     assert not any(solid.is_narrow(solid_parameters(design, loads)) for design in DESIGNS.values())
 

@@ -38,7 +38,7 @@ def test_over_whole_cycles_without_noise_all_agree(name: str) -> None:
 
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_efficiencies_at_ten_cycles_are_those_that_theory_says(name: str) -> None:
-    """Of the bound: 1 but for the trend, 2/3 by a Hann window, 1 by the rms, next to nothing by peaks."""
+    """Theory says, over the bound: 1 but for the trend, 2/3 by a Hann window, 1 by the rms, nearly 0 by peaks."""
     time, relative = times(1.0), 0.03
     ratios = amplitude_ratios(name, time, noisy(time, relative), FREQUENCY)
     bound = 0.3 * ratio_bound(time, FREQUENCY, AMPLITUDE, PHASE, relative * AMPLITUDE)

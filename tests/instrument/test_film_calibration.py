@@ -56,7 +56,7 @@ def test_the_load_cell_is_in_all_films_alike() -> None:
     found = calibrate()
     u = np.array([film.load_cell_u for film in found.films])
     assert np.array(found.covariance) == pytest.approx(np.outer(u, u))
-    # By hand: a wrong zero moves the mean of 1/load by zero/load, a wrong slope by the same share at all loads.
+    # A wrong zero moves the mean of 1/load by zero/load, a wrong slope by the same share at all loads.
     c, inverse = THESIS_LOAD_CELL, float(np.mean(1 / LOADS))
     variance = (c.zero_u * inverse) ** 2 + c.sensitivity_u**2 + 2 * c.covariance * inverse
     relative = np.sqrt(variance) / c.sensitivity_mV_per_N

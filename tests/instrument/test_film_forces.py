@@ -18,7 +18,7 @@ RATE, FREQUENCY = 250.0, 10.0
 
 
 def fitted(design: Design, force: list[float], noise: float = 1e-12, seed: int = 0) -> SineFit:
-    """Of films that feel so many newtons peak to peak."""
+    """A fit of films that feel a force [N, peak to peak]."""
     time = np.arange(250) / RATE
     volts = np.array([film.sensitivity for film in design.films]) * np.array(force)
     random = np.random.default_rng(seed).standard_normal((len(force), len(time)))
@@ -108,7 +108,7 @@ def test_a_dead_base_film_is_named() -> None:
 
 
 def test_a_pickup_that_the_bench_states_is_in_forces_and_ratio() -> None:
-    """By 2 % of the load in each film, of unknown phase: JCGM 101, 6.4.6."""
+    """The pick-up is 2 % of the load in each film, with unknown phase: JCGM 101, 6.4.6."""
     plain, found = (
         film_forces(get_design("single").with_pickup(share), fitted(get_design("single"), [0.6, 2.0]))
         for share in (0.0, 0.02)

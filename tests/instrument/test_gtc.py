@@ -292,7 +292,7 @@ def test_a_mean_ratio_is_that_of_gtc() -> None:
 
 
 def test_a_film_calibration_is_that_of_gtc() -> None:
-    """Means of voltage over load, of films that scatter together, by loads that the same cell measured."""
+    """The sensitivities are means of voltage over load. Films scatter together, and one cell measured all loads."""
     design, random = get_design("single"), np.random.default_rng(2)
     loads = np.array([2.0, 3.0, 4.0, 5.0, 6.0])
     gains = np.array([film.sensitivity for film in design.films])
@@ -334,7 +334,7 @@ class Pushed:
 
 
 def test_moduli_of_a_pad_are_those_of_gtc(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From the single loads on, so that a load and the line through it hang together by themselves."""
+    """GTC begins at the single loads, so that it finds by itself how a load and the line through it correlate."""
     monkeypatch.setattr(propagation, "TRIALS", 2000)
     calibration = THESIS_LOAD_CELL.model_copy(update={"degrees_of_freedom": 7})
     series = three(noise=1.5)

@@ -157,7 +157,7 @@ def test_hum_over_one_cycle_widens_the_uncertainty_by_as_much_as_its_wander_may_
 
 @pytest.mark.parametrize("duration", [0.06, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_noise_that_falls_as_1_over_f_is_held_by_a_record_that_cannot_tell_it(duration: float) -> None:
-    """Over one cycle 25 samples look all but alike with it and without."""
+    """Over one cycle 25 samples look nearly the same with it and without."""
     count, time = round(duration * RATE), times(4.0)
     pieces = coloured(time, lambda line: FREQUENCY / line)[:, : time.size // count * count].reshape(-1, 1, count)[::3]
     short = times(duration)

@@ -42,7 +42,7 @@ def test_estimates_in_the_stored_list_are_not_optimistic() -> None:
     references = {reference.design: max(reference.uncertainties) for reference in stored().references}
     checked = 0
     for entry in stored().prices:
-        # Of the single sensor the round model has an error that its estimate does not know of: the outline.
+        # The round model of the single sensor has an error that its estimate does not know of: the outline.
         if entry.model == "axisymmetric" and entry.design != "single_round":
             continue
         for error, estimate in zip(entry.errors, entry.estimates, strict=True):

@@ -29,7 +29,7 @@ SHIFT = 3e-4
 
 @pytest.fixture(scope="module")
 def built() -> ResponseSurface:
-    """As it comes with palpate."""
+    """The surface that comes with palpate."""
     return surface.find(ROUND, LOAD)
 
 
@@ -142,7 +142,7 @@ def test_a_surface_of_another_design_or_version_is_refused(
 
 
 def test_many_teeth_take_the_coarsest_mesh() -> None:
-    """Of twelve teeth; of two the one that finite elements of a single tooth take."""
+    """Twelve teeth take it; two take the mesh that finite elements of a single tooth take."""
     few, many = (solid_parameters(get_design(name), LOAD) for name in ("common_base", "array"))
     assert surface.design_hash(few) == surface.design_hash(few, 1)
     assert surface.design_hash(many) == surface.design_hash(many, 0)

@@ -156,7 +156,7 @@ def scaled(number: str, row: str, column: str, of: str, by: str) -> float:
 
 ERRORS = "different_base_vs_3D_error_percent"
 SCOPE = "oscilloscope_mV"
-# Of experiments: the repaired cell by another way, and how closely that gives it.
+# For cells of experiments: the repaired cell found in another way, and how closely that gives it.
 PROOFS: dict[tuple[str, str, str], tuple[Callable[[], float], float]] = {
     ("5.2", "18.60", "stress_Pa"): (lambda: 124.9 * 263, 1e-5),
     ("5.2", "18.00", "strain"): (lambda: 1.475 / 3, 1e-4),

@@ -81,7 +81,7 @@ def test_a_new_model_is_judged_without_being_listed_anywhere(monkeypatch: pytest
     ],
 )  # fmt: skip
 def test_a_kept_answer_is_the_models_own_now(design: str, parameters: str, model: str) -> None:
-    """Of the softest sample: all of them take minutes."""
+    """Only the softest sample is solved, as all of them take minutes."""
     sensor, loads = validation._asked(design, parameters, model)
     ratio = response(sensor, loads["2"], model, validation.TOLERANCE).force_ratio
     assert validation.kept(design, parameters, model)["2"] == pytest.approx(ratio, rel=1e-6)

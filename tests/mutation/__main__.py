@@ -167,7 +167,7 @@ def killed_before(state: Path) -> dict[str, str]:
 
 
 def name_of(file: Path, mutant: Mutant) -> str:
-    """Of this mistake in this version of the file."""
+    """The key of this mistake in this version of the file."""
     version = hashlib.sha256(file.read_bytes()).hexdigest()[:12]
     return f"{file} {version} {mutant.line}:{mutant.column} {mutant.what}"
 

@@ -89,7 +89,7 @@ def _of_body(body: list[ast.stmt], inside: bool) -> Iterator[_Change]:
 
 
 def _of_statement(statement: ast.stmt, inside: bool) -> Iterator[_Change]:
-    """Of a statement's own expressions, then of the statements in it."""
+    """Mistakes in a statement's own expressions, then in the statements in it."""
     if isinstance(statement, ast.Raise):
         return
     in_function = inside or isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef)
@@ -201,7 +201,7 @@ def _may_be_left_out(statement: ast.stmt) -> bool:
 
 
 def _named(node: ast.AST) -> str:
-    """Of a call or a subscript, what is called or looked up."""
+    """The name that a call or a subscript calls or looks up."""
     inner = node.func if isinstance(node, ast.Call) else node.value if isinstance(node, ast.Subscript) else None
     return inner.id if isinstance(inner, ast.Name) else inner.attr if isinstance(inner, ast.Attribute) else ""
 
@@ -230,7 +230,7 @@ def _setting(node: ast.stmt | ast.expr, field: str, value: object, inside: bool,
 
 
 def _replacing(nodes: list[Any], place: int, by: object = None) -> Callable[[], None]:
-    """By a statement that does nothing, unless something else is given."""
+    """A function that replaces a node by another, or by a statement that does nothing."""
 
     def make() -> None:
         nodes[place] = ast.Pass() if by is None else by

@@ -45,7 +45,7 @@ design = "single"
 [effects.adc]
 """
 
-# Of an indicator without zero offset and with four decimals, as the ideal scene has it.
+# The indicator has no zero offset and four decimals, as in the ideal scene.
 IDEAL_CALIBRATION = THESIS_LOAD_CELL.model_copy(
     update={"sensitivity_mV_per_N": 10.306, "zero_mV": 0.0, "resolution_mV": 1e-4}
 )

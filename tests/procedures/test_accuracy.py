@@ -37,7 +37,7 @@ MODELS_COMMAND = ("accuracy", "models")
 
 
 def truth(modulus: float) -> float:
-    """Of the round design, within 1e-5."""
+    """The force ratio of the round design, within 1e-5."""
     return response(get_design("single_round"), PHYSICAL.load(modulus), "surface").force_ratio
 
 
@@ -123,7 +123,7 @@ def test_an_error_is_the_greatest_of_both_ends_with_the_references_uncertainty(m
 
 
 def test_the_axisymmetric_model_is_looked_at_in_the_middle_between_two_moduli_as_well(measured: PriceList) -> None:
-    """Of the round design against its finest mesh, of the square one against its surface."""
+    """The round design is compared with its finest mesh, the square one with its surface."""
     coarsest = rows(measured, "single_round", "axisymmetric")[0]
     assert coarsest.errors == pytest.approx([0.3 * truth(modulus) for modulus in MIDDLES], rel=2e-2)
     square = get_design("single")
@@ -202,7 +202,7 @@ def test_a_design_of_two_teeth_keeps_the_round_model_as_a_failure(measured: Pric
 
 
 def test_the_limit_of_two_refinements_is_a_quarter_of_the_change_further_on() -> None:
-    """Of twelve teeth a third takes minutes; errors of 0.1 and 0.02 lead to none."""
+    """A third refinement of twelve teeth takes minutes; from errors of 0.1 and 0.02 the limit follows without it."""
     array, load = get_design("array"), PHYSICAL.load(TIMED)
     meshes_of = refinements(array, load)["solid"]
     assert [mesh.refinement for mesh in meshes_of] == [COARSEST, 0, 1]
@@ -217,7 +217,7 @@ def test_the_limit_of_two_refinements_is_a_quarter_of_the_change_further_on() ->
 
 
 def test_an_array_is_answered_by_price(palpate: Palpate) -> None:
-    """By its surface: the solid model's estimate of two meshes is above one percent."""
+    """Its surface answers, because the solid model's estimate by two meshes is above one percent."""
     said = palpate(
         "model", "ratio", "--design", "array", "--sensed-modulus", "113 kPa", "--tolerance", "1e-2", "--json"
     )

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats
 from palpate.procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, Point, measure
+from palpate.procedures.accuracy.dwell_report import plot_dwell
 from palpate.procedures.virtual import dwell
 from tests.procedures.conftest import Palpate
 
@@ -40,6 +42,13 @@ def rows(prices: DwellPrices, estimator: str) -> list[Point]:
     return [p for p in prices.points if p.estimator == estimator]
 
 
+def test_its_plot_says_that_it_is_simulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: figures.append(figure))
+    plot_dwell(measure(record(0.05), FREQUENCY, (1.0,)), "scene noisy_lab", tmp_path)
+    assert figures[0].get_suptitle() == "SIMULATED: scene noisy_lab"
+
+
 def test_least_squares_follow_the_bound_down_with_the_dwell() -> None:
     prices = measure(record(0.05), FREQUENCY, (0.1, 1.0, 10.0))
     for point in rows(prices, LEAST_SQUARES):
@@ -51,7 +60,7 @@ def test_least_squares_follow_the_bound_down_with_the_dwell() -> None:
 
 
 def test_peak_to_peak_and_rms_show_their_bias() -> None:
-    """Of films whose relative noise differs."""
+    """The relative noise of the films differs; else it would cancel in the ratio."""
     taken = record(0.01)
     taken.voltage[0] += 0.1 * np.random.default_rng(2).normal(size=taken.time.size)
     prices = measure(taken, FREQUENCY, (1.0,))

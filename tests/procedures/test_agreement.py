@@ -22,7 +22,7 @@ ALLOWED = CRYSTALS * FREQUENCY + FREQUENCY_STEP / 2  # Hz, beside what is uncert
 
 
 def record(dwell: float, turned: float, noise: float) -> FilmRecord:
-    """Of films whose phase turns by an angle [rad] from the first half to the second."""
+    """A record of films whose phase turns by an angle [rad] from the first half to the second."""
     time = np.arange(round(dwell * RATE)) / RATE
     angle = 2 * np.pi * FREQUENCY * time + turned * (time >= dwell / 2)
     volts = np.array([[0.012], [0.10]]) * np.cos(angle)
@@ -31,7 +31,7 @@ def record(dwell: float, turned: float, noise: float) -> FilmRecord:
 
 
 def test_four_standard_uncertainties_between_short_halves_are_chance_and_twenty_times_as_many_are_not() -> None:
-    """Of 25 samples noise is known so badly that the same level of false alarms takes more of them."""
+    """25 samples tell the noise so badly that the same level of false alarms takes more standard uncertainties."""
     dwell, noise = 0.2, 2e-3
     halves = [FILMS.fit(part(dwell / 2)) for whole in [record(dwell, 0.0, noise)] for part in (whole.first, whole.last)]
     assert max(fit.degrees_of_freedom for fit in halves) < FEW_DEGREES

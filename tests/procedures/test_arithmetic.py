@@ -24,7 +24,7 @@ x86_64 = pytest.mark.skipif(platform.machine() != "x86_64", reason="OpenBLAS has
 
 
 def digest(folder: Path, kernel: str, threads: str, *, scene: str) -> tuple[str, dict[str, Any]]:
-    """Of a sweep in a process that is told to sum by these kernels."""
+    """Digest and arithmetic of a sweep in a process that is told to sum by these kernels."""
     code = "from palpate.procedures.commands import main; main()"
     command = (sys.executable, "-c", code, *SWEEP, "--scene", scene, "--out", str(folder))
     kernels = {"OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": threads}

@@ -46,7 +46,7 @@ def nothing_in_runs() -> bool:
         ("--loads", NO_TEXT, "is not a quantity"),
         ("--samples", "", "unknown sample ''; valid: 1, 2, 3, 4, 5, 6"),
         ("--samples", "7", "unknown sample '7'"),
-        ("--samples", "1-", "unknown sample ''"),
+        ("--samples", "1-", "sample range '1-' lacks an end; write for example '1-3'"),
         ("--samples", "0-3", "unknown sample '0'"),
         ("--samples", "3-1", "runs backwards; write '1-3'"),
         ("--samples", "1,1", "named twice"),

@@ -38,7 +38,7 @@ def engine(nothing_left_behind: None) -> Iterator[RunEngine]:
 
 
 def pressed(bench: Bench) -> tuple[Films, LoadServo]:
-    """With sample 1 under the probe."""
+    """Films and servo with sample 1 under the probe."""
     films = Films(bench, get_design("single"), FREQUENCY, 4.0)
     preloaded = press(bench, THESIS_LOAD_CELL, get_sample("1"), 3.0)
     return films, LoadServo(bench, THESIS_LOAD_CELL, FREQUENCY, preloaded)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import tomli_w
 
 from palpate.drivers.logs.bus_log import RUN
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
@@ -39,11 +41,23 @@ def test_a_replayed_sweep_has_the_same_points_to_the_byte(palpate: Palpate, monk
     assert first.digest() == second.digest()
 
 
+def test_a_run_without_an_optional_device_is_replayed_without_it(
+    palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables = tomllib.loads(Path(lab).read_text(encoding="utf-8"))
+    tables["link"] = {"far": {"kind": "modbus-tcp", "host": "127.0.0.1", "port": 1}}
+    tables["device"] = {"ring": {"kind": "sample_changer", "link": "far", "unit": 1, "optional": True}}
+    Path(lab).write_text(tomli_w.dumps(tables), encoding="utf-8")
+    first, second = same_again(palpate, monkeypatch, *SWEEP, "--bench", lab, "--assume-mounted")
+    assert first.digest() == second.digest()
+    assert [event["kind"] for event in second.events()] == ["caution"]
+
+
 @pytest.mark.slow
 def test_a_replay_of_a_noisy_bench_that_failed_once_has_the_same_points_and_incidents(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Over TCP, the line and CAN, whose transfers take their time here; once the generator does not answer."""
+    """Transfers over TCP, the line and CAN take their time here, and once the generator does not answer."""
     scene = Path(session.__file__).parents[2] / "simulators" / "scenes" / "noisy_lab.toml"
     fault = '\n[[fault]]\nkind = "no_reply"\non = "signal_generator"\ntransaction = 12\n'
     Path("faulty.toml").write_text(scene.read_text() + fault)

@@ -199,7 +199,7 @@ def test_a_frame_that_does_not_end_in_the_file_is_none(cut: int, there: bool, tm
 
 @pytest.mark.parametrize(("length", "there"), [(LARGEST_ROW, True), (LARGEST_ROW + 1, False)])
 def test_a_frame_is_not_longer_than_the_largest_row(length: int, there: bool, tmp_path: Path) -> None:
-    """Else a forged length would fill the memory."""
+    """Otherwise a forged length would fill the memory."""
     path = put(tmp_path, FRAME.pack(MAGIC, NAME, 0, b"HEAD", 0, 0, length, NOTHING))
     os.truncate(path, LARGEST_ROW + 1000)
     with ChainFile(path) as file:

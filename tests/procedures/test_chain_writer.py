@@ -165,7 +165,7 @@ def test_a_chain_is_made_as_a_whole_or_not_at_all(tmp_path: Path, monkeypatch: p
 def test_a_new_chain_is_on_disk_before_it_has_its_name_and_its_name_before_it_counts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else a loss of power could leave a name without content, or a run that has begun without a file."""
+    """Otherwise a loss of power could leave a name without content, or a run that has begun without a file."""
     done = list[tuple[str, str]]()
     replace = Path.replace
 

@@ -46,7 +46,7 @@ def point(direction: str, load: float, volts: float, time: float = 0.0) -> Films
 
 
 def measured(bend: float = 0.0, lag: float = 0.0, drift: float = 0.0) -> list[FilmsPoint]:
-    """Of a film of 70 mV/N with a bend [V/N2], a lag when unloading [V], and a relative drift a minute."""
+    """Points of a film of 70 mV/N with a bend [V/N2], a lag when unloading [V], and a relative drift a minute."""
 
     def volts(load: float) -> float:
         return 70e-3 * load + bend * load**2

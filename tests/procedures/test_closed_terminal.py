@@ -45,6 +45,22 @@ def test_a_sweep_whose_terminal_is_closed_hangs_up_or_where_that_is_ignored_take
     assert (sweep.wait(), Run.open(run).status) == (status, left)
 
 
+def test_a_command_without_standard_streams_ends_with_its_own_exit_status() -> None:
+    closed = f"exec '{PALPATE}' nonsense <&- >&- 2>&-"
+    assert subprocess.run(["sh", "-c", closed], timeout=60).returncode == 2
+
+
+def test_no_file_gets_the_number_of_a_standard_stream_that_is_closed() -> None:
+    """Else what a library writes to stderr could land in a record, or on a serial line."""
+    script = (
+        "import os, sys; from palpate.procedures.console.terminal import fill_streams; fill_streams();"
+        "print('lost'); print('lost', file=sys.stderr); sys.exit(os.open(os.devnull, os.O_RDONLY) <= 2)"
+    )
+    assert (
+        subprocess.run(["sh", "-c", f'exec "{sys.executable}" -c "{script}" <&- >&- 2>&-'], timeout=60).returncode == 0
+    )
+
+
 def test_nobody_presses_a_key_at_a_terminal_that_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     ours, theirs = os.openpty()
     with os.fdopen(theirs, "rb", buffering=0) as stdin:

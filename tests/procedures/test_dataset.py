@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from palpate.instrument.errors import UsageError
 from palpate.procedures.records.export import as_dataset
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
@@ -43,6 +45,39 @@ def test_waveforms_of_several_rates_have_a_time_each(tmp_path: Path) -> None:
     found = as_dataset(recorded(tmp_path, (250.0, 500.0)))
     assert found.time_s.dims == ("point", "index")
     assert found.time_s.values[:, 5].tolist() == [5 / 250, 5 / 500]
+
+
+def test_waveforms_of_one_point_with_several_rates_have_a_time_each(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as record:
+        record.point({}, {"film": (250.0, np.arange(4.0)), "load": (10.0, np.arange(3.0))}, 1)
+        record.point({}, {"film": (500.0, np.arange(4.0)), "load": (10.0, np.arange(3.0))}, 2)
+    found = as_dataset(Run.open(tmp_path))
+    assert "time_s" not in found.coords
+    assert found.load_time_s.values.tolist() == [0.0, 0.1, 0.2, 0.3]
+    assert found.film_time_s.dims == ("point", "index")
+    assert found.film_time_s.values[:, 3].tolist() == [3 / 250, 3 / 500]
+
+
+@pytest.mark.parametrize("name", ["x", "sample", "point", "time_s", "index"])
+def test_a_waveform_does_not_take_the_place_of_a_value(tmp_path: Path, name: str) -> None:
+    with Recorder.create(tmp_path, HEADER) as record:
+        record.point({"x": 1.0, "sample": "1"}, {name: (250.0, np.arange(4.0))}, 1)
+    with pytest.raises(
+        UsageError,
+        match=f"two of its values, waveforms, dimensions and times are called '{name}'; .* palpate runs export",
+    ):
+        as_dataset(Run.open(tmp_path))
+
+
+@pytest.mark.parametrize("name", ["point", "index", "time_s"])
+def test_a_value_does_not_take_the_place_of_a_dimension(tmp_path: Path, name: str) -> None:
+    with Recorder.create(tmp_path, HEADER) as record:
+        record.point({name: 1.0}, {"film": (250.0, np.arange(4.0))}, 1)
+    with pytest.raises(
+        UsageError,
+        match=f"two of its values, waveforms, dimensions and times are called '{name}'; .* palpate runs export",
+    ):
+        as_dataset(Run.open(tmp_path))
 
 
 def test_a_run_without_points_is_an_empty_dataset(tmp_path: Path) -> None:

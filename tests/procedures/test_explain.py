@@ -32,7 +32,7 @@ def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds
     }  # fmt: skip
     assert (found["scene"], found["model"], found["tolerance"]) == ("thesis_single", "experiment", 1e-4)
     assert (found["path"], found["transitions"]) == ("closed form", 0.0)
-    assert found["why"] == "every limit carries a certificate that it stays inactive"
+    assert found["why"] == "it is proven for each limit of the bench that the drive does not reach it"
     assert [each["name"] for each in found["included"]] == list(read_scene("thesis_single").effects)
     for each in found["included"]:
         assert set(each) == {"name", "kind", "cancels_in_ratio", "why", "seconds"}
@@ -180,7 +180,7 @@ def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
         (("--tolerance", "-1e-3"), "--tolerance '-1e-3' is not above 0"),
         (("--tolerance", "nan"), "--tolerance 'nan' is no share; give a share such as '5 %' or 0.05"),
         (("--tolerance", "1 N"), "--tolerance '1 N' is no share"),
-        (("--dwell", "0 s"), "dwell 0 of a question is not above 0"),
+        (("--dwell", "0 s"), "dwell 0 s is not above 0 and finite"),
         (("--dwell", "1"), "'1' has no unit where s belongs"),
         (("--sample", "9"), "unknown sample '9'"),
     ],

@@ -1,4 +1,4 @@
-"""Of the matrix of faults, a cell of every third kind; `python -m tests.benchmarks faults` plays all of them."""
+"""A cell of every third kind in the matrix of faults; `python -m tests.benchmarks faults` plays all of them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ KNOWN = {
 
 
 def chosen() -> list[Cell]:
-    """Of every third kind one cell, each procedure in its turn; of those waited for in vain, one that passes."""
+    """One cell of every third kind, each procedure in its turn; of those waited for in vain, one that passes."""
     kinds = [kind for kind in FAULTS if kind not in {cell.kind for cell in KNOWN}][::3]
     found = []
     for number, (kind, procedure) in enumerate(zip(kinds, itertools.cycle(PROCEDURES), strict=False)):

@@ -14,7 +14,7 @@ from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements import loaded
+from palpate.procedures.measurements import dynamic_load
 from palpate.procedures.measurements.films.procedure import FilmSeries
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
@@ -58,7 +58,7 @@ def test_crosstalk_and_clamping_of_a_scene_are_found(tmp_path: Path) -> None:
 def test_a_point_that_stays_flagged_ends_the_calibration_with_what_was_taken(
     sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    measure = loaded.measure
+    measure = dynamic_load.measure
     taken = []
 
     def flagged(*arguments: object, **named: object) -> object:
@@ -68,7 +68,7 @@ def test_a_point_that_stays_flagged_ends_the_calibration_with_what_was_taken(
             object.__setattr__(point, "flags", (UNSETTLED,))
         return point
 
-    monkeypatch.setattr(loaded, "measure", flagged)
+    monkeypatch.setattr(dynamic_load, "measure", flagged)
     with (
         Recorder.create(tmp_path / "run", HEADER) as record,
         pytest.raises(DeviceError, match=r"10 Hz, 3 N: the point is flagged .unsettled"),

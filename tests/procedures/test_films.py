@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.dwell import Dwell
 from palpate.instrument.signals.estimate import fit_sine
+from palpate.procedures.lab.open import Chosen
+from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps import films as module
@@ -266,5 +272,50 @@ def test_a_short_record_of_much_noise_is_marked_and_used(signals: Signals, tmp_p
 
 def test_a_bench_with_too_few_nodes_for_the_films_is_refused() -> None:
     check_nodes(get_design("array_16"), 5)
-    with pytest.raises(RangeError, match=r"'array_16' has 17 films on 5 sensor nodes; the bench has 4; list them all"):
+    with pytest.raises(
+        RangeError, match=r"'array_16' has 17 films on 5 sensor nodes of 4 channels; the bench has 4; list"
+    ):
         check_nodes(get_design("array_16"), 4)
+
+
+class Logger:
+    """A sensor node of another package, which keeps what is set."""
+
+    ranges: ClassVar = {"5 V": 5.0, "500 mV": 0.5}
+
+    def __init__(self) -> None:
+        self.set: dict[int, str] = {}
+
+    def set_sample_rate(self, rate: float) -> None:
+        pass
+
+    def set_range(self, channel: int, range_: str) -> None:
+        self.set[channel] = range_
+
+
+@pytest.mark.parametrize(
+    ("channels", "used"),
+    [(2, [[1, 2], [1, 2]]), (3, [[1, 2, 3], [1]]), (4, [[1, 2, 3, 4], []]), (8, [[1, 2, 3, 4], []])],
+)
+def test_films_fill_each_node_s_channels_however_many_its_kind_has(channels: int, used: list[list[int]]) -> None:
+    nodes = Logger(), Logger()
+    kind = replace(KINDS["sensor_node"], channels=channels)
+    bench: Any = SimpleNamespace(all=lambda _role: nodes, named=lambda _node: SimpleNamespace(kind=kind))
+    Films(bench, get_design("different_base"), 10.0, 4.0)
+    assert [sorted(node.set) for node in nodes] == used
+
+
+def test_a_bench_is_refused_by_how_many_channels_its_own_nodes_have() -> None:
+    check_nodes(get_design("array_16"), 3, channels=8)
+    with pytest.raises(RangeError, match=r"'array_16' has 17 films on 9 sensor nodes of 2 channels; the bench has 8"):
+        check_nodes(get_design("array_16"), 8, channels=2)
+
+
+def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its_kind() -> None:
+    listed = SimpleNamespace(kind=replace(KINDS["sensor_node"], channels=8))
+    known: Any = SimpleNamespace(design="array_16", pickup=0.0, force_limit=10.0, filling=lambda _role: [listed] * 3)
+    target = Chosen(known, None).target
+    assert (target.nodes, target.channels) == (3, 8)
+    LoadSweep().check(target)
+    with pytest.raises(RangeError, match="17 films on 5 sensor nodes of 4 channels"):
+        LoadSweep().check(replace(target, channels=4))

@@ -17,7 +17,7 @@ from palpate.simulators.linear.integrators import STATES, STIFFNESS, Measured, c
 
 @pytest.fixture(scope="module")
 def measured() -> list[Measured]:
-    """Of a short record, each method once."""
+    """Each method once, on a short record."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(integrators, "DURATION", 1.0)
         patch.setattr(integrators, "REPEATED", 0.0)

@@ -76,7 +76,7 @@ def test_no_damage_to_a_file_of_a_killed_run_costs_points_unnoticed(killed: Path
 def test_an_entry_of_the_head_that_is_overwritten_by_the_other_is_noticed(
     killed: Path, tmp_path: Path, lost: int
 ) -> None:
-    """Else the last row, damaged too, would pass for one that the power failed on."""
+    """Otherwise the last row, damaged too, would pass for one that the power failed on."""
     folder = tmp_path / "run"
     shutil.copytree(killed, folder)
     head, record = folder / HEAD_FILE, folder / RECORD

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import fields
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 from click.testing import CliRunner
@@ -24,6 +25,7 @@ from palpate.procedures.lab import keys
 from palpate.procedures.records.run import Run
 from tests.conftest import Install
 from tests.procedures.conftest import Benches, Palpate, refused
+from tests.runs import rehash
 
 RELAXATION = (Path(__file__).parents[1] / "examples" / "relaxation.py").read_text(encoding="utf-8")
 GROUP = "palpate.procedures"
@@ -35,6 +37,11 @@ RELAX = ("measure", "relaxation", "--scene", "ideal")
 def relaxation(install: Install) -> Path:
     """A package that palpate knows nothing of adds a procedure; where it stands."""
     return install("acme-lab", GROUP, {"relaxation": "acme_relaxation:Relaxation"}, acme_relaxation=RELAXATION)
+
+
+def without_package(header: dict[str, Any]) -> None:
+    """Makes a header as versions wrote it that did not record the procedure's package."""
+    del header["procedure_from"], header["versions"]["acme-lab"]
 
 
 # --- of a package --------------------------------------------------------------------------------------
@@ -71,10 +78,31 @@ def test_it_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
     assert palpate(*asked, "--out", "cut").status == 130
     assert len(Run.open(Path("cut")).points()) == 1
     on_progress(silent)
+    assert "procedure    relaxation, from acme-lab 1.2\n" in palpate("runs", "show", "cut").out
+    shutil.copytree("cut", "old")
+    rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.1"}))
+    changed = 'versions.acme-lab: "1.1" in the record, "1.2" now\nchange it back'
+    assert changed in palpate("runs", "resume", "cut").complaint
+    rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.2"}))
     assert palpate("runs", "resume", "cut", "--quiet").status == 0
+    rehash(Path("old"), header=without_package)
+    assert "acme-lab" not in palpate("runs", "show", "old").out
+    assert palpate("runs", "resume", "old", "--quiet").status == 0  # of a version that did not record the package
     assert palpate("bus", "replay", "log.pcapng", "--out", "again", "--quiet").status == 0
-    assert Run.open(Path("cut")).digest() == whole.digest()
+    assert {Run.open(Path(folder)).digest() for folder in ("cut", "old")} == {whole.digest()}
     assert Run.open(Path("again")).points() == whole.points()
+
+
+ODD_VALUES = RELAXATION.replace("/ 1e9, self.load()", "/ 1e9, np.float32('nan')").replace(
+    "import palpate", "import numpy as np\nimport palpate"
+)
+
+
+def test_json_has_numbers_of_numpy_and_null_for_nan_as_the_record_has(install: Install, palpate: Palpate) -> None:
+    install("acme-lab", GROUP, {"relaxation": "acme_odd_values:Relaxation"}, acme_odd_values=ODD_VALUES)
+    found = palpate(*RELAX, "--readings", "1", "--out", "run", "--json").object
+    assert (found["points"][0]["load_N"], found["relaxed"]) == (None, None)
+    assert [point["load_N"] for point in Run.open(Path("run")).points()] == [None]
 
 
 MORE = """
@@ -145,6 +173,8 @@ def test_killed_it_goes_on_by_its_name_and_ends_as_one_that_was_not(install: Ins
         (("relaxation", "--force", "2 s"), "--force: '2 s' is in s where N belongs"),
         (("relaxation", "--readings", "2.5"), "--readings: '2.5' is no whole number; write for example '3'"),
         (("relaxation", "--force", "1 N", "--force", "2 N"), "--force is given 2 times"),
+        (("relaxation", "--readings", "0"), "procedure 'relaxation' has no steps with these settings"),
+        (("relaxation", "--readings", "0", "--dry-run"), "procedure 'relaxation' has no steps with these settings"),
         (
             ("sweep-loads", "--loads", "2 N:3 N"),
             "--loads: loads '2 N:3 N': give first:last:step",
@@ -159,6 +189,22 @@ def test_a_wrong_word_is_named_with_its_option(
 
 HEAD = "from dataclasses import dataclass, field\nfrom typing import Annotated, Literal\nfrom palpate import *\n"
 KIND = "\n@dataclass(frozen=True)\nclass Odd(Procedure):\n    name = 'odd'\n"
+WRONG_TEXT = """
+    day: Annotated[object, Setting(read=date.fromisoformat)]
+    def plan(self, target): ...
+    def begin(self, lab, record): ...
+    def evaluate(self, points, lab): ...
+"""
+
+
+def test_a_text_that_a_packages_own_reader_refuses_is_named_with_its_option(
+    install: Install, palpate: Palpate, benches: Benches
+) -> None:
+    install("acme-odd", GROUP, {"odd": "acme_odd:Odd"}, acme_odd=f"from datetime import date\n{HEAD}{KIND}{WRONG_TEXT}")
+    said = refused(palpate("measure", "odd", "--day", "today"), benches)
+    assert said == "--day: 'today': Invalid isoformat string: 'today'"
+
+
 WRONG = {
     "    curve: dict[str, float]": "field 'curve' is of kind dict[str, float], which `palpate measure` cannot ask for",
     "    pair: tuple[float, float]": "field 'pair' is of kind tuple[float, float], which `palpate measure` cannot ask",

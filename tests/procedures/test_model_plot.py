@@ -41,7 +41,7 @@ def picture() -> Picture:
 
 @pytest.fixture(scope="module")
 def panels(picture: Picture) -> list[Axes]:
-    """Of the figure, in their order: deformation, pressure, ratio."""
+    """The panels of the figure in their order: deformation, pressure, ratio."""
     saved: list[Figure] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))

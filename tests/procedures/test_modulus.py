@@ -129,7 +129,8 @@ def test_a_pad_beyond_the_travel_or_a_force_beyond_the_limit_is_refused(monkeypa
         THREE.check(Target(get_design("single"), 2.0, 1))
     monkeypatch.setitem(SAMPLES, "1", replace(get_sample("1"), thickness=30e-3))
     with pytest.raises(RangeError, match="is 30 mm thick, beyond the positioner's travel of 25 mm; test a thinner"):
-        THREE.check(Target(get_design("single"), 10.0, 1))
+        THREE.check(Target(get_design("single"), 10.0, 1, travel=25e-3))
+    THREE.check(Target(get_design("single"), 10.0, 1))  # a positioner that does not say how far it goes
 
 
 @pytest.mark.parametrize(

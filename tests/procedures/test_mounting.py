@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import itertools
 import sys
+import tomllib
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import pytest
+import tomli_w
 
+from palpate.instrument.errors import UsageError
+from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.lab import operator
+from palpate.procedures.lab.open import choose
 from palpate.procedures.lab.operator import Mounting, at_terminal, weaker
+from palpate.procedures.measurements.position.procedure import PositionSweep
+from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
 from palpate.procedures.records.run import Run
 from palpate.procedures.showing.text import where
 from palpate.simulators.bench import SimulatedBench
@@ -52,6 +60,36 @@ def test_without_a_terminal_nothing_is_asked_of_a_bench_on_which_nobody_could_co
         )
         assert "--assume-mounted" in said.complaint
         assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("procedure", "there", "mounting"),
+    [
+        (TemperatureSweep, {"sample_changer", "chamber"}, "sample changer"),
+        (TemperatureSweep, {"sample_changer", "probe_stage"}, "a person warms the sensor on"),
+        (TemperatureSweep, {"chamber"}, "a person mounts the samples on"),
+        (PositionSweep, {"sample_changer", "probe_stage"}, "sample changer"),
+        (PositionSweep, {"sample_changer", "chamber"}, "a person sets the point probe on"),
+    ],
+)
+def test_nobody_has_to_confirm_the_work_of_a_device(
+    procedure: type[Procedure[Any, Any, Any]], there: set[str], mounting: str, headless: str
+) -> None:
+    chosen = choose(Path(headless))
+    try:
+        found: str = chosen.mounting(procedure.manual_work, procedure.automated_by, there.__contains__)
+    except UsageError as error:
+        found = str(error)
+    assert found.startswith(mounting)
+
+
+def test_a_changer_that_is_absent_mounts_nothing(palpate: Palpate, headless: str) -> None:
+    tables = tomllib.loads(Path(headless).read_text(encoding="utf-8"))
+    changer = {"kind": "sample_changer", "link": "changer", "unit": 1, "optional": True}
+    tables |= {"link": {"changer": {"kind": "modbus-tcp", "host": "127.0.0.1", "port": 1}}, "device": {"ring": changer}}
+    Path(headless).write_text(tomli_w.dumps(tables), encoding="utf-8")
+    said = palpate(*SWEEP, "--bench", headless)
+    assert (said.status, said.complaint.split(" and")[0]) == (2, "a person mounts the samples on this bench")
 
 
 def test_what_is_assumed_is_told_by_the_record_the_report_and_json(palpate: Palpate, headless: str) -> None:

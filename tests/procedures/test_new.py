@@ -131,7 +131,16 @@ def test_the_command_writes_into_a_folder_of_its_own_and_over_nothing(palpate: P
         refused = palpate("new", kind, "force_gauge")
         assert refused.status == 2
         assert refused.complaint == "force_gauge exists already; choose another name"
-    assert palpate("new", "effect", "cable_sag").out.startswith("cable_sag/pyproject.toml\n")
+    said = palpate("new", "effect", "cable_sag").out
+    assert said.startswith("cable_sag/pyproject.toml\n")
+    assert "\n  pytest cable_sag\n\nThen put in your physics" in said
+
+
+def test_the_test_of_a_bench_with_a_sample_changer_has_no_line_that_is_too_long(tmp_path: Path) -> None:
+    *_, test = new_bench("corner", ("sample_changer",), tmp_path)
+    text = test.read_text(encoding="utf-8")
+    assert max(map(len, text.splitlines())) <= 120
+    assert '- {"sample_changer"}' in text
 
 
 @pytest.mark.parametrize("kind", NEW)
@@ -203,5 +212,5 @@ def test_no_two_names_give_one_identity(tmp_path: Path) -> None:
 
 def test_every_keyword_is_refused(tmp_path: Path) -> None:
     for name in filter(str.islower, keyword.kwlist):
-        with pytest.raises(UsageError, match="is no name of a device"):
+        with pytest.raises(UsageError, match=f"'{name}' is no name of a device: it is a word of Python"):
             NEW["device"](name, tmp_path)

@@ -11,7 +11,9 @@ import pytest
 from rich.table import Table
 
 from palpate.instrument.errors import EstimateError
-from palpate.procedures.engine.procedure import Found
+from palpate.procedures.commands.options import Output
+from palpate.procedures.commands.procedures import tell_result
+from palpate.procedures.engine.procedure import SimpleResult
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.steps import agreement, flags
 from palpate.procedures.steps.flags import FLAGS
@@ -60,9 +62,9 @@ class Flagged:
 def test_so_does_a_procedure_of_ones_own_whose_points_are_flagged_and_one_of_unjudged_points_does_not() -> None:
     own = Relaxation()
     with pytest.raises(EstimateError, match=r"none of the 1 points is valid, so there is no result\. clipped"):
-        own.judge(Found([Flagged(False, ("clipped",))]))
-    own.judge(Found([Flagged(False, ("clipped",)), Flagged(True, ())]))
-    own.judge(Found([]))
+        own.check_result(SimpleResult([Flagged(False, ("clipped",))]))
+    own.check_result(SimpleResult([Flagged(False, ("clipped",)), Flagged(True, ())]))
+    own.check_result(SimpleResult([]))
 
 
 @pytest.mark.slow
@@ -93,6 +95,14 @@ def test_a_mark_is_explained_below_the_table_in_which_it_stands_and_no_other(mar
     clean.add_row("1", "2", "yes")
     assert legend(table) == [f"{mark:<14} {MARKS[mark]}"]
     assert legend(clean) == []
+
+
+def test_a_result_without_a_budget_says_so_where_one_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    said = []
+    for asked in (True, False):
+        tell_result(Output(as_json=False, quiet=False, budgets=asked), {"simulated": True}, lambda: None)
+        said.append(capsys.readouterr().out)
+    assert said == ["this procedure gives no uncertainty budget; its points and results have their uncertainties\n", ""]
 
 
 def test_json_has_budgets_where_they_are_asked_for(palpate: Palpate) -> None:

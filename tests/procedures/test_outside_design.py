@@ -19,13 +19,17 @@ WIDE = """
 from dataclasses import replace
 from palpate.instrument.sensor.designs.single import SINGLE
 DESIGN = replace(SINGLE, name="wide", ring=replace(SINGLE.ring, outer_radius=4.5e-3), thesis_force_ratio={})
-ODD = replace(DESIGN, name="odd", films=DESIGN.films[:1])
+"""
+ODD = """
+from wide_designs import DESIGN, replace
+DESIGN = replace(DESIGN, name="odd", films=DESIGN.films[:1])
 """
 
 
 @pytest.fixture
 def wide(install: Install) -> None:
-    install("acme", "palpate.designs", {"wide": "wide_designs:DESIGN", "odd": "wide_designs:ODD"}, wide_designs=WIDE)
+    places = {"wide": "wide_designs:DESIGN", "odd": "odd_designs:DESIGN"}
+    install("acme", "palpate.designs", places, wide_designs=WIDE, odd_designs=ODD)
 
 
 @pytest.mark.usefixtures("wide")
@@ -50,7 +54,7 @@ def test_what_cannot_be_a_design_is_refused_and_hinders_no_other(install: Instal
     with pytest.raises(ConfigError, match=r"^design 'other' of lost 1.2 .*is no Design that is called 'other'"):
         get_design("other")
     with pytest.raises(
-        ConfigError, match=r"^design 'odd' of acme 1.2 .*needs films whose names begin with rigid and t"
+        ConfigError, match=r"^design 'odd' of acme 1.2 .*RangeError: design 'odd': film 'rigid': there must"
     ):
         get_design("odd")
     with pytest.raises(UnknownName, match=r"valid: .*single, .*wide"):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
 
@@ -13,6 +15,7 @@ from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.run import run
 from palpate.procedures.lab.open import open_bench
+from palpate.procedures.virtual import executors, study_cell
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.gain_scatter import GainScatter
@@ -31,6 +34,7 @@ from palpate.simulators.scenes.scene import Scene
 from palpate.testing import EffectConformance
 from tests.conftest import Install
 from tests.examples.relaxation import Relaxation
+from tests.procedures.conftest import Palpate
 
 QUESTION = Question("2", 3.0, dwell=0.5)
 SCENE = 'name = "mine"\npurpose = "Mine."\ndesign = "single"\n'
@@ -89,6 +93,27 @@ def test_the_record_of_its_scene_names_package_and_version(tmp_path: Path) -> No
         done = run(Relaxation(readings=1), opened, out=tmp_path / "run")
     assert done.run.header["versions"]["acme"] == "1.2"
     assert "[effects.wet_glue]" in (done.folder / "scene.toml").read_text(encoding="utf-8")
+
+
+@contextmanager
+def in_threads(*_: object) -> Iterator[tuple[Executor, int]]:
+    """Stands in for workers, which would not find the package of this test."""
+    with ThreadPoolExecutor(1) as executor:
+        yield executor, 1
+
+
+@pytest.mark.usefixtures("wet_glue")
+def test_a_study_names_package_and_version_and_does_not_go_on_with_another(
+    palpate: Palpate, install: Install, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "executor_of", in_threads)
+    scene_of("[effects.wet_glue]\n", Path())
+    study = 'name = "glued"\nloads = "2 N"\n[axes]\nscene = ["mine.toml"]\nsample = ["1"]\n'
+    Path("glued.toml").write_text(study, encoding="utf-8")
+    assert palpate("study", "glued.toml", "--quiet").status == 0
+    monkeypatch.setattr(study_cell, "packages_of", lambda *_: {"acme": "1.3"})
+    refused = "holds another study: packages.acme is '1.2' there and '1.3' here; choose another --out"
+    assert refused in palpate("study", "glued.toml").complaint
 
 
 @pytest.mark.usefixtures("wet_glue")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tomllib
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +13,20 @@ import pytest
 import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import Exciter, LoadIndicator, SensorNode
-from palpate.instrument.errors import SafetyError
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.config import check
+from palpate.instrument.errors import BenchError, ConfigError, RangeError, SafetyError
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.lab.open import Chosen
 from palpate.procedures.logs.shown import read_log
 from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.study.description import StudyFile, study_of
+from palpate.procedures.testing.traffic import Traffic
+from palpate.procedures.virtual.study_cell import Sweep
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
+from tests.conftest import Install
 from tests.drivers.outside import installed
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep
 
@@ -56,6 +66,22 @@ def test_an_exciter_drives_a_sweep_and_finds_the_ratio_that_generator_and_amplif
     assert found == pytest.approx(usual, rel=1e-3)
 
 
+def test_a_failed_test_tells_what_a_drive_said_with_its_own_names() -> None:
+    with installed("drive"):
+        scene = read_scene("thesis_single").with_devices({"shaker": {"kind": "acme-drive"}})
+        with SimulatedBench(scene) as sim:
+            bench = Bench(sim.description, sim.clock, sim.operator)
+            traffic = Traffic(bench)
+            with bench:
+                bench.role(Exciter).drive()
+                bench.device("sensor_node_1").acquire(0.01)
+                told = traffic.told()
+    assert "torque drive 2: NMT OPERATIONAL" in told
+    assert "torque drive 2: send controlword = on, amplitude = 0 V" in told
+    assert "statusword = " in told
+    assert "sensor node 2" not in told
+
+
 def test_an_indicator_reads_the_loads_of_a_sweep(
     ideal: Scene, usual: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -68,6 +94,7 @@ def test_an_indicator_reads_the_loads_of_a_sweep(
     assert found == pytest.approx(usual, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_logger_samples_the_films_of_a_sweep(
     ideal: Scene, usual: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,3 +173,119 @@ def test_a_load_cell_is_calibrated_with_an_indicator_whose_settings_the_certific
     certificate = (tmp_path / "run" / "certificate.md").read_text(encoding="utf-8")
     assert "SIM-FG-0001" in certificate
     assert "full scale" not in certificate  # which is a setting of the strain indicator
+
+
+class Hot(Exception):
+    """A failure while the oven heats."""
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_chamber_that_was_heated_is_off_at_the_end_also_after_a_failure(ideal: Scene, fails: bool) -> None:
+    with installed("oven"), SimulatedBench(ideal.with_devices({"oven": {"kind": "acme-oven"}})) as sim:
+        oven = sim.devices["oven"]
+        bench = Bench(sim.description, sim.clock, sim.operator)
+        with pytest.raises(Hot) if fails else nullcontext(), bench:
+            bench.operator.set_temperature(15.0)
+            assert oven.settings["heater"]
+            if fails:
+                raise Hot
+        assert not oven.settings["heater"]
+
+
+def test_a_chamber_that_a_person_heats_is_left_alone(ideal: Scene) -> None:
+    with installed("oven"), SimulatedBench(ideal.with_devices({"oven": {"kind": "acme-oven"}})) as sim:
+        oven = sim.devices["oven"]
+        oven.settings["heater"] = 1
+        with Bench(sim.description, sim.clock, sim.operator):
+            pass
+        assert oven.settings["heater"]
+
+
+def test_a_chamber_that_cannot_be_switched_off_is_named(ideal: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    def off() -> None:
+        raise ZeroDivisionError("a defect of its driver")
+
+    with installed("oven"), SimulatedBench(ideal.with_devices({"oven": {"kind": "acme-oven"}})) as sim:
+        bench = Bench(sim.description, sim.clock, sim.operator)
+        with (
+            pytest.raises(BenchError, match=r"^oven .*could not be switched off: a defect of its driver; .* by hand"),
+            bench,
+        ):
+            monkeypatch.setattr(bench.device("oven"), "off", off)
+            bench.operator.set_temperature(15.0)
+
+
+LIMITED = """
+from dataclasses import replace
+from palpate.instrument.bench.kinds import KINDS, DeviceKind
+from palpate.instrument.contracts.contract import Contract, Identity, probe
+def kind(name, link, role, **limits):
+    contract = Contract(name, name, "modbus", Identity("Acme", name, "1.0"), (probe(0),))
+    return DeviceKind(contract, (link,), "nowhere:Driver", "nowhere:Simulated", roles=(role,), **limits)
+FINE = kind("fine-exciter", "modbus-tcp", "exciter", frequency_step=1e-4)
+COARSE = kind("coarse-exciter", "modbus-tcp", "exciter", frequency_step=0.5)
+SILENT = kind("silent-exciter", "modbus-tcp", "exciter")
+LONG = kind("long-positioner", "modbus-rtu", "positioner", travel=0.1)
+SHORT = kind("short-positioner", "modbus-rtu", "positioner", travel=1e-3)
+MUTE = kind("mute-positioner", "modbus-rtu", "positioner")
+"""
+
+
+def of_bench(kind: str, role: str) -> Target:
+    """What is known of a real bench with this device, before it is opened."""
+    on = {"link.it": {"kind": "modbus-tcp", "host": "127.0.0.1", "port": 9}}
+    on |= {"device.it": {"kind": kind, "link": "it", "unit": 1}}
+    if role == "positioner":
+        on = {"link.it": {"kind": "modbus-rtu", "port": "/dev/none"}, "device.it": on["device.it"]}
+    tables: dict[str, Any] = {"name": "b", "watchdog": "none" if role == "exciter" else "2 s"}
+    for place, table in on.items():
+        section, _, name = place.partition(".")
+        tables[section] = {name: table}
+    return Chosen(check(tables, BenchDescription, "bench.toml"), None).target
+
+
+def of_scene(ideal: Scene, kind: str, role: str) -> Target:
+    """What is known of a simulated bench with this device."""
+    return Chosen(None, ideal.with_devices({"it": {"kind": kind, "role": role}})).target
+
+
+def test_settings_are_held_to_the_limits_of_the_bench_s_own_kinds_before_it_opens(
+    ideal: Scene, install: Install, tmp_path: Path
+) -> None:
+    names = (
+        "fine-exciter",
+        "coarse-exciter",
+        "silent-exciter",
+        "long-positioner",
+        "short-positioner",
+        "mute-positioner",
+    )
+    install(
+        "acme", "palpate.devices", {n: f"acme_limited:{n.split('-')[0].upper()}" for n in names}, acme_limited=LIMITED
+    )
+    found = {n: [of_bench(n, n.split("-")[1]), of_scene(ideal, n, n.split("-")[1])] for n in names}
+    assert [[each.frequency_step for each in found[n]] for n in names[:3]] == [[1e-4] * 2, [0.5] * 2, [None] * 2]
+    assert [[each.travel for each in found[n]] for n in names[3:]] == [[0.1] * 2, [1e-3] * 2, [None] * 2]
+    usual = Chosen(None, ideal).target
+    assert (usual.frequency_step, usual.travel) == (1e-3, 25e-3)
+
+    between = palpate.LoadSweep(samples=("1",), loads=(2.0,), frequency=10.0002)
+    between.check(found["fine-exciter"][1])
+    between.check(found["silent-exciter"][1])
+    with pytest.raises(RangeError, match=r"lies between the generator's steps of 0.001 Hz; take 10 Hz"):
+        between.check(usual)
+    with pytest.raises(RangeError, match=r"frequency 10.2 Hz lies between the generator's steps of 0.5 Hz; take 10 Hz"):
+        replace(between, frequency=10.2).check(found["coarse-exciter"][1])
+    test = palpate.ModulusTest("1")
+    test.check(found["long-positioner"][1])
+    test.check(found["mute-positioner"][1])
+    with pytest.raises(RangeError, match=r"is 3 mm thick, beyond the positioner's travel of 1 mm"):
+        test.check(found["short-positioner"][1])
+
+
+def test_a_study_is_held_to_the_exciter_of_its_scene(ideal: Scene, install: Install, tmp_path: Path) -> None:
+    install("acme", "palpate.devices", {"coarse-exciter": "acme_limited:COARSE"}, acme_limited=LIMITED)
+    scene = written(tmp_path, {"it": {"kind": "coarse-exciter"}})
+    file = {"name": "s", "frequency": "10.2 Hz", "axes": {"scene": [str(scene)]}}
+    with pytest.raises(ConfigError, match=r"^s.toml: frequency 10.2 Hz lies between the generator's steps of 0.5 Hz"):
+        Sweep.of(study_of(check(file, StudyFile, "s.toml"), "s.toml"), "s.toml")

@@ -87,7 +87,7 @@ def test_fails(volts, bench, clock):
     assert "scene ideal, seed 7\n" in told
     assert "3.000000 s  signal generator: write frequency = 20 Hz, amplitude = 1.5 V, offset = 0 V" in told
     assert "frequency = 33 Hz" not in told  # longer ago than 2 s
-    assert "3.050000 s  sensor node 1: 100 frames of samples, the last: sample_counter = 50" in told
+    assert "3.050000 s  sensor node 1: 100 frames of process data, the last: sample_counter = 50" in told
     assert "sensor node 1: write range_1 = 500 mV" in told
     assert "shaker amplifier: read output_current = 0 A" in told
     assert "\nagain: pytest '" in told

@@ -10,12 +10,14 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
 import palpate
-from tests.examples.relaxation import Relaxation
+from palpate.procedures.engine.settings import check_settings
+from tests.examples.relaxation import Holding, Reading, Relaxation
 
 OUTSIDE = Path(__file__).parents[1] / "examples" / "relaxation.py"
 SOFT = """
@@ -32,37 +34,95 @@ noise = "0.3 mV"
 decimals = 2
 """
 SIGNATURES = {
+    "Characterisation": "sample loads dwell frequency drift_time",
+    "DynamicLoadWork": "lab record loads frequency samples extrapolate",
+    "FilmCalibration": (
+        "accepted design films covariance crosstalk crosstalk_u frequencies_Hz gain least_N greatest_N "
+        "load_cell load_cell_degrees_of_freedom device simulated source created expires"
+    ),
+    "FilmSeries": "loads frequencies dwell valid_days extrapolate",
+    "Finished": "procedure result session outcome",
+    "FrequencySweep": "frequencies sample load dwell extrapolate",
+    "Lab": "bench design calibration films run started",
+    "Load": "force sensed interface at",
+    "LoadCellCalibration": (
+        "accepted sensitivity_mV_per_N sensitivity_u zero_mV zero_u covariance degrees_of_freedom least_N "
+        "greatest_N linearity reversibility reversibility_of_reading repeatability reproducibility "
+        "interpolation zero_return creep resolution_mV scatter_mV lower_limit_factor_N astm_e74 iso_376 "
+        "gage_factor device simulated source created expires curvature"
+    ),
+    "LoadCellSeries": "loads runs positions degree creep valid_days",
+    "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
+    "Measurement": "point waveforms error",
+    "ModulusTest": "sample strain steps extrapolate",
+    "OpenBench": "bench chosen today started wall_start log runs",
+    "Plan": "procedure steps",
+    "PositionSweep": "positions sample load dwell frequency extrapolate",
+    "Procedure": "",
+    "Recorder": "folder header",
+    "Report": "show draw",
+    "RequiredLoads": "values extrapolate",
+    "Response": "model force_rigid force_total force_ratio error_estimate tooth_forces films stiffness why",
+    "Run": "folder procedure simulated started status header summary hashed",
+    "Setting": "unit help read",
+    "SimpleResult": "points values budgets",
+    "SoftnessTest": "objects loads dwell frequency model",
+    "StaticLoadWork": "lab sample force",
+    "Step": "dwell_s seconds force_ratio_u what group",
+    "Target": "design force_limit nodes model channels frequency_step travel",
+    "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
+    "Work": "args kwargs",
+    "as_dataset": "run",
+    "get_design": "name",
+    "get_sample": "name",
     "open_bench": "scene bench seed model log operator assume_mounted",
     "plan": "procedure bench",
-    "as_dataset": "run",
     "read": "folder",
     "read_calibration": "path",
     "read_film_calibration": "path",
-    "replay": "log out progress",
+    "replay": "log out kind progress",
     "response": "design load model tolerance",
     "resume": "run kind bench accept_change progress pause",
     "run": "procedure bench out progress pause",
-    "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
-    "LoadCellSeries": "loads runs positions degree creep valid_days",
-    "FilmSeries": "loads frequencies dwell valid_days extrapolate",
-    "ModulusTest": "sample strain steps extrapolate",
-    "PositionSweep": "positions sample load dwell frequency extrapolate",
-    "Setting": "unit help read",
-    "Characterisation": "sample loads dwell frequency drift_time",
-    "SoftnessTest": "objects loads dwell frequency model",
     "unknown_object": "design thickness modulus name",
-    "Taken": "point waveforms error",
-    "Step": "dwell_s seconds force_ratio_u what group",
-    "Lab": "bench design calibration films run started",
 }
+ERRORS = "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName UsageError"
+MEMBERS = {  # what a script or a class of its own uses
+    "DynamicLoadWork": "end held hold measured press set",
+    "Finished": "folder outcome plot procedure replayed result run session",
+    "Lab": "bench calibration design films run started target",
+    "OpenBench": "bench chosen lab log runs scene started target today wall_start",
+    "Plan": "procedure seconds steps summary",
+    "Procedure": (
+        "automated_by begin calibrating check check_result constants evaluate manual_work name "
+        "newer_settings pausable plan point recorded report required_loads resumable_on_real_bench "
+        "save_calibration"
+    ),
+    "Recorder": "close create event finish finished point points",
+    "Run": (
+        "digest events folder hashed header open points procedure simulated started status summary table "
+        "waveform waveform_names waveforms"
+    ),
+    "StaticLoadWork": "arrange end load",
+    "Target": "channels design force_limit frequency_step model nodes travel",
+    "Work": "arrange end take",
+}
+
+
+def members(public: type) -> set[str]:
+    """Names of a class and of those of palpate that it inherits from, without those that begin with an underscore."""
+    ours = [each for each in public.__mro__ if each.__module__.startswith("palpate.")]
+    return {name for each in ours for name in (*vars(each), *vars(each).get("__annotations__", ())) if name[0] != "_"}
 
 
 def test_the_public_names_and_their_parameters_stay() -> None:
     for name in palpate.__all__:
         assert getattr(palpate, name).__name__ == name
     assert sorted(palpate.__all__) == sorted(" ".join(palpate._PLACES.values()).split())
+    assert sorted(palpate.__all__) == sorted((*SIGNATURES, *ERRORS.split()))
     found = {name: " ".join(inspect.signature(getattr(palpate, name)).parameters) for name in SIGNATURES}
     assert found == SIGNATURES
+    assert {name: " ".join(sorted(members(getattr(palpate, name)))) for name in MEMBERS} == MEMBERS
     with pytest.raises(AttributeError, match="has no attribute 'open_bank'"):
         palpate.open_bank  # noqa: B018
 
@@ -117,6 +177,49 @@ def test_a_bench_takes_run_after_run_and_none_once_one_has_failed(
     assert palpate.read("third").status == "stopped"
 
 
+@dataclass(frozen=True)
+class Marked(Relaxation):
+    marks: tuple[str, ...] = field(default_factory=tuple)
+
+
+def test_a_list_may_be_empty_where_its_default_is() -> None:
+    check_settings(Marked())
+    check_settings(Marked(marks=()))
+
+
+class Once:
+    """Asks for a pause before the first point."""
+
+    asks = True
+
+    def asked(self) -> bool:
+        asks, self.asks = self.asks, False
+        return asks
+
+    def wait(self) -> None:
+        pass
+
+
+def test_after_a_pause_only_outputs_that_were_on_before_are_on(tmp_path: Path) -> None:
+    class Looking(Holding):
+        def arrange(self, _step: palpate.Step) -> None:
+            pass
+
+        def take(self, step: palpate.Step) -> palpate.Measurement[Reading]:
+            assert not self.bench.driving
+            return super().take(step)
+
+    class Resting(Relaxation):
+        name, pausable = "resting", True
+
+        def begin(self, lab: palpate.Lab, record: palpate.Recorder) -> Looking:
+            return Looking(lab, self.sample, self.force)
+
+    with palpate.open_bench(scene="ideal") as bench:
+        done = palpate.run(Resting(readings=1), bench, out=tmp_path / "run", pause=Once())
+    assert [event["kind"] for event in done.run.events()] == ["paused", "resumed"]
+
+
 @pytest.mark.parametrize(
     ("procedure", "wrong"),
     [
@@ -162,8 +265,13 @@ def soft(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(soft: str) -> None:
-    with palpate.open_bench(scene=soft) as bench:
+    with palpate.open_bench(scene=soft, log="log.pcapng") as bench:
         whole = palpate.run(Relaxation(), bench, out="whole")
+    with pytest.raises(palpate.UsageError, match=r"give the class to palpate\.replay in a script"):
+        palpate.replay("log.pcapng")
+    assert palpate.replay("log.pcapng", "again", Relaxation).run.digest() == whole.run.digest()
+    with pytest.raises(palpate.UsageError, match="is of procedure 'relaxation', not 'sweep-loads'; name its class"):
+        palpate.replay("log.pcapng", "another", palpate.LoadSweep)
     assert 0.02 < float(str(whole.result.values["relaxed"])) < 0.9
     loads = [point.load_N for point in whole.result.points]
     assert loads[-1] < loads[0] < 2.2
@@ -175,11 +283,56 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(s
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene=soft) as bench:
         palpate.run(Relaxation(), bench, out="cut", progress=stop)
     assert len(palpate.read("cut").points()) == 2
-    with pytest.raises(palpate.UsageError, match="'relaxation' cannot be resumed"):
+    with pytest.raises(
+        palpate.UsageError,
+        match=r"cut: 'relaxation' of relaxation.py cannot be resumed without its class: install its package, or give "
+        "the class to palpate.resume in a script; known: sweep-loads",
+    ):
         palpate.resume("cut")
     again = palpate.resume("cut", Relaxation)
+    assert again.run.header["procedure_from"] == "relaxation.py"
     assert again.run.digest() == whole.run.digest()
     assert again.result.summary() == whole.result.summary()
+
+
+def test_a_run_cannot_begin_on_a_bench_while_another_one_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would exchange the sample under the other one."""
+    monkeypatch.chdir(tmp_path)
+    refused = []
+
+    def another(done: int, _total: int, _what: str) -> None:
+        if done == 1:
+            with pytest.raises(
+                palpate.UsageError,
+                match=r"no other run can begin on this bench before the one that it takes now has ended",
+            ) as error:
+                palpate.run(Relaxation(sample="1", readings=1), bench, out="second")
+            refused.append(error)
+
+    with palpate.open_bench(scene="ideal") as bench:
+        done = palpate.run(Relaxation(readings=2), bench, out="first", progress=another)
+        assert refused
+        assert done.run.status == "complete"
+        assert palpate.run(Relaxation(readings=1), bench, out="third").run.status == "complete"
+
+
+def test_a_later_run_on_an_open_simulated_bench_says_that_it_cannot_be_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt) as ended:
+        palpate.run(Relaxation(readings=1), bench, out="first")
+        palpate.run(Relaxation(), bench, out="second", progress=stop)
+    assert not any("palpate runs resume" in note for note in ended.value.__notes__)
+    with pytest.raises(palpate.UsageError, match=r"second: it was run 2 on an open simulated bench, .*; run it anew"):
+        palpate.resume("second", Relaxation)
 
 
 @pytest.mark.slow

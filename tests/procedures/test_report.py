@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from io import BytesIO, StringIO, TextIOWrapper
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,9 @@ from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import RunSummary
+from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.runs import print_run, print_runs
-from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all
+from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all, stamped
 from tests.procedures.conftest import HEADER, Palpate
 
 DESIGN = get_design("single")
@@ -132,6 +134,16 @@ def test_the_plot_of_a_calibration_shows_the_deviation_from_the_line(figures: li
         assert deviation == pytest.approx(reading - THESIS_LOAD_CELL.reading(load))
 
 
+def test_a_plot_that_is_slow_to_place_its_legend_gives_no_warning(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    figure, (ax,) = new_figure(False, 1, "slow")
+    ax.plot([0, 1], label="line")
+    ax.legend()
+    monkeypatch.setattr("matplotlib.legend.time.perf_counter", count(0.0, 2.0).__next__)  # s; above 1 s it would warn
+    assert save(figure, tmp_path).is_file()
+
+
 def test_a_plot_that_cannot_be_written_is_a_record_error(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"cannot write .*plot\.png: No such file or directory"):
         plot_sweep(SWEEP, DESIGN, True, tmp_path / "gone")
@@ -227,6 +239,18 @@ def test_a_table_that_is_wider_than_the_terminal_loses_no_figure(capsys: pytest.
     text = capsys.readouterr().out
     assert [text.count(figure) for figure in figures] == [2] * len(figures)
     assert text.endswith("\nafter it\n")
+
+
+def test_a_title_that_is_longer_than_its_table_stands_on_one_line(
+    capsys: pytest.CaptureFixture[str], palpate: Palpate
+) -> None:
+    table = new_table(stamped(True, "a title of many more words than its only column is wide"), "N")
+    table.add_row("1")
+    print_all(table)
+    assert capsys.readouterr().out.startswith(f"{STAMP} a title of many more words than its only column is wide\n")
+    assert (
+        "\nleft out, and the most that it could change (* above 0.0001)\n" in palpate("scene", "explain", "ideal").out
+    )
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])

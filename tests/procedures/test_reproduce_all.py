@@ -186,7 +186,7 @@ def test_the_columns_of_table_5_8_do_not_share_a_definition() -> None:
     assert [re.search(r": percent of the (\w+)", said).group(1) for said in found.said] == [  # type: ignore[union-attr]
         "theory", "theory", "experiment", "experiment",
     ]  # fmt: skip
-    # Of its two-dimensional model the thesis prints nothing: that theory is our beam, fitted to this very column.
+    # The thesis prints nothing of its two-dimensional model: that theory is our beam, fitted to this very column.
     assert {(row.by, row.evidence) for row in found.rows if "2D" in row.quantity} == {
         ("the thesis against beam", Evidence.FITTED)
     }

@@ -64,7 +64,7 @@ def test_the_samples_of_every_arrangement_are_swept_at_three_of_its_loads() -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("parameters", blind.SETS)
 def test_a_blind_sweep_of_the_bench_finds_what_its_model_says(parameters: str, tmp_path: Path) -> None:
-    """So that the distance is the model's, and not the bench's: each mean within four of its uncertainties."""
+    """Each mean lies within four of its uncertainties, so that the distance is the model's and not the bench's."""
     from palpate.procedures.console.progress import silent
     from palpate.procedures.measurements.loads.procedure import LoadSweep
     from palpate.procedures.reproduce.everything import _swept, recorded

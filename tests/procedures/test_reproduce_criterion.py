@@ -17,6 +17,7 @@ from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce import everything
 from palpate.procedures.reproduce.chapter4 import theory
 from palpate.procedures.reproduce.chapter5 import experiments, percent
+from palpate.procedures.reproduce.chapter5.columns import quantities
 from palpate.procedures.reproduce.curves import Curves
 from palpate.procedures.reproduce.judging.bias import Bias, all_means, biases, limit
 from palpate.procedures.reproduce.judging.comparison import Comparison, Series, column_of
@@ -36,7 +37,7 @@ def table(*rows: Row, number: str = "5.5", again: bool = False) -> RowTable:
 
 
 def rows(count: int, outside: int, evidence: Evidence) -> list[Row]:
-    """Of one row each load, those outside off to both sides."""
+    """One row for each load; those outside are off to both sides."""
     off = [0.3 * (-1) ** n if n < outside else 0.0 for n in range(count)]
     return [replace(row(1.0, 1.0 + o, 0.1, evidence=evidence), row=str(n)) for n, o in enumerate(off)]
 
@@ -238,6 +239,24 @@ def test_the_cells_of_table_5_7_are_the_means_that_went_in() -> None:
         return next(each.u or 0 for each in found.rows if each.kind == "force_ratio")
 
     assert ratio("solid") == pytest.approx(math.sqrt(2) * ratio("experiment"), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("design", "expected"),
+    [
+        ("single", {"pvdf2_rigid_mV": 5.995 * 0.75, "pvdf1_total_mV": 68.60 * 3}),
+        ("common_base", {"pvdf1_mV": 7.013 * 0.375, "pvdf2_mV": 6.506 * 0.375, "pvdf3_total_mV": 23.53 * 3}),
+        ("different_base", {"pvdf1_mV": 5.675 * 0.375, "pvdf2_total_left_mV": 63.66 * 1.5,
+                            "pvdf3_mV": 5.692 * 0.375, "pvdf4_total_right_mV": 64.21 * 1.5}),
+    ],
+)  # fmt: skip
+def test_without_scatter_a_film_gives_its_own_sensitivity_times_its_share_of_the_force(
+    design: str, expected: dict[str, float]
+) -> None:
+    found = {each.column: each.expected(3.0, 0.25) for each in quantities(theory.get_design(design))}
+    assert {name: value for name, value in found.items() if name.endswith("_mV")} == pytest.approx(
+        {**expected, "meter_reading_mV": math.nan}, rel=1e-12, nan_ok=True
+    )
 
 
 # --- Table 5.8 -----------------------------------------------------------------------------------------

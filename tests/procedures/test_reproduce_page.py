@@ -164,7 +164,7 @@ def test_everything_is_measured_judged_and_on_one_page(whole: Whole) -> None:
 
 
 def test_a_row_shows_its_class_at_a_glance_and_the_legend_says_what_it_means(whole: Whole) -> None:
-    """By a word, and by a border that differs in colour and in kind."""
+    """A word shows it, and a border that differs in colour and in kind."""
     for each in Evidence:
         assert f'<tr class="{each.value}"><td><b>{each.value}</b><td>{escape(each.meaning)}' in whole.page
         assert re.search(
@@ -329,7 +329,7 @@ def test_a_curve_says_whether_it_was_fitted_to_the_marks_beside_it(whole: Whole)
     assert "Ours, fitted: 3D, ring 24 kPa by the identified set; 2D, ring 24 kPa by the beam." in whole.caption(
         "Figure 4.15"
     )
-    # Beside experiments none is fitted, whatever it was fitted to among the theories.
+    # No curve beside experiments is fitted, whatever it was fitted to among the theories.
     for figure in WITH_THEORIES:
         (axes,) = whole.panels(figure.number)
         curves = [
@@ -419,7 +419,7 @@ def test_benches_that_know_nothing_of_the_experiments_stand_beside_them_as_predi
 
 
 def test_a_curve_and_a_bench_of_other_models_are_told_apart(whole: Whole) -> None:
-    """Those of the single sensor are of a round and of a square one, and lie apart."""
+    """The curve of the single sensor is of a round one and the bench of a square one, so they lie apart."""
     labels = [str(each.get_label()) for each in whole.panels("Figure 5.7")[0].get_lines()]
     assert "ours, 3D: axisymmetric, identified, predicted" in labels
     assert "ours, 2D: beam, predicted" in labels

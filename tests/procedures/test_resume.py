@@ -127,7 +127,8 @@ def test_a_calibration_goes_on_and_is_kept(palpate: Palpate, stop: Stop) -> None
 def test_every_procedure_is_found_by_the_name_in_its_header() -> None:
     found = {name: class_of(run_of({}, name), "resumed") for name in SHIPPED}
     assert [procedure.name for procedure in found.values()] == list(found)
-    assert {name for name, procedure in found.items() if procedure.continues} == {"sweep-loads", "sweep-frequency"}
+    on_real_benches = {name for name, procedure in found.items() if procedure.resumable_on_real_bench}
+    assert on_real_benches == {"sweep-loads", "sweep-frequency"}
     loads = LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, None, True)
     assert settings_from(LoadSweep, loads) == loads
     unknown = SoftnessTest((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment")
@@ -203,7 +204,7 @@ def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
     rehash(whole.folder, status="running")
     assert "leave this option out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
     rehash(whole.folder, header=lambda header: header.update(procedure="reproduce"))
-    assert "'reproduce' cannot be resumed; valid: sweep-loads" in palpate("runs", "resume", "whole").complaint
+    assert "'reproduce' cannot be resumed without its class: " in palpate("runs", "resume", "whole").complaint
     (whole.folder / HEAD_FILE).unlink()
     assert "salvage it with palpate runs repair" in palpate("runs", "resume", "whole").complaint
 

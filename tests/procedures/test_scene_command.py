@@ -119,8 +119,8 @@ def test_a_plot_goes_where_it_is_told_and_never_over_another(palpate: Palpate) -
     [
         (("--sample", "9"), "unknown sample '9'"),
         (("--load", "3"), "'3' has no unit where N belongs"),
-        (("--load", "0 N"), "load 0 of a question is not above 0"),
-        (("--frequency", "-1 Hz"), "frequency -1 of a question is not above 0"),
+        (("--load", "0 N"), "load 0 N is not above 0 and finite"),
+        (("--frequency", "-1 Hz"), "frequency -1 Hz is not above 0 and finite"),
     ],
 )
 def test_a_measurement_that_cannot_be_is_refused(options: tuple[str, str], message: str, palpate: Palpate) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import re
@@ -63,7 +64,7 @@ def test_a_sweep_that_is_interrupted_finds_each_sample_by_its_name_when_it_is_ru
     monkeypatch: pytest.MonkeyPatch,
     on_progress: Callable[[Progress], None],
 ) -> None:
-    """On a served bench with a sample changer, against a bench of its own with other noise."""
+    """The bench is served with a sample changer; a bench of its own, with other noise, says what is to be found."""
     sweep = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")
     alone = palpate(*sweep, "--seed", "5").object["samples"]
     place = Path("bench.toml")
@@ -85,6 +86,40 @@ def test_a_sweep_that_is_interrupted_finds_each_sample_by_its_name_when_it_is_ru
         for one, other in zip(found["samples"], alone, strict=True):
             apart = 3 * math.hypot(one["force_ratio_u"], other["force_ratio_u"])
             assert one["force_ratio"] == pytest.approx(other["force_ratio"], abs=apart)
+
+
+@pytest.mark.parametrize("text", ['name = "my bench"\n', "", "\xff"])
+def test_a_bench_file_that_a_person_wrote_is_not_overwritten(text: str, palpate: Palpate) -> None:
+    Path("my_bench.toml").write_text(text, encoding="latin-1")
+    refused = palpate("serve", "ideal", "--can", "virtual", "--out", "my_bench.toml")
+    assert (refused.status, Path("my_bench.toml").read_text(encoding="latin-1")) == (2, text)
+    assert refused.complaint == "my_bench.toml exists, and palpate serve did not write it; choose another --out"
+
+
+def test_a_file_that_cannot_be_looked_at_is_no_traceback(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    def sealed(_path: Path) -> bytes:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    Path("sealed.toml").touch()
+    monkeypatch.setattr(Path, "read_bytes", sealed)
+    refused = palpate("serve", "ideal", "--can", "virtual", "--out", "sealed.toml")
+    assert (refused.status, "sealed.toml: Permission denied" in refused.complaint) == (1, True)
+
+
+def test_the_bench_file_of_a_run_is_not_overwritten_and_that_of_an_earlier_served_bench_is(
+    palpate: Palpate, wish: Wish
+) -> None:
+    earlier = Path("bench.toml")
+    with serving(replace(wish, out=earlier)):
+        first = earlier.read_text(encoding="utf-8")
+    with serving(replace(wish, out=earlier)) as again:
+        assert earlier.read_text(encoding="utf-8") == again.description.to_toml()
+    Path("run").mkdir()
+    Path("run/run.record").touch()
+    Path("run/bench.toml").write_text(first, encoding="utf-8")
+    refused = palpate("serve", "ideal", "--can", "virtual", "--out", "run/bench.toml")
+    assert (refused.status, Path("run/bench.toml").read_text(encoding="utf-8")) == (2, first)
+    assert refused.complaint == "run/bench.toml belongs to a run; choose another --out"
 
 
 def test_a_bench_whose_amplifier_anybody_feeds_says_so_before_it_drives_and_in_its_record(

@@ -130,7 +130,7 @@ def test_those_of_the_scene_are_listed_and_can_be_cleared(scene: Scene, nothing_
 
 
 def test_a_sample_changer_has_faults_as_every_device_and_its_client_notices(scene: Scene) -> None:
-    """Of a power cycle it comes back with nothing mounted where it was carrying, and the order is given again."""
+    """It comes back from a power cycle with nothing mounted if it was carrying, and the order is given again."""
     with SimulatedBench(scene, samples=[get_sample("1")]) as sim:
         person = Person(sim)
         with Bench(hasty(sim.description), sim.clock, sim.operator) as bench:

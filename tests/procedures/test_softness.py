@@ -25,7 +25,7 @@ QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
 
 
 def found(*ratios: tuple[str, float, float], flags: tuple[str, ...] = ()) -> SoftnessResult:
-    """Of objects whose two points have this ratio and standard uncertainty, by the column model."""
+    """The result, by the column model, of objects whose two points have a given ratio and standard uncertainty."""
     points = [
         SoftnessPoint(name, load, load, 0.05, ratio, u, 0.6 * u, not flags, flags)
         for name, ratio, u in ratios

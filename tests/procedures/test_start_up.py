@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -34,3 +36,11 @@ def test_a_command_imports_nothing_that_it_can_do_without(command: str, needless
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
     assert "palpate.procedures.commands" in imported
     assert not imported & needless
+
+
+def test_a_first_sweep_installs_no_test_tools() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    listed = (project["dependencies"], project["optional-dependencies"]["test"])
+    needed, tools = ({re.split(r"[\[><=]", each)[0] for each in some} for some in listed)
+    assert {"pytest", "hypothesis"} <= tools - needed
+    assert not needed & tools

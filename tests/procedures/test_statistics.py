@@ -83,7 +83,7 @@ def test_a_line_by_its_residuals_is_that_of_a_regression() -> None:
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("known", [0.0, 2.0])
 def test_a_curve_and_its_covariance_are_those_of_a_fit(degree: int, known: float) -> None:
-    """Either by the residuals, or by what was known of a reading before."""
+    """The covariance is known by the residuals, or by the uncertainty that a reading has beforehand."""
     y = noisy(2, bend=-0.1)
     found = interpolate(X, y, known, degree)
     values, covariance = optimize.curve_fit(
@@ -333,7 +333,7 @@ def test_a_record_is_short_where_its_noise_leaves_the_ratio_few_degrees_of_freed
 
 
 def test_figures_of_a_sensor_have_the_uncertainty_of_their_equations() -> None:
-    """Of a film whose gain scatters so much that the residuals, not the readings, tell of the lines."""
+    """The film's gain scatters so much that residuals, not readings, give the uncertainty of the lines."""
     points = [
         replace(p, voltages_V=tuple(v * (1 + 0.35 * math.sin(7 * n + 3 * i)) for i, v in enumerate(p.voltages_V)))
         for n, p in enumerate(measured())

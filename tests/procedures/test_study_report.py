@@ -23,7 +23,7 @@ def point(ratio: float) -> dict[str, Any]:
 
 
 def results(failed: int | None = None) -> Results:
-    """Of twelve cells, one of which may have failed."""
+    """Results of twelve cells, one of which may have failed."""
     study = study_from(GRID)
     ratios = [0.1 + 0.01 * cell for cell in range(len(study))]
     return Results(

@@ -55,6 +55,7 @@ def test_offsets_are_those_of_the_films_and_the_ratio_is_spared(palpate: Palpate
         "--scene",
         str(scene),
         "--json",
+        "--budget",
     )
     found = palpate(*SWEEP, *arguments).object
     assert [(p["temperature_K"], p["step_K"], p["valid"]) for p in found["points"]] == [
@@ -64,6 +65,12 @@ def test_offsets_are_those_of_the_films_and_the_ratio_is_spared(palpate: Palpate
     for offset, newtons in zip(found["offsets"], (9.2, 150.0), strict=True):
         assert math.exp(-12 / 200) < offset["offset_N_per_K"] / (newtons / 200) < 1
         assert 0.03 < offset["offset_u"] / offset["offset_N_per_K"] < 0.04  # the gain of a film is all rows' own
+    told = [(f"offset of film {each['film']}", each["offset_N_per_K"], each["offset_u"]) for each in found["offsets"]]
+    told.append(("change of the force ratio with a trend", found["ratio_per_K"], found["ratio_per_K_u"]))
+    assert [(b["quantity"], b["value"], pytest.approx(b["u"], rel=1e-12)) for b in found["budgets"]] == told
+    for budget, kinds in zip(found["budgets"], ("AB", "AB", "B"), strict=True):  # the gain is no reading's own
+        assert "".join(component["kind"] for component in budget["components"]) == kinds
+    assert [row["degrees_of_freedom"] for row in found["budgets"][0]["components"]] == [1, None]
     ratios = [p["force_ratio"] for p in found["points"]]
     assert max(ratios) / min(ratios) - 1 < 1e-3
     scatter = float(np.std(ratios, ddof=1) / np.mean(ratios))  # of noise and of the bus' bits, wherever dwells begin

@@ -154,7 +154,7 @@ def test_springs_that_stiffen_are_linear_under_a_small_load_and_raise_the_ratio_
     small, medium, large = (stiffening.force_ratio(design, sample, force) for force in (1e-4, 1.5, 4.0))
     assert small == pytest.approx(linear, rel=1e-3)
     assert linear < medium < large < 1
-    # By stress alone: twice the force on rubber twice as stiff.
+    # The stress alone counts: twice the force on rubber twice as stiff.
     assert stiffening.force_ratio(design, sample, 8.0, 2.0) == pytest.approx(large, rel=1e-6)
 
 

@@ -29,7 +29,7 @@ def scene(*effects: str, **rig: str) -> Scene:
 
 
 def waveform(kind: str, amplitude: float, frequency: int = 10 * HERTZ, start_ns: int = 0) -> Periodic:
-    """As the signal generator gives it."""
+    """A waveform as the signal generator gives it."""
     k = np.arange(1, 26, 2)
     match kind:
         case "square":

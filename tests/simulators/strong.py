@@ -57,7 +57,7 @@ STRONG: dict[str, Effect] = {
 
 
 def together() -> dict[str, Effect]:
-    """As many of them as go together: the first of those that exclude each other."""
+    """As many effects as go together; of those that exclude each other, the first."""
     chosen: dict[str, Effect] = {}
     for name, effect in STRONG.items():
         if not set(effect.excludes) & set(chosen):

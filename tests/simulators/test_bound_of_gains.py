@@ -66,7 +66,7 @@ def test_where_a_gain_may_vanish_noise_has_no_bound_but_what_changes_all_films_a
 
 
 def test_gains_that_scatter_change_what_passes_them_and_not_what_is_added_behind() -> None:
-    """Cables that give a hundred times the films' charge."""
+    """The cables give a hundred times the films' charge."""
     question = Question("2", 3.0, dwell=0.5)
     without, with_it = beside(
         {"triboelectric": Triboelectric(charge="1 nC", load="1 N")}, "gain_scatter", GainScatter()

@@ -33,7 +33,7 @@ def test_a_burst_is_heard_as_frames_sent_one_by_one() -> None:
 
 
 def test_two_benches_of_this_machine_never_share_a_multicast_group(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not even where their processes' numbers lead to the same one."""
+    """They do not even if the numbers of their processes lead to the same group."""
     monkeypatch.setattr(can_bus, "_numbers", itertools.count(1))
     group = own_channel(MULTICAST)
     monkeypatch.setattr(can_bus, "_numbers", itertools.count(1))

@@ -243,5 +243,5 @@ def test_emergencies_come_with_the_identifier_that_1014h_tells(master: Master) -
     assert master.ask("40 14 10 00 00 00 00 00") == "4314100081000000"
     sim = master.sim
     with sim.clock.lock:
-        sim.can.emergency(sim.can.nodes[0], 0x8110)
+        sim.can.nodes[0].emergency(0x8110)
     assert master.next(0x081) == "1081000000000000"

@@ -137,7 +137,7 @@ def forces(drawn: Drawn, until: float) -> tuple[Floats, Floats]:
 
 @pytest.mark.slow
 def test_the_probe_meets_the_surface_where_it_has_relaxed_to() -> None:
-    """Beside an integrator; surfaces at rest, or contact that ends with the compression, would be 5 % off."""
+    """An integrator says where; surfaces at rest, or contact that ends with the compression, would be 5 % off."""
     chain, path = LOST.path()
     grid, expected = forces(LOST, 0.15)
     found = path.outputs(np.round(1e9 * grid).astype(np.int64), slice(0, OUTPUTS))

@@ -41,7 +41,7 @@ def amplitudes(rig: Rig, first_ns: int = SECOND) -> Floats:
 
 
 def change(effects: Mapping[str, Effect], design: str = "single") -> Floats:
-    """Of the films' amplitudes, relative."""
+    """Relative changes of the films' amplitudes."""
     return amplitudes(driven(effects, design)) / amplitudes(driven({}, design)) - 1
 
 
@@ -90,7 +90,7 @@ def test_teeth_without_a_neighbour_on_their_base_feel_nothing_of_one(design: str
 
 
 def neighbours(design: Design) -> Floats:
-    """Of the teeth, by their numbers: two rows, each from left to right."""
+    """Which teeth are neighbours, by their numbers: two rows, each from left to right."""
     columns = design.columns
     count = len(design.teeth)
     beside = np.zeros((count, count))

@@ -44,7 +44,7 @@ STRONG: dict[str, InputEffect] = {
 
 
 def rates(time_ns: Times) -> Floats:
-    """Of some signal [V/s]."""
+    """Rates of some signal [V/s]."""
     return np.asarray(np.cos(1e-9 * (time_ns % SECOND)))
 
 

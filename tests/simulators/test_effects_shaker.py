@@ -40,14 +40,14 @@ def driven(effects: Mapping[str, Effect], sample: str, advance: float, amplitude
 
 
 def phasors(rig: Rig, first_ns: int, frequency: float = 10.0, duration: float = 1.0) -> np.ndarray:
-    """Of the films, from samples of a millisecond, and the amplitudes of what is no sine are averaged out."""
+    """Phasors of the films, from samples of a millisecond; what is no sine is averaged out."""
     times = first_ns + np.arange(0, round(1e9 * duration), MS)
     fit = fit_sine(1e-9 * times, rig.film_voltages(times), frequency)
     return np.asarray(fit.amplitude * np.exp(1j * fit.phase))
 
 
 def fundamentals(rig: Rig) -> np.ndarray:
-    """Of the films' tenth cycle, by Fourier's integral: a fit's trend would take a part of other harmonics."""
+    """Fundamentals of the tenth cycle, by Fourier's integral; a fit's trend would take a part of other harmonics."""
     times = SECOND + np.arange(0, 100 * MS, 5000)
     return np.asarray(2 * (rig.film_voltages(times) * np.exp(-20j * np.pi * 1e-9 * times)).mean(axis=1))
 
@@ -147,7 +147,7 @@ def test_a_stop_of_a_million_newtons_a_metre_holds_the_armature() -> None:
 
 
 def complex_modulus(g: tuple[float, ...], tau: tuple[float, ...], frequency: float) -> complex:
-    """Over the slow modulus."""
+    """The complex modulus over the slow one."""
     s = 2j * np.pi * frequency
     return 1 + sum(each / (1 - sum(g)) * t * s / (1 + t * s) for each, t in zip(g, tau, strict=True))
 
@@ -248,7 +248,7 @@ def test_plays_on_a_sine_have_their_describing_function(radius: float) -> None:
 
 
 def ratio_raised(effect: dict[str, Effect]) -> list[float]:
-    """By an effect, of each sample at 3 N."""
+    """How an effect raises the ratio of each sample at 3 N."""
     raised = []
     for sample in SAMPLES:
         rigs = (measured(replace(scene(), effects=effects), Question(sample)) for effects in ({}, effect))

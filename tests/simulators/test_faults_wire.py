@@ -6,7 +6,7 @@ import os
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from typing import Any
 
@@ -81,6 +81,23 @@ def two_free_ports(host: str) -> int:
         with suppress(OSError), socket.create_server((host, port)), socket.create_server((host, port + 1)):
             return port
     raise AssertionError("no two ports are free")
+
+
+def test_faults_of_a_connection_withstand_what_any_client_sends(scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
+    # bytes that begin no request, a write of zero to a single register, a request that is cut off
+    requests = b"\0\1\7\7\0\6\1\3\0\0\0\1", b"\0\2\0\0\0\6\1\6\0\x17\0\0", b"\0\3\0\0\0\2\1\x2b"
+    for kind in TCP:
+        faults = parse_faults([{"kind": kind, "on": "signal_generator", "probability": 1.0}], places(1), "here")
+        with SimulatedBench(replace(scene, faults=faults)) as sim, ExitStack() as stack:
+            generator = sim.description.signal_generator
+            assert generator is not None
+            address = generator.host, generator.port
+            clients = [stack.enter_context(socket.create_connection(address, 5.0)) for _ in requests]
+            sim.servers.catch_up()
+            for client, request in zip(clients, requests, strict=True):
+                client.sendall(request)
+                sim.servers.catch_up()
+    assert [record.getMessage() for record in caplog.records if record.name == "asyncio"] == []
 
 
 def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: Scene) -> None:
@@ -288,7 +305,7 @@ def test_the_same_scene_and_seed_give_the_same_faults_byte_for_byte(scene: Scene
 
 
 def test_on_a_bench_without_faults_nothing_stands_in_between(sim: SimulatedBench) -> None:
-    """So a transaction costs what it cost before there were faults."""
+    """A transaction therefore costs what it would cost if there were no faults at all."""
     for device in (sim.generator, sim.amplifier, sim.indicator, sim.positioner, *sim.nodes):
         assert not {"read", "write", "requested", "sample"} & vars(device).keys()
     assert "send" not in vars(sim.can._bus)

@@ -95,7 +95,7 @@ def test_rates_from_a_nanosecond_to_thirty_years_side_by_side_each_keep_theirs(o
 
 @pytest.mark.parametrize("order", [(1e9, 1e-9), (1e-9, 1e9), (1e9, 1.0, 1e-9), (1e6, 1e-3, 1e3)])
 def test_rates_far_apart_in_series_keep_theirs(order: tuple[float, ...]) -> None:
-    """From a one in the first state, the last by partial fractions."""
+    """The first state begins at one; partial fractions give the last state."""
     system = first_order_low_pass(1 / order[0])
     for rate in order[1:]:
         system = system.then(first_order_low_pass(1 / rate))

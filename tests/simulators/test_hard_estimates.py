@@ -23,7 +23,7 @@ from tests.simulators.rigs import MS, scene
 
 
 def test_a_record_below_a_quarter_cycle_gives_any_amplitude_where_the_fit_refuses() -> None:
-    """A fifth of a cycle, 3 % noise, offset unknown."""
+    """The record holds a fifth of a cycle with 3 % noise, and its offset is unknown."""
     t = np.arange(20) * 1e-3
     columns = np.stack([np.cos(20 * np.pi * t), np.sin(20 * np.pi * t), np.ones_like(t), t / t[-1]], axis=1)
     clean = np.sin(20 * np.pi * t + 0.3) + 0.5
@@ -52,7 +52,7 @@ def test_moduli_near_saturation_have_no_mean_where_a_lower_bound_holds() -> None
 
 
 def test_a_time_in_single_precision_is_off_by_seconds_where_number_and_period_give_the_nanosecond() -> None:
-    """A year on: of a register in seconds, and of the node's counter times its period."""
+    """After a year a register in seconds is compared with the node's counter times its period."""
     number, period_ns = 31_557_601, SECOND + 1  # samples a second apart, and a nanosecond
     time_ns = number * period_ns
     assert abs(float(np.float32(time_ns / SECOND)) - time_ns / SECOND) > 0.5

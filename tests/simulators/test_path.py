@@ -28,7 +28,7 @@ def sine(amplitude: float = 1.0, mean: float = 0.0, frequency: int = 10 * HERTZ)
 
 
 def failure(system: StateSpace, drive: Periodic, state: Floats) -> int:
-    """When the one output falls below zero."""
+    """The time when the one output falls below zero."""
     watch, time_ns, failed = Watch(system.drive((drive,)), (system.c, system.d)), 0, None
     while failed is None and time_ns < NEVER:
         last = time_ns
@@ -52,7 +52,7 @@ def test_a_sine_crosses_at_the_nanosecond_of_the_arcsine(frequency: int) -> None
 
 @pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, 1e-11])
 def test_a_dip_far_shorter_than_any_look_is_found(depth: float) -> None:
-    """Of depth 1e-11 it lasts 142 ns of a tenth of a second; it begins an arccosine before three quarters."""
+    """A dip of depth 1e-11 lasts 142 ns of a tenth of a second; it begins an arccosine before three quarters."""
     drive = sine(1.0, 1 - depth)
     exact = 1e8 * (0.75 - math.acos(1 - depth) / (2 * math.pi))
     assert failure(gain(1.0), drive, np.zeros(0)) == pytest.approx(exact, abs=2)
@@ -82,7 +82,7 @@ def test_a_dip_of_a_microsecond_in_a_transient_of_minutes_is_found() -> None:
 
 
 def test_a_search_takes_few_steps_where_a_slow_mode_rises_from_below(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As beside an end stop: drive and mode cancel but for a thousandth, and the sum turns down slowly."""
+    """Beside an end stop drive and mode cancel but for a thousandth, and the sum turns down slowly."""
     steps, stepped = [0], Signal._step
 
     def counted(self: Signal, *args: Any) -> tuple[float, float]:

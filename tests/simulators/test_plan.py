@@ -57,7 +57,7 @@ def test_what_is_linear_with_limits_that_stay_inactive_is_known_in_closed_form(s
     for effects in ({}, INACTIVE, {**INACTIVE, "charge_amplifier": ChargeAmplifier(), "white_noise": WhiteNoise()}):
         found = planned(Question(steady=steady), **effects)
         assert (found.path, found.transitions) == (CLOSED_FORM, 0.0)
-        assert "certificate" in found.why
+        assert "it is proven for each limit" in found.why
 
 
 @pytest.mark.usefixtures("unbounded")
@@ -99,7 +99,7 @@ def test_only_a_question_of_the_settled_state_is_answered_with_it() -> None:
 
 @pytest.mark.usefixtures("unbounded")
 def test_a_clipped_scene_settles_to_what_a_clipped_sine_is() -> None:
-    """Its fundamental from the textbook, of all that is linear behind it."""
+    """The textbook gives its fundamental, which passes through all that is linear behind it."""
     found = planned(Question(steady=True), amplifier_clip=AmplifierClip(rail="4 V")).steady
     free = planned(Question(steady=True)).steady
     assert found is not None and free is not None

@@ -321,7 +321,7 @@ def test_all_unknown_effects_are_told_at_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["absent.toml", "no/such/folder/scene.toml"])
 def test_a_missing_file_is_refused_with_its_name(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=rf"{name}: cannot be read: No such file or directory; give the path"):
+    with pytest.raises(ConfigError, match=rf"{name}: cannot be read: No such file or directory; give a readable file"):
         read_scene(str(tmp_path / name))
 
 

@@ -69,7 +69,7 @@ def a_cycle(rig: Rig, start: Floats | None) -> tuple[Floats, Floats, float]:
 
 @pytest.mark.parametrize("names", COMBINATIONS, ids=" ".join)
 def test_the_closed_form_of_a_linear_scene_is_what_stepping_gives(names: tuple[str, ...]) -> None:
-    """From the moment the drive is set, and settled: each to 1e-9."""
+    """Both agree to 1e-9, from the moment the drive is set and when the scene has settled."""
     effects = {name: type(STRONG[name])() if name in LIMITS else STRONG[name] for name in names}
     rig = driven(calling_for(effects, "common_base"), Question())
     films = len(rig.scene.design.films)

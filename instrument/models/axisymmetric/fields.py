@@ -19,7 +19,7 @@ Indices = NDArray[np.intp]
 
 Number = TypeVar("Number", bound=np.generic)
 
-POINTS = 5  # along a side of an element
+POINTS = 5  # number of points along a side of an element
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ Indices = NDArray[np.intp]
 
 SHEETS = ("object", "base", "tooth", "ring")
 RADIAL, AXIAL = 0, 1
-WHOLE = 2500  # shared unknowns; for fewer, two threads lose more by taking turns than they gain
+WHOLE = 2500  # least number of shared unknowns for two threads; for fewer, they lose more by waiting than they gain
 
 
 @dataclass(frozen=True, slots=True)

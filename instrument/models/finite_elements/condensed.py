@@ -29,7 +29,7 @@ Indices = NDArray[np.intp]
 # been freed.
 np.empty(4_000_000)
 
-BATCH = 32  # elements that are worked on at once; more do not fit into the cache
+BATCH = 32  # number of elements in a batch; more do not fit into the cache
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,12 +77,13 @@ class Bounds:
 
 
 def bounds(meshes: Sequence[Judged], slowly: bool, safety: float = SAFETY) -> Bounds:
-    """Bounds from two or more meshes, each finer than the one before.
+    """Bounds on the errors of the finest of two or more meshes, from how results change from mesh to mesh.
 
     Args:
-        meshes: results of the meshes.
-        slowly: whether errors fall as slowly as with a closed gap.
-        safety: factor on the greater of change and product.
+        meshes: results of the meshes, each finer than the one before.
+        slowly: whether errors fall slowly as the mesh is refined, as they do where a gap is closed.
+        safety: factor on the force ratio's change from one mesh to the next, or on the bound of this change by the
+            energies if that is greater.
     """
     slow = SLOW if slowly else 1.0
     ratio = voltage = 0.0

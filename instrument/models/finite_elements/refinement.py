@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 RESIDUAL_GOAL, RESIDUAL_LIMIT = 1e-13, 1e-9
 STEPS = 20
-SETTLED = 1e-10  # of the displacement: after so small a step the next one is mere rounding
+SETTLED = 1e-10  # share of the displacement; after a step this small the next one would be mere rounding
 # Divisors of the bound, which are tried in turn.
 EASINGS = (1.0, 30.0, 1000.0)
 
@@ -49,7 +49,7 @@ def solve(elements: Elements, loads: Sequence[Array], each: Each) -> list[Solved
         each: runs a function for all subdomains at once.
 
     Raises:
-        EstimateError: the residual stays above 1e-9 of its terms.
+        EstimateError: the first source's residual stays above 1e-9 of its terms.
     """
     tried: list[list[Solved]] = []
     before = None

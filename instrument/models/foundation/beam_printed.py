@@ -25,7 +25,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 
 FIRST_MODULUS = 1.49e4
-# First modulus of the program's loop [Pa].
+# The program's loop over moduli begins here [Pa].
 SERIES = tuple(FIRST_MODULUS + 1e5 * step for step in range(15))
 
 

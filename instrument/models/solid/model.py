@@ -39,7 +39,7 @@ SHARE_LEFT = 0.5
 # differ there, and what is left is up to four times that. This share counts beside that of a closed gap.
 NARROW = 0.05  # of the tooth's radius
 NARROW_SHARE = 3.0
-CAPPED_SHARE = 9.0  # of narrow sensors with capped rings: the object's edge above the gap carries what the cap leaves
+CAPPED_SHARE = 9.0  # share for narrow sensors with capped rings, where the object's edge above the gap carries the rest
 # Least estimate by number of meshes. Some may agree by chance. The first three have the same sectors, so that their
 # changes do not tell what these leave, up to 3.3e-4 of a random sensor.
 LEAST = {2: 1e-3, 3: 1e-3, 4: 5e-5}

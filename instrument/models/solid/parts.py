@@ -33,7 +33,7 @@ class Part:
         return self.body.material.step if isinstance(self.body.material, Elastic) else 0.0
 
 
-# A part below, and the displacements that both share.
+# The part below this one, and the displacements that both share.
 Join = tuple[Part, tuple[int, ...]]
 
 

@@ -20,7 +20,7 @@ from palpate.instrument.models.solid.system import System
 
 Vector = NDArray[np.float64]
 
-POINTS = np.linspace(0.0, 1.0, 5)  # along a side of an element
+POINTS = np.linspace(0.0, 1.0, 5)  # number of points along a side of an element
 GAUSS = (np.polynomial.legendre.leggauss(5)[0] + 1) / 2
 
 
@@ -55,7 +55,11 @@ class Section:
 
 
 def section(p: SolidParameters, refinement: int) -> Section:
-    """Section of the whole sensor, mirrored where only a half of it is solved.
+    """Solve the solid model, and return displacements and pressure in the plane through the teeth's axes.
+
+    Args:
+        p: the sensor, the object and the load.
+        refinement: refinement of the mesh; a greater one is finer.
 
     Raises:
         RangeError, EstimateError: as in `palpate.instrument.models.solid.model.solve`.

@@ -30,7 +30,7 @@ Ratios = TypeVar("Ratios", float, NDArray[np.float64])
 Parameters = RoundParameters | SolidParameters
 
 LOWEST, HIGHEST = 0.1, 1e7
-# To be raised with every change of the models' numbers: surfaces of another version are refused.
+# Raise this with every change of the models' numbers: surfaces of another version are refused.
 CODE_VERSION = 3
 REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
 # Designs with more teeth use the solid model's coarsest mesh; the next one takes a minute for each modulus.
@@ -38,7 +38,7 @@ FEW_TEETH = 4
 STORED = Path(__file__).with_name("surfaces")
 # Parameter sets with stored surfaces; the identified set has those of the designs that the thesis measured.
 SETS = ("physical", "identified")
-LARGEST_SURFACE = 1_000_000  # bytes unpacked; 97 nodes take a few thousand
+LARGEST_SURFACE = 1_000_000  # greatest number of bytes when unpacked; 97 nodes take a few thousand
 
 
 @dataclass(frozen=True, slots=True)

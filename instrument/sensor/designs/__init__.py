@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from palpate.instrument.additions import addition, additions, load_addition, unusable
 from palpate.instrument.errors import UnknownName
-from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs.array import ARRAY, array_of
 from palpate.instrument.sensor.designs.common_base import COMMON_BASE
 from palpate.instrument.sensor.designs.different_base import DIFFERENT_BASE
@@ -37,6 +37,4 @@ def get_design(name: str) -> Design:
     design = load_addition(found, WHAT)
     if not isinstance(design, Design) or design.name != name:
         raise unusable(found, WHAT, f"is no Design that is called {name!r}")
-    if {kind for film in design.films for kind in FILM_KINDS if film.name.startswith(kind)} != {*FILM_KINDS}:
-        raise unusable(found, WHAT, f"needs films whose names begin with {' and '.join(FILM_KINDS)}")
     return design

@@ -10,7 +10,7 @@ SINGLE_ROUND = replace(
     SINGLE,
     name="single_round",
     outline="round",
-    thesis_force_ratio={},  # the thesis measured the square one
+    thesis_force_ratio={},  # None: the thesis measured the square sensor only
     thesis_softness_order=(),
     source="[A] the single sensor's dimensions and materials, its squares of 10 mm replaced by discs of radius 5 mm",
 )

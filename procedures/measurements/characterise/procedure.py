@@ -12,7 +12,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.characterise.result import (
@@ -25,7 +25,7 @@ from palpate.procedures.measurements.characterise.result import (
     FilmsPoint,
     evaluate,
 )
-from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
@@ -69,12 +69,12 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
             UnknownName: there is no such sample.
         """
         get_sample(self.sample)
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         if len(self.loads) < LEAST_LOADS:
             raise RangeError(f"{len(self.loads)} loads do not give a line with its scatter; give {LEAST_LOADS} or more")
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
-        check_frequency(self.frequency)
+        check_frequency(self.frequency, target.frequency_step)
         check_time(self.dwell, self.frequency)
         least = LEAST_DRIFT_POINTS * self.dwell
         if not least <= self.drift_time <= LARGEST_DRIFT_TIME:
@@ -83,8 +83,8 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
                 f" {LARGEST_DRIFT_TIME:g} s; give one inside"
             )
 
-    def loads_to_tell(self) -> Loads:
-        return Loads(self.loads)
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads(self.loads)
 
     def plan(self, target: Target) -> Plan[CharacteriseStep]:
         """All points: every load up, every load down, then the middle one several times."""
@@ -120,7 +120,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         return Report(partial(print_characteristics, result), partial(plot_characteristics, result, simulated))
 
 
-class Characterising(Loaded):
+class Characterising(DynamicLoadWork):
     """The bench work: loads up, loads down, then one load that is held."""
 
     def __init__(self, lab: Lab, record: Recorder, asked: Characterisation) -> None:
@@ -131,7 +131,7 @@ class Characterising(Loaded):
     def arrange(self, step: CharacteriseStep) -> None:
         self.press(get_sample(self._asked.sample))
 
-    def take(self, step: CharacteriseStep) -> Taken[FilmsPoint]:
+    def take(self, step: CharacteriseStep) -> Measurement[FilmsPoint]:
         clock = self.lab.bench.clock
         if self._held_ns is None:
             self.set(step.load_N, step.what)
@@ -141,7 +141,7 @@ class Characterising(Loaded):
             self._held_ns = clock.now_ns()
         measured = self.held(step.load_N, step.what, self._asked.dwell, compare=False)
         time = 0.0 if self._held_ns is None else 1e-9 * (clock.now_ns() - self._held_ns)
-        return Taken(_point(step, time, measured), measured.waveforms(self.lab.design))
+        return Measurement(_point(step, time, measured), measured.waveforms(self.lab.design))
 
 
 def _point(step: CharacteriseStep, time: float, measured: FilmPoint) -> FilmsPoint:

@@ -16,7 +16,7 @@ from palpate.procedures.measurements.characterise.result import (
     Characteristic,
 )
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
-from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -53,8 +53,7 @@ def _definitions(result: CharacteriseResult) -> Table:
 
 def plot_characteristics(result: CharacteriseResult, simulated: bool, folder: Path) -> Path:
     """Plot voltages over the load, both ways, and over time under one load. Returns the PNG file."""
-    figure, (left, right) = new_figure(simulated, 2)
-    figure.suptitle(f"{STAMP + ': ' if simulated else ''}films under load, and while it is held")
+    figure, (left, right) = new_figure(simulated, 2, "films under load, and while it is held")
     for number, film in enumerate(result.films):
         color = f"C{number}"
         for direction, marker in ((LOADING, "^"), (UNLOADING, "v")):

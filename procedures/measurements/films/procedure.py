@@ -20,14 +20,14 @@ from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Finished, Loads, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import films_path, keep
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
-from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, PeakLoads, ValidDays
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
@@ -51,8 +51,8 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
     name = "calibrate-films"
     point = PressedPoint
     calibrating = "films"
-    by_hand = "stands the pin on the teeth"
-    added = frozenset({"extrapolate"})
+    manual_work = "stands the pin on the teeth"
+    newer_settings = frozenset({"extrapolate"})
 
     loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
     frequencies: Annotated[tuple[float, ...], Setting("Hz", "Frequencies of the load.")] = (10.0,)
@@ -68,7 +68,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
                 outside its limits, frequencies repeat, the validity is outside its limits, or the bench has too few
                 sensor nodes.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         if len(self.loads) < FEWEST:
             raise RangeError(f"{len(self.loads)} loads cannot show linearity and scatter; use at least {FEWEST}")
         check_force(self.loads, target.force_limit)
@@ -77,13 +77,13 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             given = ", ".join(f"{frequency:g}" for frequency in self.frequencies) or "none"
             raise RangeError(f"frequencies (Hz): {given}; give at least one, and each only once")
         for frequency in self.frequencies:
-            check_frequency(frequency)
+            check_frequency(frequency, target.frequency_step)
             check_time(self.dwell, frequency)
         if not 1 <= self.valid_days <= LONGEST_VALIDITY:
             raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
 
-    def loads_to_tell(self) -> Loads:
-        return Loads(self.loads, self.extrapolate)
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads(self.loads, self.extrapolate)
 
     def plan(self, target: Target) -> Plan[PressStep]:
         """All points: every load at every frequency on every tooth."""
@@ -115,7 +115,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
         }
         return FilmResult(calibrate_films(lab.design, readings, lab.calibration, about), points)
 
-    def keep(self, done: Finished[FilmResult]) -> Kept:
+    def save_calibration(self, done: Finished[FilmResult]) -> Kept:
         found = done.result.calibration
         path = films_path(found.device, found.design)
         keep(found, done.folder, done.replayed, path)
@@ -127,7 +127,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
         return Report(partial(print_films, result, lab.design), partial(plot_films, result, lab.design))
 
 
-class Pressing(Loaded):
+class Pressing(DynamicLoadWork):
     """The bench work: presses one tooth after the other with a pin."""
 
     def __init__(self, lab: Lab, record: Recorder, series: FilmSeries) -> None:
@@ -142,7 +142,7 @@ class Pressing(Loaded):
         bench.operator.press_tooth(step.tooth - 1)
         self._preloaded = lower(bench, self.lab.calibration, self.preload, f"tooth {step.tooth}")
 
-    def take(self, step: PressStep) -> Taken[PressedPoint]:
+    def take(self, step: PressStep) -> Measurement[PressedPoint]:
         if self._driven != (step.tooth, step.frequency_Hz):
             self._driven = step.tooth, step.frequency_Hz
             self.films.set_frequency(step.frequency_Hz)
@@ -163,7 +163,7 @@ class Pressing(Loaded):
             flags=measured.flags,
         )
         why = f"{step.what}: the point is flagged ({', '.join(measured.flags)}); remove the cause and calibrate again"
-        return Taken(point, measured.waveforms(design), None if measured.valid else DeviceError(why))
+        return Measurement(point, measured.waveforms(design), None if measured.valid else DeviceError(why))
 
 
 def _voltages(design: Design, tooth: int, fit: SineFit) -> npt.NDArray[np.float64]:

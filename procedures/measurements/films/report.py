@@ -9,7 +9,7 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.films.result import FilmResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
-from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 
 def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path) -> None:
@@ -58,8 +58,7 @@ def _rigid(design: Design) -> list[str]:
 def plot_films(result: FilmResult, design: Design, folder: Path) -> Path:
     """Plot each film's voltages against the load, with its line, and their deviation from it; returns the PNG file."""
     c = result.calibration
-    figure, (left, right) = new_figure(c.simulated, 2)
-    figure.suptitle(f"{STAMP + ': ' if c.simulated else ''}film calibration, design {c.design}")
+    figure, (left, right) = new_figure(c.simulated, 2, f"film calibration, design {c.design}")
     for number, (film, own) in enumerate(zip(c.films, design.films, strict=True)):
         mine = [p for p in result.points if p.tooth - 1 in own.teeth]
         load = [p.load_measured_N for p in mine]

@@ -10,15 +10,17 @@ from typing import Annotated
 
 import numpy as np
 
+from palpate.instrument.contracts import signal_generator
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.frequency_response import TACTILE
 from palpate.procedures.engine.plan import FIRST_STEPS, Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.frequency.result import (
     FEWEST,
     FilmResponse,
@@ -26,11 +28,9 @@ from palpate.procedures.measurements.frequency.result import (
     FrequencyResult,
     evaluate,
 )
-from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import Extrapolate, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import (
-    FREQUENCY_STEP,
     check_end,
     check_force,
     check_frequency,
@@ -43,6 +43,7 @@ from palpate.procedures.steps.probe import press
 
 DEFAULT = "0.1 Hz:100 Hz:13"
 RANGE = (0.1, 100.0)  # Hz
+FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz, of frequencies that are spread over a range
 MOST = 200  # greatest number of frequencies
 CYCLES = 3  # least number of cycles in a dwell
 
@@ -60,9 +61,9 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
 
     name = "sweep-frequency"
     point = FrequencyPoint
-    continues = True
+    resumable_on_real_bench = True
     pausable = True
-    added = frozenset({"extrapolate"})
+    newer_settings = frozenset({"extrapolate"})
 
     frequencies: Annotated[tuple[float, ...], Setting("Hz", "Increasing frequencies of the load.")] = field(
         default_factory=lambda: parse_frequencies(DEFAULT)
@@ -80,7 +81,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
                 them, the load exceeds the force limit, the dwell is not finite, or the bench has too few sensor nodes.
             UnknownName: there is no such sample.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         get_sample(self.sample)
         check_force((self.load,), target.force_limit)
         check_end(self.dwell)
@@ -88,11 +89,11 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
             raise RangeError(f"{len(self.frequencies)} frequencies do not show a corner; give {FEWEST} or more")
         check_increasing("frequencies", self.frequencies, "Hz")
         for frequency in self.frequencies:
-            check_frequency(frequency, RANGE)
+            check_frequency(frequency, target.frequency_step, RANGE)
             check_time(dwell_at(frequency, self.dwell), frequency)
 
-    def loads_to_tell(self) -> Loads:
-        return Loads((self.load,), self.extrapolate)
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads((self.load,), self.extrapolate)
 
     def plan(self, target: Target) -> Plan[FrequencyStep]:
         """All points: every frequency, from low to high."""
@@ -117,7 +118,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(Loaded):
+class Sweeping(DynamicLoadWork):
     """The bench work: one load on one sample, set again at each frequency."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: FrequencySweep) -> None:
@@ -129,13 +130,13 @@ class Sweeping(Loaded):
         sample = get_sample(self._sweep.sample)
         self._preloaded = press(self.lab.bench, self.lab.calibration, sample, self.preload)
 
-    def take(self, step: FrequencyStep) -> Taken[FrequencyPoint]:
+    def take(self, step: FrequencyStep) -> Measurement[FrequencyPoint]:
         self.films.set_frequency(step.frequency_Hz)
         self.hold(self._preloaded)
         dwell = dwell_at(step.frequency_Hz, self._sweep.dwell)
         measured = self.measured(self._sweep.load, step.what, dwell, compare=False)
         point = _point(self.lab.design, step.frequency_Hz, measured, self.servo.amplitude)
-        return Taken(point, measured.waveforms(self.lab.design))
+        return Measurement(point, measured.waveforms(self.lab.design))
 
 
 def parse_frequencies(text: str) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.frequency.result import FrequencyResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 
 def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot: Path) -> None:
@@ -56,8 +56,7 @@ def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot:
 
 def plot_sweep(result: FrequencyResult, design: Design, simulated: bool, folder: Path) -> Path:
     """Plot gains and phases with the band of touch, and the drive's response; returns the PNG file."""
-    figure, (left, middle, right) = new_figure(simulated, 3)
-    figure.suptitle(f"{STAMP + ': ' if simulated else ''}frequency response, design {design.name}")
+    figure, (left, middle, right) = new_figure(simulated, 3, f"frequency response, design {design.name}")
     frequency = [p.frequency_Hz for p in result.points]
     for i, (marker, film) in enumerate(zip(itertools.cycle(MARKERS), design.films)):
         responses = [p.films[i] for p in result.points]

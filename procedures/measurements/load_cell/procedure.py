@@ -16,7 +16,7 @@ from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, calib
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.quantity import show
 from palpate.procedures.engine.plan import Plan, Step
-from palpate.procedures.engine.procedure import Finished, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep, load_cell_path
 from palpate.procedures.lab.lab import Lab, Target
@@ -71,9 +71,9 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     name = "calibrate-load-cell"
     point = LoadCellPoint
     calibrating = "load cell"
-    by_hand = "places the weights"
+    manual_work = "places the weights"
     constants = MappingProxyType({"repeats": REPEATS})
-    added = frozenset({"runs", "positions", "degree", "creep", "valid_days"})
+    newer_settings = frozenset({"runs", "positions", "degree", "creep", "valid_days"})
 
     loads: Annotated[tuple[float, ...], Setting("N", "Increasing weights.")] = LOADS
     runs: Annotated[int, Setting(help="Runs up and down in each position; 2 give repeatability.")] = 1
@@ -163,7 +163,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         )
         return LoadCellResult(calibration, points)
 
-    def keep(self, done: Finished[LoadCellResult]) -> Kept:
+    def save_calibration(self, done: Finished[LoadCellResult]) -> Kept:
         from palpate.procedures.measurements.load_cell.certificate import write_certificate
 
         found = done.result.calibration
@@ -196,7 +196,7 @@ class Weighing:
         if len(self._series.positions) > 1:
             self._bench.operator.turn_load_cell(step.position_deg)
 
-    def take(self, step: WeightStep) -> Taken[LoadCellPoint]:
+    def take(self, step: WeightStep) -> Measurement[LoadCellPoint]:
         if step.creep_s:
             self._creep(step)
         else:
@@ -210,7 +210,7 @@ class Weighing:
             self._span_mV = point.reading_mV - self._zero_mV
         elif step.direction == ZERO_AFTER:
             error = self._drift(self._zero_mV, point.reading_mV, self._span_mV)
-        return Taken(point, error=error)
+        return Measurement(point, error=error)
 
     def end(self) -> None:
         if self._series.creep:

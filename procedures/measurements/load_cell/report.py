@@ -9,7 +9,7 @@ from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
 from palpate.procedures.showing.figure import new_figure, save
-from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 
 def print_load_cell(result: LoadCellResult, outcome: Outcome, plot: Path) -> None:
@@ -72,8 +72,7 @@ def _held(found: Classification) -> str:
 
 def plot_load_cell(result: LoadCellResult, simulated: bool, folder: Path) -> Path:
     """Plot the readings with the curve, and their deviation from it; returns the PNG file."""
-    figure, (left, right) = new_figure(simulated, 2)
-    figure.suptitle(f"{STAMP + ': ' if simulated else ''}load-cell calibration")
+    figure, (left, right) = new_figure(simulated, 2, "load-cell calibration")
     c = result.calibration
     for direction, marker in (("loading", "^"), ("unloading", "v")):
         load = [p.load_N for p in result.points if p.direction == direction]

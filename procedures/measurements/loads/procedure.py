@@ -18,10 +18,10 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import Dwell, Floor, check_target, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
-from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoads
 from palpate.procedures.records.record import Recorder
@@ -44,9 +44,9 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
 
     name = "sweep-loads"
     point = LoadPoint
-    continues = True
+    resumable_on_real_bench = True
     pausable = True
-    added = frozenset({"tolerance", "extrapolate"})
+    newer_settings = frozenset({"tolerance", "extrapolate"})
 
     samples: Annotated[tuple[str, ...], Setting(help="Rubber samples, in order.")] = ("1", "2", "3", "4", "5", "6")
     loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
@@ -66,22 +66,22 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
                 the tolerance, or the bench has too few sensor nodes.
             UnknownName: there is no such sample.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         for sample in self.samples:
             get_sample(sample)
         if len(set(self.samples)) < len(self.samples):
             raise RangeError(f"samples {list(self.samples)}: one is named twice; name each sample once")
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
-        check_frequency(self.frequency)
+        check_frequency(self.frequency, target.frequency_step)
         if self.tolerance is None:
             check_time(self.dwell, self.frequency)
         else:
             for sample in self.samples:
                 check_target(self.tolerance, floor_of(target.design, expected_ratio(target.design, sample)))
 
-    def loads_to_tell(self) -> Loads:
-        return Loads(self.loads, self.extrapolate)
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads(self.loads, self.extrapolate)
 
     def plan(self, target: Target) -> Plan[LoadStep]:
         """All points: every load on every sample."""
@@ -112,7 +112,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(Loaded):
+class Sweeping(DynamicLoadWork):
     """The bench work: one load after the other on each sample."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep) -> None:
@@ -122,10 +122,10 @@ class Sweeping(Loaded):
     def arrange(self, step: LoadStep) -> None:
         self.press(get_sample(step.sample))
 
-    def take(self, step: LoadStep) -> Taken[LoadPoint]:
+    def take(self, step: LoadStep) -> Measurement[LoadPoint]:
         measured = self.measured(step.load_N, step.what, self._dwell)
         point = _point(self.lab.design, self.lab.calibration, step, measured)
-        return Taken(point, measured.waveforms(self.lab.design))
+        return Measurement(point, measured.waveforms(self.lab.design))
 
 
 def _chosen(design: Design, target: float) -> DwellChoice:

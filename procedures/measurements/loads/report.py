@@ -14,7 +14,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import STAMP, new_table, number, percent, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, number, percent, print_all, stamped, where
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -108,8 +108,7 @@ def _teeth(result: SweepResult, simulated: bool) -> Table:
 
 def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Path) -> Path:
     """Plot force ratios over loads, and the means beside the thesis' means. Returns the PNG file."""
-    figure, (left, right) = new_figure(simulated, 2)
-    figure.suptitle(f"{STAMP + ': ' if simulated else ''}force ratio, design {design.name}")
+    figure, (left, right) = new_figure(simulated, 2, f"force ratio, design {design.name}")
     for marker, mean in zip(itertools.cycle(MARKERS), result.samples):
         points = [p for p in result.points if p.sample == mean.sample]
         left.errorbar(

@@ -11,14 +11,13 @@ from typing import Annotated
 import numpy as np
 
 from palpate.drivers.roles import LoadIndicator, Positioner
-from palpate.instrument.contracts import positioner
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
 from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
 from palpate.instrument.findings.load_line import LEAST_POINTS, Series
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import APPROACH, MOUNTING, Plan, Step
-from palpate.procedures.engine.procedure import Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.modulus.result import DisplaysPoint, ModulusResult
@@ -28,7 +27,6 @@ from palpate.procedures.steps.indicator import READING_INTERVAL, TRACK_SETTLING,
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.probe import check_zero, finish, preload, withdraw
 
-TRAVEL = positioner.CONTRACT["target"].maximum or math.inf  # m
 LARGEST_STRAIN = 0.6
 LARGEST_STEPS = 100
 LEAST_LOAD = 4.0  # least load at the largest strain, in steps of the indicator
@@ -57,8 +55,8 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
 
     name = "test-modulus"
     point = DisplaysPoint
-    by_hand = "lays the sample on the support"
-    added = frozenset({"extrapolate"})
+    manual_work = "lays the sample on the support"
+    newer_settings = frozenset({"extrapolate"})
 
     sample: SampleName
     strain: Annotated[float, Setting(help="Largest strain, such as 30 %.")] = 0.3
@@ -83,10 +81,10 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
                 f"steps {self.steps} is outside {LEAST_POINTS} to {LARGEST_STEPS}, which give a line with its "
                 "uncertainty; give a number inside"
             )
-        if not sample.thickness <= TRAVEL:
+        if target.travel is not None and not sample.thickness <= target.travel:
             raise RangeError(
                 f"sample {sample.name!r} is {show(sample.thickness, 'm')} thick, beyond the positioner's travel of"
-                f" {show(TRAVEL, 'm')}; test a thinner sample"
+                f" {show(target.travel, 'm')}; test a thinner sample"
             )
         force = _force(sample, self.strain)
         if force > target.force_limit:
@@ -155,12 +153,12 @@ class Compressing:
         positions = self._on_support() if step.series == BARE_SUPPORT else self._on_sample()
         self._positions = np.round(positions / POSITION_STEP) * POSITION_STEP
 
-    def take(self, step: CompressionStep) -> Taken[DisplaysPoint]:
+    def take(self, step: CompressionStep) -> Measurement[DisplaysPoint]:
         position = float(self._positions[step.number - 1])
         what = f"{step.series}, {1e3 * position:.3f} mm"
         shown = carry_out(self._bench, what, partial(self._pressed, position))
         mean = math.fsum(shown) / len(shown)
-        return Taken(DisplaysPoint(step.series, position, mean, tuple(shown), self._bench.incidents.new()))
+        return Measurement(DisplaysPoint(step.series, position, mean, tuple(shown), self._bench.incidents.new()))
 
     def end(self) -> None:
         finish(self._bench, self._calibration)

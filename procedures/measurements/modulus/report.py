@@ -12,7 +12,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, OUTSIDE, legend
-from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -51,8 +51,7 @@ def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
 
 def plot_modulus(result: ModulusResult, simulated: bool, folder: Path) -> Path:
     """Plot stress and secant modulus against strain, with the thesis' values; returns the PNG file."""
-    figure, (left, right) = new_figure(simulated, 2)
-    figure.suptitle(f"{STAMP + ': ' if simulated else ''}compression of sample {result.sample.name}")
+    figure, (left, right) = new_figure(simulated, 2, f"compression of sample {result.sample.name}")
     for direction, marker in (("loading", "^"), ("unloading", "v")):
         points = [p for p in result.compression.points if p.direction == direction]
         strain, strain_u = [p.strain for p in points], [p.strain_u for p in points]

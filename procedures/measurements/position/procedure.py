@@ -16,10 +16,10 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
@@ -46,8 +46,9 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     name = "sweep-position"
     point = PositionPoint
     pausable = True
-    by_hand = "sets the point probe"
-    added = frozenset({"extrapolate"})
+    manual_work = "sets the point probe"
+    automated_by = "probe_stage"
+    newer_settings = frozenset({"extrapolate"})
 
     positions: Annotated[tuple[float, ...], Setting("m", "Increasing positions along the centre line.")] = tuple(
         round(2e-3 * number, 12) for number in range(13)
@@ -66,7 +67,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
                 the force limit in N, a frequency or dwell that gives no estimate, or too few sensor nodes.
             UnknownName: an unknown sample.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         sample = get_sample(self.sample)
         if len(self.positions) < FEWEST:
             raise RangeError(f"{len(self.positions)} positions are too few for a sweep; give {FEWEST} or more")
@@ -75,11 +76,11 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
             check_place(target.design, position)
             tooth_shares(target.design, sample, _at(target.design, position))
         check_force((self.load,), target.force_limit)
-        check_frequency(self.frequency)
+        check_frequency(self.frequency, target.frequency_step)
         check_time(self.dwell, self.frequency)
 
-    def loads_to_tell(self) -> Loads:
-        return Loads((self.load,), self.extrapolate)
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads((self.load,), self.extrapolate)
 
     def plan(self, target: Target) -> Plan[PositionStep]:
         """Every position, from left to right."""
@@ -103,7 +104,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(Loaded):
+class Sweeping(DynamicLoadWork):
     """A position sweep on the bench: the point probe presses at one place after the other."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: PositionSweep) -> None:
@@ -114,14 +115,14 @@ class Sweeping(Loaded):
     def arrange(self, step: PositionStep) -> None:
         mount(self.lab.bench, self._sample)
 
-    def take(self, step: PositionStep) -> Taken[PositionPoint]:
+    def take(self, step: PositionStep) -> Measurement[PositionPoint]:
         bench, design, position = self.lab.bench, self.lab.design, self._places[step.position_mm]
         withdraw(bench)
         bench.operator.place_probe(*_at(design, position))
         onto = f"sample {self._sweep.sample} at {step.what}"
         self.hold(lower(bench, self.lab.calibration, self.preload, onto))
         measured = self.measured(self._sweep.load, step.what, self._sweep.dwell)
-        return Taken(_point(design, self._sample, position, measured), measured.waveforms(design))
+        return Measurement(_point(design, self._sample, position, measured), measured.waveforms(design))
 
 
 def _at(design: Design, position: float) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.position.result import DOUBT, PositionResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
 
 
 def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: Path) -> None:
@@ -42,8 +42,7 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
 
 def plot_sweep(result: PositionResult, design: Design, simulated: bool, folder: Path) -> Path:
     """Shares along the base beside model and thesis, and the found place against the set one; returns the PNG."""
-    figure, (left, right) = new_figure(simulated, 2)
-    figure.suptitle(f"{STAMP + ': ' if simulated else ''}a point load along the base, design {design.name}")
+    figure, (left, right) = new_figure(simulated, 2, f"a point load along the base, design {design.name}")
     x = [p.position_mm for p in result.points]
     for side, color in (("left", "tab:blue"), ("right", "tab:orange")):
         share, share_u, model, thesis = (

@@ -17,10 +17,10 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
@@ -62,16 +62,17 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         """
         names = [each.name for each in self.objects]
         if not names or len(set(names)) < len(names):
-            raise RangeError(f"objects {names}: give at least one, and each only once")
+            told = f"'{', '.join(names)}'"
+            raise RangeError(f"objects {told}: give at least one, and each only once")
         if len({each.thickness for each in self.objects}) > 1:
             raise RangeError(
                 "the objects have different thicknesses, each of which needs its own ratio curve; measure them in "
                 "separate runs"
             )
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
-        check_frequency(self.frequency)
+        check_frequency(self.frequency, target.frequency_step)
         check_time(self.dwell, self.frequency)
         question = self._question(target.design)
         if self.model not in SLOW:
@@ -80,8 +81,8 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
             for each in self.objects:
                 response(target.design, Load(1.0, each), target.model)
 
-    def loads_to_tell(self) -> Loads:
-        return Loads(self.loads)
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads(self.loads)
 
     def plan(self, target: Target) -> Plan[TouchStep]:
         """All points: every load on every object."""
@@ -108,7 +109,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         return Report(partial(print_softness, result), partial(plot_softness, result, lab.bench.simulated))
 
 
-class Touching(Loaded):
+class Touching(DynamicLoadWork):
     """The bench work: one load after the other on each object."""
 
     def __init__(self, lab: Lab, record: Recorder, test: SoftnessTest) -> None:
@@ -119,7 +120,7 @@ class Touching(Loaded):
     def arrange(self, step: TouchStep) -> None:
         self.press(self._objects[step.object])
 
-    def take(self, step: TouchStep) -> Taken[SoftnessPoint]:
+    def take(self, step: TouchStep) -> Measurement[SoftnessPoint]:
         design = self.lab.design
         measured = self.measured(step.load_N, step.what, self._dwell)
         forces = film_forces(design, measured.fit)
@@ -137,7 +138,7 @@ class Touching(Loaded):
             pickup_u=forces.pickup_u,
             degrees_of_freedom=forces.degrees_of_freedom,
         )
-        return Taken(point, measured.waveforms(design))
+        return Measurement(point, measured.waveforms(design))
 
 
 def default_model(design: Design) -> str:

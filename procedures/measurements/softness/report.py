@@ -10,7 +10,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.softness.result import Softness, SoftnessResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, legend
-from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
 
 
 def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None:
@@ -44,8 +44,7 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
 
 def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path:
     """Plot ratios over loads, and the moduli with their intervals. Returns the PNG file."""
-    figure, (left, right) = new_figure(simulated, 2)
-    figure.suptitle(f"{STAMP + ': ' if simulated else ''}softness by model {result.model}")
+    figure, (left, right) = new_figure(simulated, 2, f"softness by model {result.model}")
     for each in result.objects:
         points = [p for p in result.points if p.object == each.object]
         left.errorbar(

@@ -21,10 +21,10 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimators import boxcar, rms
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.measurements.temperature.result import (
     FEWEST,
@@ -62,8 +62,9 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
     name = "sweep-temperature"
     point = TemperaturePoint
     pausable = True
-    by_hand = "warms the sensor"
-    added = frozenset({"extrapolate"})
+    manual_work = "warms the sensor"
+    automated_by = "chamber"
+    newer_settings = frozenset({"extrapolate"})
 
     temperatures: Annotated[tuple[float, ...], Setting("K", "Temperatures relative to the start, in order.")] = (
         0.0,
@@ -89,7 +90,7 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
                 bench has too few sensor nodes.
             UnknownName: there is no such sample.
         """
-        check_nodes(target.design, target.nodes)
+        check_nodes(target.design, target.nodes, target.channels)
         get_sample(self.sample)
         changes = steps_of(self.temperatures)
         if len(set(changes)) < FEWEST or len(changes) > MOST:
@@ -106,11 +107,11 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
                     " which the films bear; give one inside"
                 )
         check_force((self.load,), target.force_limit)
-        check_frequency(self.frequency)
+        check_frequency(self.frequency, target.frequency_step)
         check_time(self.dwell, self.frequency)
 
-    def loads_to_tell(self) -> Loads:
-        return Loads((self.load,), self.extrapolate)
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads((self.load,), self.extrapolate)
 
     def plan(self, target: Target) -> Plan[TemperatureStep]:
         """All points: every temperature, in the given order."""
@@ -136,7 +137,7 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(Loaded):
+class Sweeping(DynamicLoadWork):
     """The bench work: one load on one sample, measured as soon as each temperature is set."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: TemperatureSweep) -> None:
@@ -146,7 +147,7 @@ class Sweeping(Loaded):
     def arrange(self, step: TemperatureStep) -> None:
         self.press(get_sample(self._sweep.sample))
 
-    def take(self, step: TemperatureStep) -> Taken[TemperaturePoint]:
+    def take(self, step: TemperatureStep) -> Measurement[TemperaturePoint]:
         bench = self.lab.bench
         carry_out(bench, "outputs off", bench.rest)
         bench.clock.wait(max(self._sweep.soak - BEFORE, 0.0))
@@ -155,7 +156,7 @@ class Sweeping(Loaded):
         added = after_change(self.films, before)
         carry_out(bench, "outputs on", bench.drive)
         measured = self.measured(self._sweep.load, step.what, self._sweep.dwell)
-        return Taken(_point(self.lab.design, step, added, measured), measured.waveforms(self.lab.design))
+        return Measurement(_point(self.lab.design, step, added, measured), measured.waveforms(self.lab.design))
 
 
 def steps_of(temperatures: Sequence[float]) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.temperature.result import TemperatureResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 
 def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plot: Path) -> None:
@@ -40,8 +40,7 @@ def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plo
 
 def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folder: Path) -> Path:
     """Plot the apparent force of each film, and the errors of the ratio, against the change; returns the PNG file."""
-    figure, (left, right) = new_figure(simulated, 2)
-    figure.suptitle(f"{STAMP + ': ' if simulated else ''}warming films, design {design.name}")
+    figure, (left, right) = new_figure(simulated, 2, f"warming films, design {design.name}")
     change = [p.step_K for p in result.points]
     for i, (marker, film) in enumerate(zip(itertools.cycle(MARKERS), design.films)):
         left.plot(change, [p.films[i].offset_N for p in result.points], marker, ms=5, label=film.name)

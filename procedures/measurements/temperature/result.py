@@ -11,8 +11,8 @@ import numpy as np
 
 from palpate.instrument.findings.film_forces import scatter_covariance
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.uncertainty.budget import Budget
-from palpate.instrument.uncertainty.interpolation import interpolate
+from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
 
 FEWEST = 3  # least number of different changes for a slope
 
@@ -84,7 +84,7 @@ class TemperatureResult:
         ratio_per_K: relative slope of the force ratio by the fit with a trend, with its standard uncertainty [1/K].
         largest_lock_in: largest relative error of the ratio by a lock-in amplifier.
         largest_rms: largest relative error of the ratio by a voltmeter.
-        budgets: none.
+        budgets: uncertainty budget of each slope.
     """
 
     points: list[TemperaturePoint]
@@ -122,21 +122,39 @@ def evaluate(points: Sequence[TemperaturePoint], design: Design) -> TemperatureR
     if len(set(warmth)) < FEWEST:
         return TemperatureResult(list(points), dict.fromkeys(film.name for film in design.films), None, None, None)
 
-    def slope(values: Sequence[float], u: float) -> tuple[float, float]:
-        line = interpolate(warmth, values, u)
-        return float(line.coefficients[1]), math.sqrt(float(line.covariance[1, 1]))
+    offsets: dict[str, tuple[float, float] | None] = {}
+    budgets = []
+    for i, (film, film_u) in enumerate(zip(design.films, map(float, gain_u(design)), strict=True)):
+        line = interpolate(warmth, [point.films[i].offset_N for point in valid], 0.0)
+        value, line_u = _slope(line)
+        # An error of the gain is common to all rows, so residuals miss it.
+        offsets[film.name] = value, math.hypot(line_u, film_u * value)
+        gain = Component("gain of the film", film_u, sensitivity=value)
+        budgets.append(Budget(f"offset of film {film.name}", value, "N/K", (_about(line), gain)))
 
-    def offset(i: int, own_u: float) -> tuple[float, float]:
-        value, u = slope([point.films[i].offset_N for point in valid], 0.0)
-        return value, math.hypot(u, own_u * value)  # an error of the gain is common to all rows, so residuals miss it
-
-    gains_u = gain_u(design)
     mean = math.fsum(point.force_ratio for point in valid) / len(valid)
     u = max(point.force_ratio_u for point in valid) / mean
+    line = interpolate(warmth, [point.force_ratio / mean for point in valid], u)
+    ratio = _slope(line)
+    budgets.append(Budget("change of the force ratio with a trend", ratio[0], "1/K", (_about(line),)))
     return TemperatureResult(
         points=list(points),
-        offsets={film.name: offset(i, float(gains_u[i])) for i, film in enumerate(design.films)},
-        ratio_per_K=slope([point.force_ratio / mean for point in valid], u),
+        offsets=offsets,
+        ratio_per_K=ratio,
         largest_lock_in=max((point.error_lock_in for point in valid), key=abs),
         largest_rms=max((point.error_rms for point in valid), key=abs),
+        budgets=tuple(budgets),
     )
+
+
+def _slope(line: Interpolation) -> tuple[float, float]:
+    """The slope of a line and its standard uncertainty."""
+    return float(line.coefficients[1]), math.sqrt(float(line.covariance[1, 1]))
+
+
+def _about(line: Interpolation) -> Component:
+    """What the points of a line leave open of its slope."""
+    _, u = _slope(line)
+    if not line.by_scatter:
+        return Component("points of the line", u)
+    return Component("scatter about the line", u, degrees_of_freedom=line.degrees_of_freedom, kind="A")

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 GOAL = 0.012  # as for Table A2.1
 BEAMS = ("beam", "beam_printed")
-# Of each column: design, models, table with the theory itself, whether the error is percent of the experiment.
+# Each column has: design, models, table with the theory itself, whether the error is percent of the experiment.
 COLUMNS: dict[str, tuple[str, tuple[str, ...], str | None, bool]] = {
     "single_vs_3D": ("single", ("axisymmetric", "solid"), "A2.1", False),
     "single_vs_2D": ("single", BEAMS, None, False),

@@ -25,7 +25,7 @@ from palpate.procedures.reproduce.figures.ratios import COMMON, DIFFERENT, THREE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# As in the thesis: squares, circles and diamonds.
+# Squares, circles and diamonds, as the thesis has them.
 ARRANGEMENTS = {
     "single": ("s", "single sensor"),
     "common_base": ("o", "common base"),

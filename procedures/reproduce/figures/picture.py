@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.instrument.thesis import contents
-from palpate.procedures.records.run import storing
+from palpate.procedures.showing.figure import write
 from palpate.procedures.showing.text import STAMP
 
 if TYPE_CHECKING:
@@ -68,6 +68,5 @@ def save(figure: Figure, number: str, caption: str, folder: Path) -> Picture:
     """Write the drawing as PNG, named after its number. Raises RecordError."""
     kind, place = number.split()
     file = folder / f"{kind.lower()}_{place.replace('.', '_')}.png"
-    with storing(file):
-        figure.savefig(file, dpi=110, metadata={"Software": None})
+    write(figure, file, dpi=110)
     return Picture(number, caption, file)

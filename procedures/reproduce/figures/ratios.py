@@ -33,7 +33,7 @@ APART = (
 TWO = Line("2D", "single", "beam")
 THREE = Line("3D", "single", "axisymmetric")
 SINGLE = Line("single sensor", "single", "axisymmetric")
-# By the model and parameter set of the pair beside which it is drawn.
+# The model and parameter set are those of the pair beside which it is drawn.
 SINGLE_SOLID = Line("single sensor", "single", "solid")
 COMMON = Line("common base", "common_base", "solid")
 DIFFERENT = Line("different bases", "different_base", "solid")

@@ -85,7 +85,7 @@ def draw(measured: Measured, folder: Path) -> Picture:
 
 
 def _arrow(axes: Axes, device: float, rig: float, words: str, back: bool = False) -> None:
-    """From a device at its height to a part of the rig, or back."""
+    """Draw an arrow from a device to a part of the rig at the same height, or back."""
     ends = [(DEVICE + BOX[0] / 2, device), (RIG - BOX[0] / 2, rig)]
     start, end = reversed(ends) if back else ends
     axes.annotate("", end, start, arrowprops=ARROW)

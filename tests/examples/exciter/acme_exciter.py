@@ -79,5 +79,6 @@ class SimulatedExciter(SimulatedDevice):
 
 
 KIND = DeviceKind(
-    CONTRACT, ("modbus-tcp",), "acme_exciter:AcmeExciter", "acme_exciter:SimulatedExciter", roles=("exciter",)
-)
+    CONTRACT, ("modbus-tcp",), "acme_exciter:AcmeExciter", "acme_exciter:SimulatedExciter", roles=("exciter",),
+    frequency_step=CONTRACT["frequency"].scale,
+)  # fmt: skip

@@ -97,12 +97,17 @@ class SimulatedLogger(SimulatedDevice):
         if count:
             volts = self.rig.film_voltages(self.began_ns + step * np.arange(1, count + 1), step)
             for film, signal in zip(self.rig.scene.design.films, volts, strict=True):
-                channel = place(film.channel)[1]
+                channel = place(film.channel, CHANNELS)[1]
                 full = list(RANGES.values())[int(self.settings[f"range_{channel}"])]
                 self.memory[:, channel - 1] = np.clip(np.round(signal / full * FULL), -FULL, FULL)
         return self.memory
 
 
 KIND = DeviceKind(
-    CONTRACT, ("modbus-tcp",), "acme_logger:Logger", "acme_logger:SimulatedLogger", roles=("sensor_node",)
+    CONTRACT,
+    ("modbus-tcp",),
+    "acme_logger:Logger",
+    "acme_logger:SimulatedLogger",
+    roles=("sensor_node",),
+    channels=CHANNELS,
 )

@@ -20,6 +20,9 @@ class Oven(ModbusDevice):
     def warm(self, kelvin: float) -> None:
         self.set(setpoint=ROOM + kelvin, heater="on" if kelvin else "off")
 
+    def off(self) -> None:
+        self.set(setpoint=ROOM, heater="off")
+
     def temperature(self) -> float:
         return self.get("temperature")
 

@@ -14,3 +14,6 @@ class TestOven(GoldenFrames, OnTheBench, ModbusConformance):
         assert device.temperature() == 32.5
         device.warm(0)
         assert device.temperature() == 20.0
+        device.warm(12.5)
+        device.off()
+        assert device.temperature() == 20.0

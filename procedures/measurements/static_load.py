@@ -9,7 +9,7 @@ from palpate.procedures.steps.indicator import read_indicator
 from palpate.procedures.steps.probe import finish, press
 
 
-class Pressed:
+class StaticLoadWork:
     """Presses on a sample with a preload [N]. Each group of steps begins with mounting the sample again."""
 
     def __init__(self, lab: Lab, sample: str, force: float) -> None:

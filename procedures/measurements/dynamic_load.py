@@ -1,11 +1,11 @@
 """The bench work that all procedures with films under a dynamic load share.
 
-class _Sweeping(Loaded):
+class _Sweeping(DynamicLoadWork):
     def arrange(self, step):
         self.press(get_sample(step.sample))
     def take(self, step):
         measured = self.measured(step.load_N, step.what, dwell=1.0)
-        return Taken(point_of(measured), measured.waveforms(self.lab.design))
+        return Measurement(point_of(measured), measured.waveforms(self.lab.design))
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from palpate.procedures.steps.probe import check_zero, finish, press, withdraw
 from palpate.procedures.steps.servo import LoadServo
 
 
-class Loaded:
+class DynamicLoadWork:
     """Films set up for loads at a frequency, and a servo for the load once the probe presses on a sample."""
 
     def __init__(

@@ -1,0 +1,88 @@
+"""Checks what the methods of a procedure return, because a procedure of another package may return anything."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from palpate.instrument.errors import ConfigError
+from palpate.procedures.engine.plan import Plan, Step
+from palpate.procedures.engine.procedure import Finished, Measurement, P, Procedure, R, S, Work
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.session import Kept, reserved
+from palpate.procedures.records.record import Recorder
+
+LONGEST = 200  # characters of a value in a message
+
+
+def planned(procedure: Procedure[S, P, R], target: Target) -> Plan[S]:
+    """The procedure's plan. Raises ConfigError: it is no plan of steps."""
+    plan = procedure.plan(target)
+    if not isinstance(plan, Plan):
+        raise _wrong(procedure, f"plan returned {_short(plan)}", "it must return a Plan")
+    if not isinstance(plan.steps, Sequence):
+        raise _wrong(procedure, f"plan returned steps {_short(plan.steps)}", "they must be a list")
+    for step in plan.steps:
+        if not isinstance(step, Step):
+            raise _wrong(procedure, f"plan returned {_short(step)} as a step", "it must be a Step")
+    return plan
+
+
+def begun(procedure: Procedure[S, P, R], lab: Lab, record: Recorder) -> Work[S, P]:
+    """The procedure's work on the bench. Raises ConfigError: it is no work."""
+    work = procedure.begin(lab, record)
+    if not all(callable(getattr(work, name, None)) for name in ("arrange", "take", "end")):
+        raise _wrong(procedure, f"begin returned {_short(work)}", "it must return the work, with arrange, take and end")
+    return work
+
+
+def measured(procedure: Procedure[S, P, R], work: Work[S, P], step: S) -> Measurement[P]:
+    """The next measured step. Raises ConfigError: its point is none of the procedure's."""
+    found = work.take(step)
+    if not isinstance(found, Measurement):
+        raise _wrong(procedure, f"take returned {_short(found)}", "it must return a Measurement")
+    if type(found.point) is not procedure.point:
+        raise _wrong(
+            procedure, f"take returned the point {_short(found.point)}", f"it must be a {procedure.point.__name__}"
+        )
+    return found
+
+
+def evaluated(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> R:
+    """The result of the points.
+
+    Raises:
+        EstimateError: the points give no result.
+        ConfigError: it is no result, or a value of its summary has the name of one that palpate gives.
+    """
+    result = procedure.evaluate(points, lab)
+    if not all(hasattr(result, name) for name in ("points", "budgets", "summary")):
+        raise _wrong(procedure, f"evaluate returned {_short(result)}", "it must return a result, as SimpleResult is")
+    if theirs := sorted(reserved() & result.summary().keys()):
+        raise _wrong(
+            procedure,
+            f"its result has a value {theirs[0]!r}, which palpate gives for every run",
+            "it must have another name",
+        )
+    return result
+
+
+def calibration_saved(procedure: Procedure[S, P, R], done: Finished[R]) -> Kept:
+    """Store a calibration for later runs. Raises RecordError; ConfigError: `save_calibration` returned other keys."""
+    keys = procedure.save_calibration(done)
+    if not isinstance(keys, Mapping) or keys.keys() - Kept.__annotations__.keys():
+        raise _wrong(
+            procedure,
+            f"save_calibration returned {_short(keys)}",
+            f"it must return a mapping of {', '.join(Kept.__annotations__)}",
+        )
+    return keys
+
+
+def _wrong(procedure: Procedure[S, P, R], what: str, remedy: str) -> ConfigError:
+    kind = type(procedure)
+    return ConfigError(f"procedure {procedure.name!r}: {what}; {remedy}; mend {kind.__module__}.{kind.__qualname__}")
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
