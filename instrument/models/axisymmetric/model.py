@@ -11,16 +11,21 @@ to 10 times a refinement.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.axisymmetric.curves import curve_on
-from palpate.instrument.models.finite_elements.error_estimate import Bounds, estimate
+from palpate.instrument.models.finite_elements import error_estimate as between
+from palpate.instrument.models.finite_elements import ladder
+from palpate.instrument.models.finite_elements.error_estimate import Bounds
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import RoundParameters
+
+Array = NDArray[np.float64]
 
 # The last refinement takes a second and is good to 1e-7; finer meshes are for references.
 REFINEMENTS = (1, 2, 3, 4, 5)
@@ -63,35 +68,61 @@ class Solution:
 
 
 def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[Solution, float]:
-    """Refine until the error estimate of the force ratio meets `tolerance`. Returns the solution and the estimate.
+    """`solve_at` the parameters' own modulus of the object."""
+    (found,) = solve_at(parameters, np.array([parameters.sensed_modulus]), tolerance)
+    return found
+
+
+def solve_at(parameters: RoundParameters, moduli: Array, tolerance: float) -> list[tuple[Solution, float]]:
+    """Refine until the error estimate of the force ratio meets `tolerance`. Returns solutions and estimates.
+
+    Args:
+        parameters: the sensor; its modulus of the object has no effect.
+        moduli: moduli of the object [Pa]. All together cost hardly more than one.
+        tolerance: greatest error of the force ratio.
 
     Raises:
         RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
         EstimateError: a stiffness is not positive definite to working precision.
     """
+    _check(tolerance)
+    return ladder.solve_at("axisymmetric", _meshes(parameters), estimates, read, moduli, tolerance)
+
+
+def poles_to(parameters: RoundParameters, moduli: Array, tolerance: float) -> tuple[Curve, float]:
+    """The curve of the first mesh that meets a tolerance at all moduli, and its greatest error estimate there.
+
+    Raises:
+        RangeError: as in `solve_at`.
+        EstimateError: as in `solve_at`.
+    """
+    _check(tolerance)
+    return ladder.finest_to("axisymmetric", _meshes(parameters), estimates, moduli, tolerance)
+
+
+def _check(tolerance: float) -> None:
     if not (0 < tolerance < math.inf):
         raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
     if tolerance < ROUND_OFF:
         raise RangeError(
             f"tolerance {tolerance:g}: model 'axisymmetric' rounds its ratio by up to {ROUND_OFF:g}; give a larger one"
         )
-    best = math.inf
-    for count in range(2, len(REFINEMENTS) + 1):
-        curves = [curve(parameters, refinement) for refinement in REFINEMENTS[:count]]
-        found = error_estimate(curves, parameters)
-        if found.force_ratio <= tolerance:
-            return _read(curves[-1], parameters, found.voltage), found.force_ratio
-        best = min(best, found.force_ratio)
-    raise RangeError(
-        f"model 'axisymmetric' cannot meet tolerance {tolerance:g}: its least error here is {best:.1e}; give a larger"
-        " tolerance"
-    )
+
+
+def _meshes(parameters: RoundParameters) -> Iterator[Curve]:
+    return (curve(parameters, refinement) for refinement in REFINEMENTS)
+
+
+def estimates(curves: Sequence[Curve], moduli: Array) -> tuple[Array, Array]:
+    """Bounds on the errors of force ratio and voltages [V] of the last of two or more meshes, at each modulus."""
+    ratio, voltage = between.estimates(curves, moduli)
+    return ratio + ROUND_OFF, voltage
 
 
 def error_estimate(curves: Sequence[Curve], parameters: RoundParameters) -> Bounds:
     """Bounds on the errors of the last of two or more meshes."""
-    found = estimate(curves, parameters.sensed_modulus)
-    return replace(found, force_ratio=found.force_ratio + ROUND_OFF)
+    ratio, voltage = estimates(curves, np.array([parameters.sensed_modulus]))
+    return Bounds(float(ratio[0]), float(voltage[0]))
 
 
 def solve(parameters: RoundParameters, refinement: int) -> Solution:
@@ -101,7 +132,8 @@ def solve(parameters: RoundParameters, refinement: int) -> Solution:
         RangeError: there is no such refinement.
         EstimateError: a stiffness is not positive definite to working precision.
     """
-    return _read(curve(parameters, refinement), parameters)
+    (found,) = read(curve(parameters, refinement), np.array([parameters.sensed_modulus]))
+    return found
 
 
 def curve(parameters: RoundParameters, refinement: int) -> Curve:
@@ -125,12 +157,15 @@ def resolution_of(refinement: int) -> tuple[int, int]:
     return refinement + 2, refinement + 1
 
 
-def _read(of: Curve, parameters: RoundParameters, voltage_error: float | None = None) -> Solution:
-    """The answers at the modulus of the object."""
-    modulus = np.array([parameters.sensed_modulus])
-    ratio, voltages, charges, stresses = (
-        found(modulus)[0, ..., 0].tolist() for found in (of.force_ratios, of.voltages, of.shorted, of.values)
+def read(of: Curve, moduli: Array, voltage_errors: Array | None = None) -> list[Solution]:
+    """The answers at moduli of the object [Pa], with bounds on the errors of voltages [V] where they are known."""
+    ratios, voltages, charges, stresses = (
+        found(moduli)[..., 0].tolist() for found in (of.force_ratios, of.voltages, of.shorted, of.values)
     )
-    each = zip((ratio, 1.0), stresses[::2], stresses[1::2], voltages, charges, strict=False)
-    films = {name: Film(*film, voltage_error) for name, film in zip(FILMS, each, strict=False)}
-    return Solution(ratio, films)
+    errors = [None] * len(moduli) if voltage_errors is None else voltage_errors.tolist()
+    solutions = []
+    for ratio, volts, coulombs, pascals, error in zip(ratios, voltages, charges, stresses, errors, strict=True):
+        each = zip((ratio, 1.0), pascals[::2], pascals[1::2], volts, coulombs, strict=False)
+        films = [Film(*film, error) for film in each]
+        solutions.append(Solution(ratio, dict(zip(FILMS, films, strict=False))))
+    return solutions

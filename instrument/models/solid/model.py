@@ -11,15 +11,17 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
+from palpate.instrument.models.finite_elements import ladder
 from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds
 from palpate.instrument.models.finite_elements.kept import keep
+from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.mesh import Resolution
 from palpate.instrument.models.solid.system import SolidCurve, System, symmetry
@@ -45,6 +47,7 @@ CAPPED_SHARE = 9.0  # share for narrow sensors with capped rings, where the obje
 LEAST = {2: 1e-3, 3: 1e-3, 4: 5e-5}
 
 
+Array = NDArray[np.float64]
 PlaneStress = tuple[float, float]
 
 
@@ -100,33 +103,57 @@ def solve_on(parameters: SolidParameters, resolution: Resolution) -> SolidSoluti
     Raises:
         EstimateError: the stiffness is singular to working precision.
     """
-    found = curve_on(parameters, resolution)
-    moduli, force = np.array([parameters.sensed_modulus]), parameters.force
-    values = force * found.poles.values(moduli)[0, :, 0]
-    split = np.split(values, np.cumsum([found.teeth, found.bases]))
-    teeth, bases, stresses = split[0], split[1], split[2].reshape(2, -1).T
+    (found,) = read(curve_on(parameters, resolution), parameters, np.array([parameters.sensed_modulus]))
+    return found
+
+
+def read(
+    of: SolidCurve, parameters: SolidParameters, moduli: Array, voltage_errors: Array | None = None
+) -> list[SolidSolution]:
+    """The answers of a mesh at moduli of the object [Pa], under the parameters' force.
+
+    Args:
+        of: the mesh.
+        parameters: the sensor.
+        moduli: moduli of the object [Pa].
+        voltage_errors: bounds on the errors of the voltages under 1 N [V], where they are known.
+    """
+    force = parameters.force
+    values = force * of.poles.values(moduli)[..., 0]
+    teeth, bases, stresses = np.split(values, np.cumsum([of.teeth, of.bases]), axis=1)
+    total = bases.sum(axis=1)
     voltages, charges = (
-        force * (whole @ answers(moduli)[0, :, 0])
+        force * answers(moduli)[..., 0] @ whole.T
         for whole, answers in (
-            (found.films / found.films.sum(axis=1, keepdims=True), found.poles.voltages),
-            (found.films, found.poles.shorted),
+            (of.films / of.films.sum(axis=1, keepdims=True), of.poles.voltages),
+            (of.films, of.poles.shorted),
         )
     )
-    load, jump = found.poles.energies(moduli)
-    total = float(bases.sum())
-    plane = [(along, across) for along, across in stresses.tolist()]
-    return SolidSolution(
-        tooth_forces=tuple(teeth.tolist()),
-        base_forces=tuple(bases.tolist()),
-        tooth_films=tuple(plane[: found.teeth]),
-        base_films=tuple(plane[found.teeth :]),
-        signals=tuple(zip(voltages.tolist(), charges.tolist(), strict=True)),
-        total_force=total,
-        force_ratio=float(teeth.sum()) / total,
-        unknowns=found.unknowns,
-        energies=Energies(float(load[0, 0]) if parameters.load_at is None else None, float(jump[0])),
-        seconds=found.seconds,
+    load, jump = of.poles.energies(moduli)
+    errors = [None] * len(moduli) if voltage_errors is None else (force * voltage_errors).tolist()
+    columns = (
+        *(each.tolist() for each in (teeth, bases, stresses, voltages, charges, total, teeth.sum(axis=1) / total)),
+        *(load[:, 0].tolist(), jump.tolist(), errors),
     )
+    solutions = []
+    for tooth, base, stress, volts, coulombs, whole, ratio, pressed, jumped, error in zip(*columns, strict=True):
+        plane = list(zip(stress[: len(stress) // 2], stress[len(stress) // 2 :], strict=True))
+        solutions.append(
+            SolidSolution(
+                tooth_forces=tuple(tooth),
+                base_forces=tuple(base),
+                tooth_films=tuple(plane[: of.teeth]),
+                base_films=tuple(plane[of.teeth :]),
+                signals=tuple(zip(volts, coulombs, strict=True)),
+                total_force=whole,
+                force_ratio=ratio,
+                unknowns=of.unknowns,
+                energies=Energies(pressed if parameters.load_at is None else None, jumped),
+                seconds=of.seconds,
+                voltage_error=error,
+            )
+        )
+    return solutions
 
 
 def curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
@@ -173,12 +200,44 @@ def point_loads(
 
 
 def solve_to(parameters: SolidParameters, tolerance: float) -> tuple[SolidSolution, float]:
-    """Refine until the error estimate of the force ratio meets `tolerance`. Returns the solution and the estimate.
+    """`solve_at` the parameters' own modulus of the object."""
+    (found,) = solve_at(parameters, np.array([parameters.sensed_modulus]), tolerance)
+    return found
+
+
+def solve_at(parameters: SolidParameters, moduli: Array, tolerance: float) -> list[tuple[SolidSolution, float]]:
+    """Refine until the error estimate of the force ratio meets `tolerance`. Returns solutions and estimates.
+
+    Args:
+        parameters: the sensor; its modulus of the object has no effect.
+        moduli: moduli of the object [Pa]. All together cost hardly more than one.
+        tolerance: greatest error of the force ratio.
 
     Raises:
         RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
         EstimateError: the stiffness is singular to working precision.
     """
+    _check(tolerance)
+
+    def own(mesh: SolidCurve, moduli: Array, voltage_errors: Array) -> list[SolidSolution]:
+        return read(mesh, parameters, moduli, voltage_errors)
+
+    return ladder.solve_at("solid", _meshes(parameters), _estimates(parameters), own, moduli, tolerance)
+
+
+def poles_to(parameters: SolidParameters, moduli: Array, tolerance: float) -> tuple[Curve, float]:
+    """The curve of the first mesh that meets a tolerance at all moduli, and its greatest error estimate there.
+
+    Raises:
+        RangeError: as in `solve_at`.
+        EstimateError: as in `solve_at`.
+    """
+    _check(tolerance)
+    found, error = ladder.finest_to("solid", _meshes(parameters), _estimates(parameters), moduli, tolerance)
+    return found.poles, error
+
+
+def _check(tolerance: float) -> None:
     if not (0 < tolerance < math.inf):
         raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
     if tolerance < LEAST[max(LEAST)]:
@@ -186,17 +245,32 @@ def solve_to(parameters: SolidParameters, tolerance: float) -> tuple[SolidSoluti
             f"tolerance {tolerance:g}: model 'solid' has an error of {LEAST[max(LEAST)]:g} on its finest mesh; give"
             " a larger one"
         )
-    meshes = [solve(parameters, REFINEMENTS[0]).judged]
-    for refinement in REFINEMENTS[1:]:
-        solution = solve(parameters, refinement)
-        meshes.append(solution.judged)
-        found = error_estimate(meshes, parameters)
-        if found.force_ratio <= tolerance:
-            return replace(solution, voltage_error=found.voltage), found.force_ratio
-    raise RangeError(
-        f"model 'solid' cannot meet tolerance {tolerance:g}: its least error here is {found.force_ratio:.1e}; give a"
-        " larger tolerance"
-    )
+
+
+def _meshes(parameters: SolidParameters) -> Iterator[SolidCurve]:
+    return (curve(parameters, refinement) for refinement in REFINEMENTS)
+
+
+def curve(parameters: SolidParameters, refinement: int) -> SolidCurve:
+    """Answers of the mesh of one refinement; neither the modulus of the object nor the force has an effect.
+
+    Raises:
+        RangeError: there is no such refinement.
+        EstimateError: the stiffness is singular to working precision.
+    """
+    return curve_on(parameters, resolution_of(refinement))
+
+
+def estimates(meshes: Sequence[SolidCurve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
+    """Bounds on the errors of force ratio and voltages under 1 N [V] of the last of some meshes, at each modulus."""
+    sensor = replace(parameters, force=1.0)
+    judged = [[solution.judged for solution in read(mesh, sensor, moduli)] for mesh in meshes]
+    found = [error_estimate(each, parameters) for each in zip(*judged, strict=True)]
+    return np.array([each.force_ratio for each in found]), np.array([each.voltage for each in found])
+
+
+def _estimates(parameters: SolidParameters) -> ladder.Estimates[SolidCurve]:
+    return lambda meshes, moduli: estimates(meshes, parameters, moduli)
 
 
 def error_estimate(meshes: Sequence[Judged], parameters: SolidParameters) -> Bounds:
