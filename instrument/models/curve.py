@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.foundation import column_fitted
+from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.models.response import AUTO, response
-from palpate.instrument.models.stored import surface
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
@@ -33,14 +33,12 @@ Array = NDArray[np.float64]
 # Range of moduli over the ring's in which a curve is sampled. No model's ratio changes any more beyond it.
 SOFTEST, HARDEST = 1e-3, 1e7
 # Some models have narrower ranges.
-ENDS = {
-    "surface": (surface.LOWEST, surface.HIGHEST),
-    "column_fitted": (column_fitted.LOWEST, column_fitted.HIGHEST),
-}
+ENDS = {"column_fitted": (column_fitted.LOWEST, column_fitted.HIGHEST)}
 NODES = (16, 31, 61, 121, 241, 481, 961)  # each set of nodes contains the one before
 CLOSED_FORM_TOLERANCE = 1e-11
 # Halving small steps of a spline of degree five divides its error by 64; 42 was the least seen.
 GAIN = 16.0
+MODULI = 81  # at which the error of the curve of a mesh is estimated, 8 in a decade
 # Of the curve of a mesh, whose poles are at least as wide as a decade.
 NODES_PER_DECADE = 16
 HALVINGS = 50  # of the distance between two nodes: down to the last digit
@@ -122,14 +120,13 @@ class RatioCurve:
 def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None = None) -> RatioCurve:
     """The curve of a model for a design and a load; the modulus of the load's object has no effect.
 
-    A model in closed form takes less than a second, the finite elements 31 solutions or more. "auto" is the cheapest
-    model that meets the tolerance at all moduli of the price list.
+    "auto" is the cheapest model that meets the tolerance at all moduli of the price list.
 
     Args:
         design: the sensor.
         load: the load; its object's modulus is replaced.
         model: name of the model.
-        tolerance: greatest error of the force ratio at a node, and of interpolation; None: the model's own.
+        tolerance: greatest error of the force ratio; None: the model's own.
 
     Raises:
         UnknownName: there is no such model.
@@ -153,6 +150,11 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         if model in MODELS and MODELS[model].default_tolerance is None:
             tolerance = None
 
+    exact = _exact(design, through(load, ring), model, tolerance, np.geomspace(lowest, highest, MODULI))
+    if exact is not None:
+        poles, error = exact
+        return pole_curve(poles, lowest, highest, model, max(own_error, error))
+
     def answer(modulus: float) -> tuple[float, float]:
         found = response(design, through(load, modulus), model, tolerance)
         return found.force_ratio, max(own_error, found.error_estimate or 0.0)
@@ -161,8 +163,28 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         # The model's own six points, and its interpolant between them.
         moduli = sorted(SAMPLES[name].modulus for name in design.thesis_force_ratio)
         return curve_through(moduli, [answer(modulus)[0] for modulus in moduli], model)
-    own = MODELS[model].default_tolerance if model in MODELS else None
-    return sampled_curve(answer, lowest, highest, model, tolerance or own or CLOSED_FORM_TOLERANCE)
+    return sampled_curve(answer, lowest, highest, model, CLOSED_FORM_TOLERANCE)
+
+
+def _exact(
+    design: Design, load: Load, model: str, tolerance: float | None, moduli: Array
+) -> tuple[Curve, float] | None:
+    """Poles of a finite-element model, and a bound on their error at moduli [Pa]; None: the model is in closed form."""
+    if model == "surface" and tolerance is None:
+        from palpate.instrument.models.stored import surface
+
+        found = surface.find(design, load)
+        return found.poles, float(found.estimates(moduli)[0].max())
+    if model not in MODELS or (own := MODELS[model].default_tolerance) is None:
+        return None
+    asked = own if tolerance is None else tolerance
+    if model == "axisymmetric":
+        from palpate.instrument.models.axisymmetric import model as axisymmetric
+
+        return axisymmetric.poles_to(round_parameters(design, load), moduli, asked)
+    from palpate.instrument.models.solid import model as solid
+
+    return solid.poles_to(solid_parameters(design, replace(load, force=1.0)), moduli, asked)
 
 
 def curve_through(moduli: ArrayLike, ratios: ArrayLike, model: str, error: float = 0.0) -> RatioCurve:

@@ -206,6 +206,9 @@ class SolidParameters(SensorParameters):
         return math.pi * self.ring_outer_radius**2 if self.outline == "round" else self.length * self.width
 
 
+Parameters = RoundParameters | SolidParameters
+
+
 def _require_positive(of: object, names: Sequence[str], unit: str) -> None:
     """Check that attributes are above 0 and finite. Raises RangeError."""
     for name in names:

@@ -7,15 +7,15 @@ question = Question("single_round", "axisymmetric", "physical", {"compliant_modu
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.film import signals
 from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.prices.price_list import model_error
-from palpate.instrument.models.response import AUTO, response
+from palpate.instrument.models.prices.price_list import model_errors
+from palpate.instrument.models.response import AUTO, responses
 from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
@@ -102,9 +102,10 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Response to 1 N through an object with a modulus [Pa], and the time that it took [s].
+    """Response to 1 N through an object with a modulus [Pa].
 
     Attributes:
+        seconds: time of all answers that were asked for together, over their number [s].
         model_error: distance of the model from the reference (see `price_list.model_error`).
     """
 
@@ -137,17 +138,20 @@ class Answer:
         }
 
 
-def ask(question: Question, moduli: Sequence[float]) -> Iterator[Answer]:
-    """Responses at moduli of the sensed object [Pa], one by one. Everything is checked before the first is solved.
+def ask(question: Question, moduli: Sequence[float]) -> list[Answer]:
+    """Responses at moduli of the sensed object [Pa]. A finite-element model is set up once for all.
 
     Raises:
         RangeError: a modulus or setting is outside its limits, or the model cannot answer for it or to the tolerance.
         UnknownName: there is no such interface.
         EstimateError: a linear system cannot be solved accurately.
     """
-    design = question.sensor()
-    for load in [question.load(modulus) for modulus in moduli]:
-        start = time.perf_counter()
-        answer = response(design, load, question.model, question.tolerance)
-        seconds, modulus = time.perf_counter() - start, load.sensed.modulus
-        yield Answer(modulus, answer, seconds, model_error(design, load, answer.model, modulus, modulus))
+    design, loads = question.sensor(), [question.load(modulus) for modulus in moduli]
+    start = time.perf_counter()
+    given = responses(design, loads, question.model, question.tolerance)
+    seconds = (time.perf_counter() - start) / len(loads)
+    errors = model_errors(design, loads, [each.model for each in given])
+    return [
+        Answer(load.sensed.modulus, each, seconds, error)
+        for load, each, error in zip(loads, given, errors, strict=True)
+    ]

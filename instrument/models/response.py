@@ -8,6 +8,8 @@ Every model here is linear in the force.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.quantity import check_tolerance
@@ -18,11 +20,19 @@ AUTO = "auto"
 
 
 def response(design: Design, load: Load, model: str = "experiment", tolerance: float | None = None) -> Response:
+    """Forces on teeth and base under one load; see `responses`."""
+    (found,) = responses(design, [load], model, tolerance)
+    return found
+
+
+def responses(
+    design: Design, loads: Sequence[Load], model: str = "experiment", tolerance: float | None = None
+) -> list[Response]:
     """Forces on teeth and base, by a model, or by the cheapest one that meets the tolerance ("auto").
 
     Args:
         design: the sensor.
-        load: the load on it.
+        loads: loads on it, which differ in the modulus of their object alone. A finite-element model is set up once.
         model: one of MODELS, or "auto".
         tolerance: greatest error of the force ratio; None: the model's own.
 
@@ -35,9 +45,9 @@ def response(design: Design, load: Load, model: str = "experiment", tolerance: f
     if tolerance is not None:
         check_tolerance(tolerance, f"tolerance {tolerance:g}")
     if model == AUTO:
-        from palpate.instrument.models.prices.price_list import answer_cheapest
+        from palpate.instrument.models.prices.price_list import answers_cheapest
 
-        return answer_cheapest(design, load, tolerance)
+        return answers_cheapest(design, loads, tolerance)
     if model not in MODELS:
         raise UnknownName("model", model, (*MODELS, AUTO))
     chosen = MODELS[model]
@@ -47,4 +57,4 @@ def response(design: Design, load: Load, model: str = "experiment", tolerance: f
             f"tolerance {tolerance:g}: model {model!r} has no error estimate to refine by;"
             f" leave it out, or ask {AUTO!r} or one of {', '.join(refining)}"
         )
-    return chosen.answer(design, load, tolerance)
+    return chosen.answers(design, loads, tolerance)

@@ -5,10 +5,13 @@ Every model here is linear in the force.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Self
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models import experiment
@@ -17,6 +20,10 @@ from palpate.instrument.models.parameters import round_parameters, solid_paramet
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.axisymmetric.model import Solution
+    from palpate.instrument.models.solid.model import SolidSolution
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +92,19 @@ class Model:
     """One model of the registry.
 
     Attributes:
-        answer: function of design, load and tolerance that gives the response; a tolerance of None is left to the
-            model.
+        answers: function of design, loads and tolerance that gives the responses; a tolerance of None is left to the
+            model. The loads differ in the modulus of their object alone.
         default_tolerance: tolerance of a model that refines until its error estimate meets it; None: it does not
             refine.
     """
 
-    answer: Callable[[Design, Load, float | None], Response]
+    answers: Callable[[Design, Sequence[Load], float | None], list[Response]]
     default_tolerance: float | None = None
+
+    def answer(self, design: Design, load: Load, tolerance: float | None) -> Response:
+        """The response to one load."""
+        (found,) = self.answers(design, [load], tolerance)
+        return found
 
 
 def _closed_form(
@@ -100,7 +112,7 @@ def _closed_form(
     force_ratio: Callable[[Design, Sample], float],
     estimate: Callable[[Design], float | None] = lambda _: None,
 ) -> Model:
-    def answer(design: Design, load: Load, tolerance: float | None) -> Response:
+    def answer(design: Design, load: Load) -> Response:
         if load.at is not None:
             raise RangeError(
                 f"load at ({load.at[0]:g}, {load.at[1]:g}) m: model {name!r} knows a uniform pressure only;"
@@ -109,28 +121,54 @@ def _closed_form(
         ratio = force_ratio(design, load.sensed)
         return _response(name, design, load, ratio, estimate(design))
 
-    return Model(answer)
+    return Model(lambda design, loads, _: [answer(design, load) for load in loads])
 
 
-def _axisymmetric(design: Design, load: Load, tolerance: float | None) -> Response:
+def _axisymmetric(design: Design, loads: Sequence[Load], tolerance: float | None) -> list[Response]:
     from palpate.instrument.models.axisymmetric import model as axisymmetric
 
     asked = AXISYMMETRIC_TOLERANCE if tolerance is None else tolerance
-    solution, estimate = axisymmetric.solve_to(round_parameters(design, load), asked)
+    found = axisymmetric.solve_at(round_parameters(design, loads[0]), _moduli(loads), asked)
+    return [_round_response("axisymmetric", design, load, *each) for load, each in zip(loads, found, strict=True)]
+
+
+def _solid(design: Design, loads: Sequence[Load], tolerance: float | None) -> list[Response]:
+    from palpate.instrument.models.solid import model as solid
+
+    asked = SOLID_TOLERANCE if tolerance is None else tolerance
+    # Forces and stresses are proportional to the load: those of 1 N are kept for the next call.
+    found = solid.solve_at(solid_parameters(design, replace(loads[0], force=1.0)), _moduli(loads), asked)
+    return [_solid_response("solid", design, load, *each) for load, each in zip(loads, found, strict=True)]
+
+
+def _surface(design: Design, loads: Sequence[Load], tolerance: float | None) -> list[Response]:
+    from palpate.instrument.models.axisymmetric.model import Solution
+    from palpate.instrument.models.stored import surface
+
+    found = surface.find(design, loads[0]).solve_at(_moduli(loads))
+    return [
+        _round_response("surface", design, load, solution, estimate)
+        if isinstance(solution, Solution)
+        else _solid_response("surface", design, load, solution, estimate)
+        for load, (solution, estimate) in zip(loads, found, strict=True)
+    ]
+
+
+def _moduli(loads: Sequence[Load]) -> NDArray[np.float64]:
+    return np.array([load.sensed.modulus for load in loads])
+
+
+def _round_response(model: str, design: Design, load: Load, solution: Solution, estimate: float) -> Response:
     felt = {
         kind: FilmLoad(film.force, (film.plane_stress,) * 2, film.voltage, film.voltage_error, film.charge)
         for kind, below in zip(FILM_KINDS, ("tooth", "base"), strict=True)
         if (film := solution.films.get(below)) is not None
     }
-    return _response("axisymmetric", design, load, solution.force_ratio, estimate, felt)
+    return _response(model, design, load, solution.force_ratio, estimate, felt)
 
 
-def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
-    from palpate.instrument.models.solid import model as solid
-
-    asked = SOLID_TOLERANCE if tolerance is None else tolerance
-    # Forces and stresses are proportional to the load: those of 1 N are kept for the next call.
-    solution, estimate = solid.solve_to(solid_parameters(design, replace(load, force=1.0)), asked)
+def _solid_response(model: str, design: Design, load: Load, solution: SolidSolution, estimate: float) -> Response:
+    """Response from a solution under 1 N."""
     forces = (*solution.tooth_forces, *solution.base_forces)
     stresses = (*solution.tooth_films, *solution.base_films)
     films = {}
@@ -143,7 +181,7 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
         films[film.name] = felt.times(load.force)
     tooth_forces = tuple(force * load.force for force in solution.tooth_forces)
     return Response(
-        model="solid",
+        model=model,
         force_rigid=sum(tooth_forces),
         force_total=solution.total_force * load.force,
         force_ratio=solution.force_ratio,
@@ -160,14 +198,6 @@ def place_among_films(design: Design, film: Film) -> int:
     if film.kind == FILM_KINDS[0]:
         return tooth
     return len(design.teeth) + (tooth if design.separate_bases else 0)
-
-
-def _surface(design: Design, load: Load, tolerance: float | None) -> Response:
-    from palpate.instrument.models.stored import surface
-
-    found = surface.find(design, load)
-    ratio = found.force_ratio(load.sensed.modulus / design.ring.material.modulus)
-    return _response("surface", design, load, ratio, found.error_bound * ratio + found.discretisation)
 
 
 def _response(

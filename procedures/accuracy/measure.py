@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.foundation import beam
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
+from palpate.instrument.models.parameters import Parameters
 from palpate.instrument.models.prices.price import Price
 from palpate.instrument.models.prices.price_list import PriceList
 from palpate.instrument.models.response import response
-from palpate.instrument.models.stored import surface, surface_build
-from palpate.instrument.models.stored.surface import ResponseSurface
+from palpate.instrument.models.stored import surface
+from palpate.instrument.models.stored.surface import Surface
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import by_interval, element_prices, errors_of
 from palpate.procedures.accuracy.machine import seconds_of, this_machine
-from palpate.procedures.accuracy.meshes import MODULI, TIMED, side_by_side, solve_all
+from palpate.procedures.accuracy.meshes import MODULI, TIMED, solve_all
 from palpate.procedures.accuracy.references import truth_of
 from palpate.procedures.console.progress import Progress
 
@@ -31,34 +32,29 @@ Array = NDArray[np.float64]
 
 DESIGNS = ("single_round", "single", "common_base", "different_base", "array")
 BEAM_ELEMENTS = (1, 2, 4, 8, 16)
-STRIDES = (8, 4, 2, 1)  # every eighth node of a surface, and so on
 BETWEEN = 100  # number of moduli in each interval, for models that answer at once
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One design and its response surface, which gives the force ratios between the moduli.
+    """One design and its shipped curves, which give the force ratios between the moduli.
 
     Attributes:
         design: the design.
-        surface: its response surface.
+        surface: its shipped curves.
         surface_errors: error of the surface in each interval of moduli.
     """
 
     design: Design
-    surface: ResponseSurface
+    surface: Surface
     surface_errors: Array
-
-    def surface_ratio(self, moduli: Array) -> Array:
-        """Force ratio by the surface at moduli of the object [Pa]."""
-        return self.surface.force_ratio(moduli / self.design.ring.material.modulus)
 
 
 def measure(designs: Sequence[str], progress: Progress) -> PriceList:
     """Measure every model of some designs.
 
     Raises:
-        RangeError: a design has no response surface that fits it, which is what errors between moduli need.
+        RangeError: a design has no shipped curves that fit it, which are what errors between moduli need.
     """
     chosen = [get_design(name) for name in designs]
     surfaces = [surface.find(design, PHYSICAL.load(TIMED)) for design in chosen]
@@ -67,39 +63,27 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
     found = []
     for design, known in zip(chosen, surfaces, strict=True):
         truth = truth_of(design, solved)
-        at_moduli = known.force_ratio(np.array(MODULI) / design.ring.material.modulus)
+        at_moduli = known.force_ratios(np.array(MODULI))
         errors = np.array(by_interval(errors_of(at_moduli.tolist(), truth)), dtype=np.float64)
         case = Case(design, known, errors)
         found.append(truth.reference)
         prices += _closed_forms(case)
         if len(design.teeth) > 1:
             prices.append(_refused(design))
-        prices += element_prices(design, truth, case.surface_ratio, errors.tolist(), solved)
+        prices += element_prices(design, truth, case.surface.force_ratios, errors.tolist(), solved)
         prices += _surfaces(case)
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 
 
 def sets_of(name: str) -> tuple[str, ...]:
-    """Parameter sets that the design has stored surfaces of."""
+    """Parameter sets that the design has shipped curves of."""
     return surface.SETS if get_design(name).thesis_force_ratio else surface.SETS[:1]
 
 
-def build_surface(name: str, progress: Progress, parameters: str = "physical") -> ResponseSurface:
-    """The response surface of a design with a parameter set, solved in two processes.
-
-    Raises:
-        EstimateError: the surface does not reach its error limit, or a linear system cannot be solved accurately.
-    """
-    with side_by_side() as imap:
-
-        def apply(one: Callable[[float], float], ratios: Sequence[float]) -> Iterator[float]:
-            for done, found in enumerate(imap(one, ratios)):
-                progress(done, len(ratios), f"{name}: {len(ratios)} moduli")
-                yield found
-
-        chosen = get_parameter_set(parameters, "surface")
-        asked = surface.surface_parameters(chosen.design(get_design(name)), chosen.load(TIMED))
-        return surface_build.build(asked, apply=apply)
+def sensor_of(name: str, parameters: str) -> Parameters:
+    """The sensor of which a design's curves with a set of parameters are."""
+    chosen = get_parameter_set(parameters, "surface")
+    return surface.surface_parameters(chosen.design(get_design(name)), chosen.load(TIMED))
 
 
 # --- what answers at once ------------------------------------------------------------------------------
@@ -120,7 +104,7 @@ def _at_once(case: Case, model: str, refinement: str, ratio: Callable[[float], f
         kinks = [sample.modulus for sample in SAMPLES.values() if low < sample.modulus < high]  # the experiment's
         moduli = np.array([low, *np.geomspace(low, high, BETWEEN)[1:-1], *kinks, high])
         try:
-            apart = np.abs([ratio(float(modulus)) for modulus in moduli] - case.surface_ratio(moduli))
+            apart = np.abs([ratio(float(modulus)) for modulus in moduli] - case.surface.force_ratios(moduli))
             errors.append(float(apart.max() + own))
         except RangeError as error:
             errors.append(None)
@@ -141,25 +125,20 @@ def _at_once(case: Case, model: str, refinement: str, ratio: Callable[[float], f
 
 
 def _surfaces(case: Case) -> Iterator[Price]:
-    """The stored surface, and what it would be with fewer nodes."""
-    nodes = len(case.surface.coefficients)
-    moduli = [np.geomspace(low, high, BETWEEN) for low, high in itertools.pairwise(MODULI)]
-    for stride in STRIDES:
-        thin = case.surface.thinned(stride)
-        apart = [np.abs(replace(case, surface=thin).surface_ratio(some) - case.surface_ratio(some)) for some in moduli]
-        bounds = [case.surface.error_bound + case.surface.discretisation] * len(moduli)
-        many = np.geomspace(surface.LOWEST, surface.HIGHEST, 10_000)
-        yield Price(
-            design=case.design.name,
-            model="surface",
-            refinement=f"{(nodes - 1) // stride + 1} nodes of {case.surface.model}",
-            errors=tuple(float(some.max() + own) for some, own in zip(apart, case.surface_errors, strict=True)),
-            estimates=tuple(bounds) if stride == 1 else (None,) * len(bounds),
-            build_s=case.surface.seconds / stride,
-            solve_s=None,
-            evaluate_s=seconds_of(functools.partial(thin.force_ratio, many)) / len(many),
-            answer_s=seconds_of(functools.partial(_ask, case.design, "surface", TIMED)) if stride == 1 else None,
-        )
+    """The shipped curves."""
+    ends = [np.geomspace(low, high, BETWEEN) for low, high in itertools.pairwise(MODULI)]
+    many = np.geomspace(MODULI[0], MODULI[-1], 10_000)
+    yield Price(
+        design=case.design.name,
+        model="surface",
+        refinement=f"{len(case.surface.poles.rates)} poles of {case.surface.model}",
+        errors=tuple(float(own) for own in case.surface_errors),
+        estimates=tuple(float(case.surface.estimates(moduli)[0].max()) for moduli in ends),
+        build_s=case.surface.seconds,
+        solve_s=None,
+        evaluate_s=seconds_of(functools.partial(case.surface.force_ratios, many)) / len(many),
+        answer_s=seconds_of(functools.partial(_ask, case.design, "surface", TIMED)),
+    )
 
 
 def _refused(design: Design) -> Price:

@@ -100,44 +100,46 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
 )
 @option("--design", help="single_round, single, common_base, different_base or array (default: all).")
-@option("--store", is_flag=True, help='Build the surfaces anew, and store them for model "surface".')
+@option("--store", is_flag=True, help='Find the curves anew, and store them for model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
-    """Show the response surfaces of model "surface", with their bounds; building all takes a quarter of an hour."""
+    """Show the curves from which model "surface" answers, with their bounds. Finding all takes about a minute."""
     from palpate.instrument.errors import UnknownName
+    from palpate.instrument.models.curve import ratio_curve
     from palpate.instrument.models.parameter_sets import get_parameter_set
     from palpate.instrument.models.stored import surface
     from palpate.instrument.sensor.designs import get_design
-    from palpate.procedures.accuracy.measure import DESIGNS, build_surface, sets_of
+    from palpate.procedures.accuracy.measure import DESIGNS, sensor_of, sets_of
     from palpate.procedures.records.run import storing
 
     output = Output(as_json, quiet)
     if design is not None and design not in DESIGNS:
         raise UnknownName("design with a surface", design, DESIGNS)
+    asked = list(DESIGNS) if design is None else [design]
+    if store:
+        with output.progress() as progress:
+            for done, name in enumerate(asked):
+                sensors = [sensor_of(name, parameters) for parameters in sets_of(name)]
+                with storing(surface.STORED):
+                    for path in surface.build(name, sensors):
+                        progress(done, len(asked), path.name)
     found = {}
-    with output.progress() as progress:
-        asked = [(name, parameters) for name in (design and [design]) or DESIGNS for parameters in sets_of(name)]
-        for name, parameters in asked:
-            if store:
-                path = surface.stored_at(name, parameters)
-                with storing(path):
-                    build_surface(name, progress, parameters).save(path)
-            chosen = get_parameter_set(parameters, "surface")
-            found[name, parameters] = surface.find(chosen.design(get_design(name)), chosen.load(1e5))
+    for name, parameters in [(each, own) for each in asked for own in sets_of(each)]:
+        chosen = get_parameter_set(parameters, "surface")
+        sensor, load = chosen.design(get_design(name)), chosen.load(1e5)
+        found[name, parameters] = surface.find(sensor, load), ratio_curve(sensor, load, "surface").error
     if output.as_json:
         rows = [
             {
                 "design": name,
                 "parameters": parameters,
                 "model": known.model,
-                "nodes": len(known.coefficients),
-                "error_bound": known.error_bound,
-                "discretisation": known.discretisation,
-                "lowest_modulus_ratio": known.lowest,
-                "highest_modulus_ratio": known.highest,
+                "meshes": len(known.meshes),
+                "poles": len(known.poles.rates),
+                "discretisation": error,
                 "build_s": known.seconds,
             }
-            for (name, parameters), known in found.items()
+            for (name, parameters), (known, error) in found.items()
         ]
         output.json({"surfaces": rows})
     elif output.for_people:

@@ -132,11 +132,8 @@ def ratio(
     output = Output(as_json, quiet)
     if at is not None:
         question = replace(question, at=at)
-    answers = []
-    with output.progress("solving") as progress:
-        for answer in ask(question, sensed_modulus):
-            answers.append(answer)
-            progress(len(answers), len(sensed_modulus), f"{answer.sensed_modulus:g} Pa")
+    with output.set_ups():
+        answers = ask(question, sensed_modulus)
     models = dict.fromkeys(answer.response.model for answer in answers)
     compared = [validate(question.design, question.parameters, name) for name in models]
     if output.as_json:
@@ -177,14 +174,15 @@ def modulus(
     The interval includes the uncertainty of the ratio, the model's error estimate and, if the price list has it, the
     model error. It does not include the validation error, the difference from the thesis' experiments, which is printed
     below.
-    Models in closed form and surfaces take less than a second, the axisymmetric model about 20 s, the solid model half
-    an hour.
+    A finite-element model that has not met this sensor before is set up first; how long that takes is told if it takes
+    long. Its answers for all moduli are then kept on disk.
     """
     from palpate.instrument.findings import object_modulus as model_modulus
     from palpate.instrument.models.validation import validate
 
     output = Output(as_json, quiet)
-    points = model_modulus.estimate(question, force_ratio, uncertainty)
+    with output.set_ups():
+        points = model_modulus.estimate(question, force_ratio, uncertainty)
     models = dict.fromkeys(point["model"] for point in points)
     compared = [validate(question.design, question.parameters, name) for name in models]
     if output.as_json:
@@ -226,7 +224,8 @@ def plot(sensed_modulus: tuple[float, ...], out: Path | None, question: Question
 
     output = Output(as_json, quiet)
     file = model_plot.place(f"{question.design}-{question.model}", out, store())
-    picture = model_picture.solve(question, sensed_modulus)
+    with output.set_ups():
+        picture = model_picture.solve(question, sensed_modulus)
     model_plot.draw(picture, file)
     if output.as_json:
         output.json({"file": str(file), **picture.data()})

@@ -210,6 +210,12 @@ class Output:
         if self.for_people:
             say(text)
 
+    def set_ups(self) -> AbstractContextManager[None]:
+        """A context in which people are told on stderr how long a finite-element model will be set up."""
+        from palpate.instrument.models.finite_elements.notice import told
+
+        return told(functools.partial(say, err=True)) if self.for_people else nullcontext()
+
     def progress(self, first: str = "opening the bench") -> AbstractContextManager[Progress]:
         """A progress bar on stderr, if stderr is a terminal."""
         return nullcontext(silent) if self.quiet else bar(first)

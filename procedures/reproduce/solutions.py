@@ -16,7 +16,7 @@ from typing import Self
 
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
-from palpate.instrument.models.stored.surface import CODE_VERSION
+from palpate.instrument.models.stored.version import CODE_VERSION
 from palpate.procedures.records.run import storing
 
 SHIPPED = Path(__file__).with_name("solutions.json")

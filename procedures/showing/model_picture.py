@@ -217,7 +217,7 @@ def solve(question: Question, moduli: Sequence[float]) -> Picture:
         RangeError: a modulus or setting is outside its limits, or the model does not hold for this sensor.
         EstimateError: a linear system cannot be solved accurately.
     """
-    answers = list(ask(question, moduli))
+    answers = ask(question, moduli)
     design = question.sensor()
     section = SECTIONS.get(answers[0].response.model)
     sections = [] if section is None else [section(design, question.load(modulus)) for modulus in moduli]

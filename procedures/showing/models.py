@@ -14,7 +14,7 @@ from palpate.procedures.showing.validation import brief, lines
 if TYPE_CHECKING:
     from palpate.instrument.models.prices.price_list import PriceList
     from palpate.instrument.models.ratio import Answer
-    from palpate.instrument.models.stored.surface import ResponseSurface
+    from palpate.instrument.models.stored.surface import Surface
     from palpate.instrument.models.validation import Validation
 
 
@@ -100,22 +100,11 @@ def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Valid
         print_all(f"plot           {plot}")
 
 
-def print_surfaces(surfaces: Mapping[tuple[str, str], ResponseSurface]) -> None:
-    """Print a row for each stored response surface."""
-    table = new_table(
-        None,
-        "design",
-        "set",
-        "of model",
-        "nodes",
-        "modulus ratios",
-        "relative error",
-        "error of the model",
-        "built in\ns",
-    )
-    for (name, parameters), s in surfaces.items():
+def print_surfaces(surfaces: Mapping[tuple[str, str], tuple[Surface, float]]) -> None:
+    """Print a row for each sensor with shipped curves: these, and the bound on the errors of their ratios."""
+    table = new_table(None, "design", "set", "of model", "meshes", "poles", "error of the model", "built in\ns")
+    for (name, parameters), (s, error) in surfaces.items():
         table.add_row(
-            name, parameters, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}",
-            f"{s.error_bound:.1e}", f"{s.discretisation:.1e}", f"{s.seconds:.0f}",
-        )  # fmt: skip
+            name, parameters, s.model, str(len(s.meshes)), str(len(s.poles.rates)), f"{error:.1e}", f"{s.seconds:.1f}"
+        )
     print_all(table)

@@ -24,7 +24,7 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import CLOSED, RoundParameters
-from palpate.instrument.models.stored.surface import CODE_VERSION
+from palpate.instrument.models.stored.version import CODE_VERSION
 from tests.benchmarks.lines import read
 from tests.benchmarks.row import Row
 from tests.settings import round_sensors

@@ -7,14 +7,12 @@ from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from palpate.drivers.links.sdo import LARGEST_OBJECT
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
 from palpate.instrument.errors import ConfigError, LinkError, RecordError
-from palpate.instrument.models.stored import surface
 from palpate.procedures.records import format3 as reader
 from palpate.procedures.records.check import check
 from palpate.procedures.records.format3 import DATABASE
@@ -78,13 +76,6 @@ def test_what_a_node_sends_unasked_is_not_kept() -> None:
         frames.node._on_frame(0x180 + NODE, bytearray(8), 0.0)
     assert transfers.node._node.sdo.responses.qsize() < 20
     assert frames.node._frames == []
-
-
-def test_a_surface_is_bounded_before_it_is_unpacked(tmp_path: Path) -> None:
-    path = tmp_path / "bomb.npz"
-    np.savez_compressed(path, coefficients=np.zeros(surface.LARGEST_SURFACE))
-    with pytest.raises(ConfigError, match=f"bytes unpacked, {surface.LARGEST_SURFACE} are the most.*build it again"):
-        surface.read(path)
 
 
 def damaged(folder: Path, statement: str) -> Path:

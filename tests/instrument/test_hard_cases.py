@@ -18,10 +18,8 @@ from palpate.instrument.models.axisymmetric.direct import solve, solve_on
 from palpate.instrument.models.finite_elements import refinement
 from palpate.instrument.models.foundation import beam, hetenyi, springs
 from palpate.instrument.models.foundation.beam import Stretch
-from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.stored import surface
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.sample import get_sample
@@ -169,20 +167,6 @@ def test_many_elements_of_a_beam_drown_it_in_rounding_where_rigid_motion_is_not_
         forces = beam.stretch_forces(bending, stretches, elements)
         assert abs(forces[0] / exact - 1) < 1e-9
         assert abs(sum(forces) / 4.9e-3 - 1) < 1e-13
-
-
-def test_equal_steps_in_the_logarithm_swing_at_the_ends_of_a_surface_where_chebyshev_points_do_not() -> None:
-    stored = surface.find(get_design("single_round"), PHYSICAL.load(1e5))
-    thinned = stored.thinned(2)
-    count = len(thinned.coefficients)
-    equal = np.geomspace(stored.lowest, stored.highest, count)
-    places = np.linspace(-1, 1, count)
-    swinging = np.polynomial.Polynomial.fit(places, stored.force_ratio(equal), count - 1)
-    between = np.linspace(-1, 1, 1000)
-    truth = stored.force_ratio(np.geomspace(stored.lowest, stored.highest, 1000).clip(stored.lowest, stored.highest))
-    chebyshev = np.polynomial.chebyshev.chebval(between, thinned.coefficients)
-    assert np.abs(chebyshev - truth).max() < 1e-3
-    assert np.abs(swinging(between) - truth).max() > 0.1
 
 
 def test_every_model_hands_a_hard_object_to_the_tooth() -> None:

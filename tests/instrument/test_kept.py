@@ -62,7 +62,8 @@ def test_a_curve_is_found_once_and_comes_back_bit_for_bit(room: Path) -> None:
     back = keep("sensor", Curve, refused)
     assert same(back, CURVE)
     assert isinstance(back.share, float)
-    assert only(room).stat().st_mode & 0o077 == 0
+    assert room.stat().st_mode & 0o077 == 0
+    assert only(room).name == f"{key_of('sensor')}.curve"
 
 
 def test_another_sensor_or_other_code_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:

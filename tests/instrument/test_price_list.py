@@ -16,7 +16,7 @@ from palpate.instrument.models.prices.price import Machine, Price, Reference
 from palpate.instrument.models.prices.price_list import (
     AUTO_TOLERANCE,
     PriceList,
-    answer_cheapest,
+    answers_cheapest,
     choose,
     fingerprint,
     stored,
@@ -200,24 +200,24 @@ def test_an_estimate_of_the_models_own_counts_where_it_is_larger(
     coarse = axisymmetric.solve(RoundParameters(support="rigid"), 1)
     asked = []
 
-    def solve_to(parameters: object, tolerance: float) -> tuple[object, float]:
+    def solve_at(parameters: object, moduli: object, tolerance: float) -> list[tuple[object, float]]:
         asked.append(tolerance)
-        return coarse, 1.7e-4
+        return [(coarse, 1.7e-4)]
 
-    monkeypatch.setattr(axisymmetric, "solve_to", solve_to)
-    given = answer_cheapest(ROUND, LOAD, 2e-4)
+    monkeypatch.setattr(axisymmetric, "solve_at", solve_at)
+    (given,) = answers_cheapest(ROUND, [LOAD], 2e-4)
     assert (given.model, given.error_estimate, asked) == ("axisymmetric", 1.7e-4, [2e-4])
 
 
 def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def solve_to(parameters: SolidParameters, tolerance: float) -> tuple[object, float]:
+    def solve_at(parameters: SolidParameters, moduli: object, tolerance: float) -> list[tuple[object, float]]:
         asked.append(tolerance)
-        return solid.solve(SolidParameters(support="rigid", interface="frictionless"), 0), 1e-3
+        return [(solid.solve(SolidParameters(support="rigid", interface="frictionless"), 0), 1e-3)]
 
-    monkeypatch.setattr(solid, "solve_to", solve_to)
-    given = answer_cheapest(get_design("single"), LOAD, None)
+    monkeypatch.setattr(solid, "solve_at", solve_at)
+    (given,) = answers_cheapest(get_design("single"), [LOAD], None)
     assert asked == [AUTO_TOLERANCE] == [1e-2]
     assert (given.model, given.error_estimate) == ("solid", 1e-3)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -62,8 +63,8 @@ def test_every_model_of_the_registry_is_judged_and_nothing_that_is_kept_is_stale
 
 
 def test_a_new_model_is_judged_without_being_listed_anywhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    def half(design: Design, load: Load, tolerance: float | None) -> Response:
-        return replace(response(design, load, "column"), force_ratio=0.5)
+    def half(design: Design, loads: Sequence[Load], tolerance: float | None) -> list[Response]:
+        return [replace(response(design, load, "column"), force_ratio=0.5) for load in loads]
 
     more = MappingProxyType({**MODELS, "half": Model(half)})
     monkeypatch.setattr(registry, "MODELS", more)

@@ -107,7 +107,7 @@ def test_every_model_has_its_refinements(measured: PriceList) -> None:
         counts = {model: len(rows(measured, design, model)) for model in MODELS}
         assert counts == {
             "column": 1, "column_fitted": 1, "experiment": 1, "beam_printed": 1, "beam_exact": 1,
-            "beam": len(BEAM_ELEMENTS), "axisymmetric": 5, "solid": 5, "surface": 4,
+            "beam": len(BEAM_ELEMENTS), "axisymmetric": 5, "solid": 5, "surface": 1,
         }  # fmt: skip
 
 
@@ -217,24 +217,23 @@ def test_the_limit_of_two_refinements_is_a_quarter_of_the_change_further_on() ->
 
 
 def test_an_array_is_answered_by_price(palpate: Palpate) -> None:
-    """Its surface answers, because the solid model's estimate by two meshes is above one percent."""
     said = palpate(
-        "model", "ratio", "--design", "array", "--sensed-modulus", "113 kPa", "--tolerance", "1e-2", "--json"
+        "model", "ratio", "--design", "array", "--sensed-modulus", "113 kPa", "--tolerance", "2e-2", "--json"
     )
     (point,) = said.object["points"]
-    assert point["model"] == "surface" and point["error_estimate"] <= 1e-2 and "only model that meets" in point["why"]
+    assert point["model"] == "surface" and point["error_estimate"] <= 2e-2 and "cheapest of 2" in point["why"]
     (reference,) = (reference for reference in stored().references if reference.design == "array")
     assert point["force_ratio"] == pytest.approx(reference.force_ratios[MODULI.index(TIMED)], abs=1e-2)
 
 
-def test_fewer_nodes_make_a_worse_surface_and_only_the_whole_one_is_to_be_had(measured: PriceList) -> None:
-    found = rows(measured, "single_round", "surface")
-    errors = [price.errors[1] for price in found]
-    assert errors == sorted(errors, key=lambda error: -float(error or 0))
-    assert errors[0] is not None and errors[0] > 1e-3
-    assert [price.answer_s is None for price in found] == [True, True, True, False]
-    nodes = [int(price.refinement.split()[0]) for price in found]
-    assert [(nodes[-1] - 1) / (count - 1) for count in nodes] == [8, 4, 2, 1]
+def test_a_surface_is_priced_with_its_own_estimates_and_by_its_poles(measured: PriceList) -> None:
+    (found,) = rows(measured, "single_round", "surface")
+    known = surface.find(get_design("single_round"), PHYSICAL.load(1e5))
+    assert found.refinement == f"{len(known.poles.rates)} poles of axisymmetric"
+    for (low, high), given in zip(itertools.pairwise(MODULI), found.estimates, strict=True):
+        ends = known.estimates(np.array([low, high]))[0]
+        assert given is not None and given >= ends.max() > 0
+    assert found.answer_s is not None and found.evaluate_s is not None and found.evaluate_s < found.answer_s
 
 
 # --- the commands --------------------------------------------------------------------------------------
@@ -338,27 +337,28 @@ def test_stored_surfaces_are_listed_with_their_bounds(palpate: Palpate) -> None:
     assert [(row["design"], row["parameters"]) for row in found] == listed
     assert ("single", "identified") in listed and ("single_round", "identified") not in listed
     for row in found:
-        # The coarsest mesh; with the identified set objects slide.
-        mesh_leaves = 1e-2 if row["design"] == "array" or row["parameters"] == "identified" else 2e-3
-        assert row["error_bound"] < 1e-5 and 0 < row["discretisation"] < mesh_leaves
-        assert (row["lowest_modulus_ratio"], row["highest_modulus_ratio"]) == (0.1, 1e7)
-    assert "relative error" in palpate("accuracy", "surfaces", "--design", "single").out
+        assert set(row) == {"design", "parameters", "model", "meshes", "poles", "discretisation", "build_s"}
+        chosen = get_parameter_set(row["parameters"], "surface")
+        sensor = chosen.design(get_design(row["design"]))
+        assert row["discretisation"] >= response(sensor, chosen.load(1e5), "surface").error_estimate > 0
+        assert row["meshes"] > 1 and row["poles"] > 10 and row["build_s"] > 0
+    assert "error of the model" in palpate("accuracy", "surfaces", "--design", "single").out
 
 
-def test_a_surface_is_built_and_stored_under_the_designs_name(
+def test_curves_are_found_and_stored_in_place_of_what_the_design_had(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def built(_name: str, _progress: object, parameters: str) -> surface.ResponseSurface:
-        return surfaces[parameters]
-
-    surfaces = {}
-    for parameters in measuring.sets_of("single"):
-        chosen = get_parameter_set(parameters, "surface")
-        surfaces[parameters] = surface.find(chosen.design(get_design("single")), chosen.load(1e5))
-    monkeypatch.setattr(measuring, "build_surface", built)
     monkeypatch.setattr(surface, "STORED", tmp_path)
-    palpate("accuracy", "surfaces", "--design", "single", "--store", "--quiet")
-    assert {path.name for path in tmp_path.iterdir()} == {"single.npz", "single.identified.npz"}
+    monkeypatch.setitem(surface.REFINEMENTS, "axisymmetric", (1, 2))
+    for name in ("single_round.1.00000000.curve", "single.1.00000000.curve"):
+        (tmp_path / name).write_text("old")
+    palpate("accuracy", "surfaces", "--design", "single_round", "--store", "--quiet")
+    names = [path.name.split(".")[:2] for path in sorted(tmp_path.iterdir())]
+    assert names == [["single", "1"], ["single_round", "1"], ["single_round", "2"]]
+    assert not (tmp_path / "single_round.1.00000000.curve").exists()
+    surface._find.cache_clear()
+    found = surface.find(get_design("single_round"), PHYSICAL.load(1e5))
+    assert found.force_ratios(np.array([1e5])) == pytest.approx(truth(1e5), abs=1e-3)
 
 
 def test_a_sweep_with_model_auto_names_the_model_that_answered(palpate: Palpate, tmp_path: Path) -> None:

@@ -69,18 +69,32 @@ def test_a_tolerance_that_is_none(palpate: Palpate, command: str, tolerance: str
     assert "is not above 0; give" in complaint or "is no share; give" in complaint
 
 
+def shipped(design: str) -> list[Path]:
+    """Files of the curves that come with palpate."""
+    found = sorted(Path(surface.__file__).with_name("curves").glob(f"{design}.*"))
+    assert found
+    return found
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_surface_of_another_design(palpate: Palpate, command: str, surfaces: Path) -> None:
-    copyfile(Path(surface.__file__).with_name("surfaces") / "common_base.npz", surfaces / "single.npz")
+    for one, other in zip(shipped("common_base"), shipped("single"), strict=True):
+        copyfile(one, surfaces / other.name)
+    complaint = refused(palpate, command, "--model", "surface")
+    assert "it was written for something else, or by another version" in complaint and "build it again" in complaint
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_surface_without_its_files(palpate: Palpate, command: str, surfaces: Path) -> None:
     assert "has no surface for design 'single' with these dimensions" in refused(palpate, command, "--model", "surface")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_surface_cut_off_in_its_file(palpate: Palpate, command: str, surfaces: Path) -> None:
-    whole = (Path(surface.__file__).with_name("surfaces") / "single.npz").read_bytes()
-    (surfaces / "single.npz").write_bytes(whole[:1000])
+    for path in shipped("single"):
+        (surfaces / path.name).write_bytes(path.read_bytes()[:1000])
     complaint = refused(palpate, command, "--model", "surface")
-    assert f"response surface {surfaces / 'single.npz'}: not readable" in complaint and "build it again" in complaint
+    assert f"curve {surfaces}" in complaint and "not readable" in complaint and "build it again" in complaint
 
 
 def test_a_surface_for_an_object_that_it_does_not_know(palpate: Palpate) -> None:

@@ -44,12 +44,15 @@ def solve_nothing(monkeypatch: pytest.MonkeyPatch, seen: list[tuple[RoundParamet
     """The finite-element models answer for one sensor of so many teeth; `seen` gets what they are asked."""
     for module in (axisymmetric, solid):
 
-        def solve_to(parameters: Any, tolerance: float, module: Any = module) -> tuple[object, float]:
+        def solve_at(
+            parameters: Any, moduli: Any, tolerance: float, module: Any = module
+        ) -> list[tuple[object, float]]:
             seen.append((parameters, tolerance))
             teeth = {name: getattr(parameters, name) for name in LATTICE if hasattr(parameters, name)}
-            return coarsest(module, type(parameters)(support="rigid", interface="frictionless", **teeth)), 1e-9
+            found = coarsest(module, type(parameters)(support="rigid", interface="frictionless", **teeth))
+            return [(found, 1e-9)] * len(moduli)
 
-        monkeypatch.setattr(module, "solve_to", solve_to)
+        monkeypatch.setattr(module, "solve_at", solve_at)
 
 
 # --- answers -------------------------------------------------------------------------------------------

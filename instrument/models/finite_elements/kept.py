@@ -17,7 +17,6 @@ import json
 import math
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -115,14 +114,13 @@ def write(path: Path, content: object, key: str) -> None:
     numbers = b"".join(array.astype("<f8").tobytes() for array in arrays.values())
     head = {"format": FORMAT, "key": key, "arrays": {name: array.shape for name, array in arrays.items()}}
     line = json.dumps({**head, "sha256": _content_hash(head, numbers)}).encode() + b"\n"
-    descriptor, part = tempfile.mkstemp(suffix=f"{SUFFIX}.part", dir=path.parent)
+    part = path.with_name(f"{path.stem}.{os.urandom(8).hex()}.part")
     try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(line + numbers)
-        Path(part).replace(path)
+        part.write_bytes(line + numbers)
+        part.replace(path)
     except BaseException:  # also Ctrl-C
         with contextlib.suppress(OSError):
-            Path(part).unlink()
+            part.unlink()
         raise
 
 

@@ -24,7 +24,7 @@ from palpate.instrument.config import Config, read_shipped
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.prices.price import Machine, Price, Reference
-from palpate.instrument.models.stored.surface import CODE_VERSION, fixed
+from palpate.instrument.models.stored.version import CODE_VERSION, fixed
 from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
@@ -211,21 +211,26 @@ def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
     )
 
 
-def answer_cheapest(design: Design, load: Load, tolerance: float | None) -> Response:
-    """The response by the cheapest model that meets the tolerance; None: 1e-2.
+def answers_cheapest(design: Design, loads: Sequence[Load], tolerance: float | None) -> list[Response]:
+    """For each load the response by the cheapest model that meets the tolerance; None: 1e-2.
 
-    Its error estimate is never below the priced error.
+    Its error estimate is never below the priced error. A model is asked once for all its loads.
 
     Raises:
         RangeError: the tolerance is not positive and finite, or no model meets it.
         EstimateError: a linear system cannot be solved accurately.
     """
     asked = AUTO_TOLERANCE if tolerance is None else tolerance
-    choice = choose(design, [load], asked)
-    model = MODELS[choice.model]
-    given = model.answer(design, load, None if model.default_tolerance is None else asked)
-    errors = [error for error in (choice.error, given.error_estimate) if error is not None]
-    return replace(given, error_estimate=max(errors), why=choice.why)
+    choices = [choose(design, [load], asked) for load in loads]
+    found: dict[int, Response] = {}
+    for name in dict.fromkeys(choice.model for choice in choices):
+        model = MODELS[name]
+        places = [place for place, choice in enumerate(choices) if choice.model == name]
+        own = None if model.default_tolerance is None else asked
+        for place, given in zip(places, model.answers(design, [loads[place] for place in places], own), strict=True):
+            errors = [error for error in (choices[place].error, given.error_estimate) if error is not None]
+            found[place] = replace(given, error_estimate=max(errors), why=choices[place].why)
+    return [found[place] for place in range(len(loads))]
 
 
 def model_error(design: Design, load: Load, model: str, low: float, high: float) -> float | None:
@@ -247,9 +252,25 @@ def model_error(design: Design, load: Load, model: str, low: float, high: float)
     return prices.model_error(design.name, model, low, high)
 
 
+def model_errors(design: Design, loads: Sequence[Load], models: Sequence[str]) -> list[float | None]:
+    """`model_error` at the modulus of each of some loads, which differ in nothing else, by a model for each."""
+    prices = stored()
+    known = prices.vouches(design, [through(loads[0], prices.moduli_Pa[0])])
+    moduli = [load.sensed.modulus for load in loads]
+    return [
+        prices.model_error(design.name, model, modulus, modulus) if known and model != "experiment" else None
+        for model, modulus in zip(models, moduli, strict=True)
+    ]
+
+
 def fingerprint(design: Design, load: Load) -> str:
     """SHA-256 of everything but modulus and force on which the finite-element models depend, and their version."""
-    text = f"code {CODE_VERSION};{fixed(solid_parameters(design, load))}"
+    return _fingerprint(CODE_VERSION, design, replace(through(load, design.ring.material.modulus), force=1.0))
+
+
+@functools.lru_cache(maxsize=64)
+def _fingerprint(version: int, design: Design, load: Load) -> str:
+    text = f"code {version};{fixed(solid_parameters(design, load))}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 

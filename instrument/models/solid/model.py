@@ -167,11 +167,14 @@ def curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
 
 @functools.lru_cache(maxsize=64)
 def _curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
-    def found() -> SolidCurve:
-        system = System(parameters, resolution)
-        return system.curve([system.load(parameters.load_at)])
+    text = f"solid;{resolution};{parameters.canonical()}"
+    return keep(text, SolidCurve, lambda: found_on(parameters, resolution))
 
-    return keep(f"solid;{resolution};{parameters.canonical()}", SolidCurve, found)
+
+def found_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
+    """`curve_on`, found anew; the parameters have an object of 1 Pa and a force of 1 N."""
+    system = System(parameters, resolution)
+    return system.curve([system.load(parameters.load_at)])
 
 
 def point_loads(

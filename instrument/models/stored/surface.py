@@ -1,143 +1,135 @@
-"""Response surface: a finite-element model's force ratio as a polynomial in the logarithm of the modulus ratio.
+"""Curves that come with palpate: what model "surface" answers from, without setting up a mesh.
 
-    find(get_design("single"), load).force_ratio(load.sensed.modulus / 24e3)
+    find(get_design("single"), load).force_ratios(np.array([24e3, 1e5]))
 
-The force ratio runs from that of a very soft object to that of a very hard one and is analytic in between. So Chebyshev
-interpolation in log10 of the object's modulus over the ring's converges geometrically. The error bound is measured at
-points between the nodes, which the polynomial was not fitted to.
+They are the curves of a finite-element model's first meshes over the modulus of the object, for the designs and the
+sets of parameters in `stored/curves`. A file's name tells the design, the refinement and the start of its hash.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import math
-import zipfile
+import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.errors import ConfigError, RangeError
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.axisymmetric import curves
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.finite_elements.kept import SUFFIX, read, write
+from palpate.instrument.models.finite_elements.poles import Curve
+from palpate.instrument.models.parameters import (
+    Parameters,
+    RoundParameters,
+    SolidParameters,
+    round_parameters,
+    solid_parameters,
+)
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.solid.system import SolidCurve
+from palpate.instrument.models.stored.version import CODE_VERSION, fixed
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 
 Array = NDArray[np.float64]
-Ratios = TypeVar("Ratios", float, NDArray[np.float64])
-Parameters = RoundParameters | SolidParameters
+Solution = axisymmetric.Solution | solid.SolidSolution
 
-LOWEST, HIGHEST = 0.1, 1e7
-# Raise this with every change of the models' numbers: surfaces of another version are refused.
-CODE_VERSION = 3
-REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
-# Designs with more teeth use the solid model's coarsest mesh; the next one takes a minute for each modulus.
+# Shipped refinements: all up to one that is good to 1e-6, and to 1e-3 in space.
+REFINEMENTS = {"axisymmetric": axisymmetric.REFINEMENTS[:4], "solid": solid.REFINEMENTS[:3]}
+# Designs with more teeth have their first meshes alone; the next one is of a megabyte.
 FEW_TEETH = 4
-STORED = Path(__file__).with_name("surfaces")
-# Parameter sets with stored surfaces; the identified set has those of the designs that the thesis measured.
+MANY_TEETH_REFINEMENTS = 2
+STORED = Path(__file__).with_name("curves")
+# Parameter sets with shipped curves; the identified set has those of the designs that the thesis measured.
 SETS = ("physical", "identified")
-LARGEST_SURFACE = 1_000_000  # greatest number of bytes when unpacked; 97 nodes take a few thousand
+# Of goals and energies, what poles that are not shipped would change: a hundred millionth of the estimates.
+NEGLIGIBLE = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
-class ResponseSurface:
-    """Force ratio over the modulus ratio, for one sensor and one object's thickness and Poisson ratio.
+class RoundMesh:
+    """A mesh of the axisymmetric model: its curve, and the processor time that it took [s]."""
+
+    curve: Curve
+    seconds: float
+
+    @property
+    def poles(self) -> Curve:
+        """The curve."""
+        return self.curve
+
+
+@dataclass(frozen=True, slots=True)
+class SolidMesh:
+    """A mesh of the solid model: its curve, and the processor time that it took [s]."""
+
+    curve: SolidCurve
+    seconds: float
+
+    @property
+    def poles(self) -> Curve:
+        """The curve without what the solid model knows besides."""
+        return self.curve.poles
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """The shipped curves of one sensor.
 
     Attributes:
-        coefficients: coefficients of Chebyshev polynomials in log10 of the modulus ratio, -1 at `lowest`, 1 at
-            `highest`.
-        lowest, highest: least and greatest modulus ratio of the surface.
-        error_bound: greatest relative difference from the finite-element model.
-        discretisation: bound on the error of the finite-element model's force ratio.
-        seconds: wall time that building took [s].
-        model: name of the finite-element model.
-        design_hash: hash of parameters, refinement and code version.
+        parameters: the sensor; neither the modulus of the object nor the force count.
+        meshes: its meshes, each finer than the one before.
     """
 
-    coefficients: Array
-    lowest: float
-    highest: float
-    error_bound: float
-    discretisation: float
-    seconds: float
-    model: str
-    design_hash: str
+    parameters: Parameters
+    meshes: tuple[RoundMesh, ...] | tuple[SolidMesh, ...]
 
-    def force_ratio(self, modulus_ratio: Ratios) -> Ratios:
-        """Tooth force over total force, of the shape of `modulus_ratio`.
+    @property
+    def model(self) -> str:
+        """Name of the finite-element model."""
+        return model_of(self.parameters)
 
-        Raises:
-            RangeError: a modulus ratio lies outside the surface, or is no number.
-        """
-        ratios = np.asarray(modulus_ratio, dtype=np.float64)
-        bad = ~((ratios >= self.lowest) & (ratios <= self.highest))
-        if bad.any():
-            raise RangeError(
-                f"modulus ratio {ratios[bad].flat[0]:g} is outside {self.lowest:g} to {self.highest:g} of the"
-                f" response surface; ask model {self.model!r}"
-            )
-        low, high = math.log10(self.lowest), math.log10(self.highest)
-        place = (2 * np.log10(ratios) - (low + high)) / (high - low)
-        value = np.polynomial.chebyshev.chebval(place, self.coefficients).astype(np.float64)
-        return value if isinstance(modulus_ratio, np.ndarray) else float(value)
+    @property
+    def poles(self) -> Curve:
+        """Poles of the finest mesh."""
+        return self.meshes[-1].poles
 
-    def thinned(self, stride: int) -> ResponseSurface:
-        """The surface through every `stride`-th node; its error bound is not known."""
-        count = len(self.coefficients)
-        kept = np.cos(math.pi * np.arange(0, count, stride) / (count - 1))
-        coefficients = interpolate(np.polynomial.chebyshev.chebval(kept, self.coefficients).astype(np.float64))
-        return replace(self, coefficients=coefficients, error_bound=math.inf)
+    @property
+    def seconds(self) -> float:
+        """Processor time in which all meshes were found [s]."""
+        return sum(mesh.seconds for mesh in self.meshes)
 
-    def save(self, path: Path) -> None:
-        """Write to an `.npz` file.
+    def force_ratios(self, moduli: Array) -> Array:
+        """Tooth force over total force at moduli of the object [Pa]."""
+        return self.poles.force_ratios(moduli)[:, 0]
 
-        Raises:
-            OSError: the file cannot be written.
-        """
-        with path.open("wb") as file:
-            np.savez(
-                file,
-                coefficients=self.coefficients,
-                numbers=self._numbers(),
-                model=np.array(self.model),
-                design_hash=np.array(self.design_hash),
-                content_hash=np.array(self._content_hash()),
-            )
+    def estimates(self, moduli: Array) -> tuple[Array, Array]:
+        """Bounds on the errors of force ratio and voltages under 1 N [V], at moduli of the object [Pa]."""
+        if isinstance(self.parameters, RoundParameters):
+            return axisymmetric.estimates([m.curve for m in self.meshes if isinstance(m, RoundMesh)], moduli)
+        known = [mesh.curve for mesh in self.meshes if isinstance(mesh, SolidMesh)]
+        return solid.estimates(known, self.parameters, moduli)
 
-    def _numbers(self) -> Array:
-        return np.array([self.lowest, self.highest, self.error_bound, self.discretisation, self.seconds])
-
-    def _content_hash(self) -> str:
-        digest = hashlib.sha256(f"{self.model};{self.design_hash}".encode())
-        digest.update(self._numbers().astype("<f8").tobytes())
-        digest.update(self.coefficients.astype("<f8").tobytes())
-        return digest.hexdigest()
+    def solve_at(self, moduli: Array) -> list[tuple[Solution, float]]:
+        """Solutions under 1 N and their error estimates, at moduli of the object [Pa]."""
+        ratio, voltage = self.estimates(moduli)
+        finest, found = self.meshes[-1], list[Solution]()
+        if isinstance(finest, RoundMesh):
+            found += axisymmetric.read(finest.curve, moduli, voltage)
+        elif isinstance(self.parameters, SolidParameters):
+            found += solid.read(finest.curve, self.parameters, moduli, voltage)
+        return list(zip(found, ratio.tolist(), strict=True))
 
 
-def fixed(parameters: Parameters) -> str:
-    """Text of everything on which a force ratio depends, except the object's modulus.
-
-    The ring's modulus is in it, because it sets the sensor's stiffness against that of the plates.
-    """
-    apart = replace(parameters, sensed_modulus=parameters.compliant_modulus)
-    if isinstance(apart, SolidParameters):
-        apart = replace(apart, force=1.0)
-    return apart.canonical()
-
-
-def design_hash(parameters: Parameters, refinement: int | None = None) -> str:
-    """SHA-256 of everything on which a surface depends; None: with the refinement of the stored surfaces."""
-    model = model_of(parameters)
-    used = refinement_of(parameters) if refinement is None else refinement
-    text = f"surface {CODE_VERSION};{model};refinement={used};{fixed(parameters)}"
+def curve_hash(parameters: Parameters, refinement: int) -> str:
+    """SHA-256 of everything on which a shipped curve depends."""
+    text = f"curve {CODE_VERSION};{model_of(parameters)};refinement={refinement};{fixed(parameters)}"
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def stored_at(design: str, parameters: str) -> Path:
-    """The file of a design's surface with a parameter set."""
-    return STORED / (f"{design}.npz" if parameters == SETS[0] else f"{design}.{parameters}.npz")
 
 
 def surface_parameters(design: Design, load: Load) -> Parameters:
@@ -145,77 +137,65 @@ def surface_parameters(design: Design, load: Load) -> Parameters:
     return (round_parameters if design.outline == "round" else solid_parameters)(design, load)
 
 
-def read(path: Path) -> ResponseSurface:
-    """Read a file that `ResponseSurface.save` wrote.
+def find(design: Design, load: Load) -> Surface:
+    """The shipped curves for a design and an object.
 
     Raises:
-        ConfigError: there is no such file, or it is corrupt.
-    """
-    try:
-        # np.load would leave a file open that it opened itself and found to be cut off.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            _hold_limits(stored.zip)
-            lowest, highest, bound, discretisation, seconds = (float(value) for value in stored["numbers"])
-            surface = ResponseSurface(
-                coefficients=np.asarray(stored["coefficients"], dtype=np.float64),
-                lowest=lowest,
-                highest=highest,
-                error_bound=bound,
-                discretisation=discretisation,
-                seconds=seconds,
-                model=str(stored["model"]),
-                design_hash=str(stored["design_hash"]),
-            )
-            content = str(stored["content_hash"])
-    except Exception as error:  # zipfile and numpy raise many kinds of errors for a damaged file
-        raise ConfigError(f"response surface {path}: not readable ({error}); build it again") from error
-    if content != surface._content_hash():
-        raise ConfigError(f"response surface {path}: content hash does not fit its content; build it again")
-    return surface
-
-
-def _hold_limits(archive: zipfile.ZipFile) -> None:
-    """Check that an unpacked file is not larger than a surface can be. Raises ValueError."""
-    size = sum(entry.file_size for entry in archive.infolist())
-    if size > LARGEST_SURFACE:
-        raise ValueError(f"{size} bytes unpacked, {LARGEST_SURFACE} are the most")
-
-
-def find(design: Design, load: Load) -> ResponseSurface:
-    """The stored surface for a design and an object.
-
-    Raises:
-        RangeError: there is none for that design, object or load.
-        ConfigError: its file is corrupt.
+        RangeError: there are none for that design, object or load.
+        ConfigError: a file is damaged.
     """
     return _find(design, replace(load, force=1.0, sensed=replace(load.sensed, modulus=design.ring.material.modulus)))
 
 
 @functools.lru_cache(maxsize=64)
-def _find(design: Design, load: Load) -> ResponseSurface:
-    """`find` with its results kept: a surface answers faster than its file is looked up."""
+def _find(design: Design, load: Load) -> Surface:
+    """`find` with its results kept: a surface answers faster than its files are looked up."""
     parameters = surface_parameters(design, load)
-    wanted = design_hash(parameters)
-    for path in sorted(STORED.glob(f"{design.name}.*npz")):
-        surface = read(path)
-        if surface.design_hash == wanted:
-            return surface
-    shipped = ", ".join(sorted(file.stem.replace(".", " by set ") for file in STORED.glob("*.npz")))
-    raise RangeError(
-        f"model 'surface' has no surface for design {design.name!r} with these dimensions, materials and load; it has"
-        f" {shipped}, and without a set only for the design's own values under a bonded object of 3 mm and Poisson"
-        f" ratio 0.3; ask model {model_of(parameters)!r}"
-    )
+    files = [(path, key) for _, path, key in places(design.name, parameters)]
+    if not all(path.exists() for path, _ in files):
+        raise RangeError(
+            f"model 'surface' has no surface for design {design.name!r} with these dimensions, materials and load; it"
+            f" has {', '.join(sorted({path.name.split('.')[0] for path in STORED.glob(f'*{SUFFIX}')}))}, with the"
+            " design's own values under a bonded object of 3 mm and Poisson ratio 0.3, and some with parameter set"
+            f" 'identified'; ask model {model_of(parameters)!r}"
+        )
+    if isinstance(parameters, RoundParameters):
+        return Surface(parameters, tuple(read(path, RoundMesh, key) for path, key in files))
+    return Surface(parameters, tuple(read(path, SolidMesh, key) for path, key in files))
 
 
-def interpolate(values: Array) -> Array:
-    """Chebyshev coefficients of the polynomial through `values` at cos(π k / n), k = 0 to n."""
-    from scipy.fft import dct
+def places(design: str, parameters: Parameters) -> Iterator[tuple[int, Path, str]]:
+    """Refinements of a sensor's surface, with their files and hashes."""
+    for refinement in refinements_of(parameters):
+        key = curve_hash(parameters, refinement)
+        yield refinement, STORED / f"{design}.{refinement}.{key[:8]}{SUFFIX}", key
 
-    count = len(values) - 1
-    coefficients: Array = dct(values, type=1) / count
-    coefficients[[0, -1]] /= 2
-    return coefficients
+
+def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
+    """Find the curves of a design with some sets of parameters, and write them in place of all that it has.
+
+    Raises:
+        EstimateError: a stiffness is not positive definite to working precision.
+        OSError: a file cannot be written.
+    """
+    written = []
+    for sensor in sensors:
+        sensor = replace(sensor, sensed_modulus=1.0)
+        for refinement, path, key in places(design, sensor):
+            start = time.process_time()
+            mesh: RoundMesh | SolidMesh
+            if isinstance(sensor, RoundParameters):
+                found = curves.found_on(sensor, *axisymmetric.resolution_of(refinement))
+                mesh = RoundMesh(found.without(NEGLIGIBLE), time.process_time() - start)
+            else:
+                known = solid.found_on(sensor, solid.resolution_of(refinement))
+                mesh = SolidMesh(replace(known, poles=known.poles.without(NEGLIGIBLE)), time.process_time() - start)
+            write(path, mesh, key)
+            written.append(path)
+            yield path
+    for old in set(STORED.glob(f"{design}.*{SUFFIX}")).difference(written):
+        old.unlink()
+    _find.cache_clear()
 
 
 def model_of(parameters: Parameters) -> str:
@@ -223,9 +203,10 @@ def model_of(parameters: Parameters) -> str:
     return "axisymmetric" if isinstance(parameters, RoundParameters) else "solid"
 
 
-def refinement_of(parameters: Parameters) -> int:
-    """Refinement of the stored surface."""
-    return 0 if has_many_teeth(parameters) else REFINEMENTS[model_of(parameters)]
+def refinements_of(parameters: Parameters) -> tuple[int, ...]:
+    """Refinements of the shipped meshes."""
+    whole = REFINEMENTS[model_of(parameters)]
+    return whole[:MANY_TEETH_REFINEMENTS] if has_many_teeth(parameters) else whole
 
 
 def has_many_teeth(parameters: Parameters) -> bool:
