@@ -99,12 +99,13 @@ def _estimate(meshes: Sequence[Mesh], results: Sequence[Solved]) -> float | None
     """Error estimate that `solve_to` would give for the last of some refinements; None: it would not stop there."""
     if len(results) < 2:
         return None
+    curves = [result.curve for result in results if result.curve is not None]
+    if len(curves) < len(results):
+        return None
     parameters = meshes[0].parameters
     if isinstance(parameters, RoundParameters):
-        curves = [result.curve for result in results if result.curve is not None]
-        return axisymmetric.error_estimate(curves, parameters).force_ratio if len(curves) == len(results) else None
-    judged = [result.judged for result in results if result.judged is not None]
-    return solid.error_estimate(judged, parameters).force_ratio if len(judged) == len(results) else None
+        return axisymmetric.error_estimate(curves, parameters).force_ratio
+    return solid.error_estimate(curves, parameters).force_ratio
 
 
 def _ratios(mesh: Mesh, solved: Results, moduli: Sequence[float]) -> Values:

@@ -16,7 +16,6 @@ import numpy as np
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.curves import found_on
-from palpate.instrument.models.finite_elements.error_estimate import Judged
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
@@ -81,14 +80,12 @@ class Solved:
 
     Attributes:
         force_ratio: the force ratio; None: the solution failed.
-        judged: quantities by which a mesh of the solid model is judged.
         seconds: processor time to build, to solve, and to evaluate [s].
         failure: why the solution failed; empty: it did not.
-        curve: curve of a mesh of the axisymmetric model.
+        curve: curve of the mesh over the modulus of the object.
     """
 
     force_ratio: float | None
-    judged: Judged | None = None
     seconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
     failure: str = ""
     curve: Curve | None = None
@@ -126,7 +123,8 @@ def solve(mesh: Mesh) -> Solved:
             ratio = float(found.force_ratios(np.array([mesh.parameters.sensed_modulus]))[0, 0])
             return Solved(ratio, curve=found, seconds=(0.0, built - start, time.process_time() - built))
         answer = solid.solve_on(mesh.parameters, _resolution(mesh))
-        return Solved(answer.force_ratio, answer.judged, (*answer.seconds, 0.0))
+        whole = solid.curve_on(mesh.parameters, _resolution(mesh))
+        return Solved(answer.force_ratio, curve=whole.poles, seconds=(*answer.seconds, 0.0))
     except EstimateError as error:
         return Solved(None, failure=str(error))
 

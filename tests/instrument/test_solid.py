@@ -221,11 +221,21 @@ def test_an_unknown_choice_is_refused() -> None:
         replace(SolidParameters(), interface="glued")
 
 
-def test_a_tolerance_that_the_model_cannot_meet_is_refused_before_it_is_tried() -> None:
+def test_a_tolerance_that_the_model_cannot_meet_is_refused() -> None:
     with pytest.raises(RangeError, match="tolerance 0 is not above 0"):
         solve_to(COARSE, 0.0)
-    with pytest.raises(RangeError, match="tolerance 1e-09: model 'solid' has an error of 5e-05 on its finest mesh"):
-        solve_to(COARSE, 1e-9)
+    with pytest.raises(RangeError, match="tolerance 1e-12: model 'solid' rounds its ratio by up to 1e-09"):
+        solve_to(COARSE, 1e-12)
+
+
+def test_a_tolerance_below_the_estimate_of_the_finest_mesh_is_refused_with_that(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    meshes = tuple(Resolution(layers=1, ratio=0.2, sectors=1, degree=degree) for degree in (2, 3))
+    monkeypatch.setattr(solid, "RESOLUTIONS", meshes)
+    monkeypatch.setattr(solid, "REFINEMENTS", (0, 1))
+    with pytest.raises(RangeError, match="cannot meet tolerance 1e-08: its least error here is"):
+        solve_to(COARSE, 1e-8)
 
 
 def test_an_unknown_refinement_is_refused() -> None:

@@ -83,7 +83,7 @@ def test_a_stored_estimate_is_the_models_own_now(refinement: int) -> None:
         if (p.design, p.model, p.refinement) == (ROUND.name, "solid", f"refinement {refinement}")
     )  # fmt: skip
     sensor = solid_parameters(ROUND, PHYSICAL.load(prices.moduli_Pa[2]))
-    estimate = solid.error_estimate([solid.solve(sensor, k).judged for k in range(refinement + 1)], sensor)
+    estimate = solid.error_estimate([solid.curve(sensor, k).poles for k in range(refinement + 1)], sensor)
     assert entry.estimates[1] == entry.estimates[2] == pytest.approx(estimate.force_ratio, rel=1e-6)
 
 

@@ -22,7 +22,7 @@ Names = NDArray[np.intp]
 Entries = TypeVar("Entries", NDArray[np.float64], NDArray[np.intp])
 
 # Least G / λ that element matrices bear without rounding errors that count; below it, results are extrapolated.
-LEAST_COMPLIANCE = 1e-3
+LEAST_COMPLIANCE = 3e-3
 
 
 @dataclass(frozen=True, slots=True)

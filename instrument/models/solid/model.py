@@ -19,33 +19,31 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements import ladder
-from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds
+from palpate.instrument.models.finite_elements.error_estimate import Bounds
+from palpate.instrument.models.finite_elements.error_estimate import estimates as from_curves
 from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.mesh import Resolution
 from palpate.instrument.models.solid.system import SolidCurve, System, symmetry
 
-# Resolution by refinement: a higher degree, more layers, then more layers and sectors. Layers alone would leave the
-# error along the circle, up to 2e-4 of the force ratio, and that of the wide steps between the edges.
+# Resolution by refinement: a higher degree, more layers, then both. Along the circle a higher degree costs less than
+# more sectors.
 RESOLUTIONS = (
     Resolution(layers=2, ratio=0.2, sectors=1, degree=2),
     Resolution(layers=2, ratio=0.2, sectors=1, degree=3),
     Resolution(layers=3, ratio=0.2, sectors=1, degree=3),
-    Resolution(layers=4, ratio=0.2, sectors=2, degree=3),
+    Resolution(layers=4, ratio=0.2, sectors=1, degree=4),
 )
 REFINEMENTS = tuple(range(len(RESOLUTIONS)))
-# Of the product of energies, what the finer mesh is left with: a refinement divides the error by about four.
-SHARE_LEFT = 0.5
-# Coarse meshes do not see how the object hands its force over across a narrow gap, or a thin object at all. They hardly
-# differ there, and what is left is up to four times that. This share counts beside that of a closed gap.
+# Factor on the estimate by number of meshes: what the last step leaves of the error that it changes. The third step
+# raises degree and layers, and leaves least. No random disc's error was above two thirds of the result.
+SAFETY = {2: 1.5, 3: 1.0, 4: 0.5}
+# Meshes do not see how the object hands its force over across a narrow gap, or a thin object at all. They hardly differ
+# there, and what is left is more than what changes.
 NARROW = 0.05  # of the tooth's radius
-NARROW_SHARE = 3.0
-CAPPED_SHARE = 9.0  # share for narrow sensors with capped rings, where the object's edge above the gap carries the rest
-# Least estimate by number of meshes. Some may agree by chance. The first three have the same sectors, so that their
-# changes do not tell what these leave, up to 3.3e-4 of a random sensor.
-LEAST = {2: 1e-3, 3: 1e-3, 4: 5e-5}
-
+NARROW_SAFETY = 9.0
+ROUND_OFF = 1e-9  # of the force ratio
 
 Array = NDArray[np.float64]
 PlaneStress = tuple[float, float]
@@ -61,7 +59,6 @@ class SolidSolution:
         tooth_films: mean stresses along x and y of the film below each tooth; none on a rigid support.
         base_films: mean stresses of the film of each base; none on a rigid support.
         voltage_error: bound on the error of each voltage [V]; None: only one mesh was solved.
-        energies: energies from which errors are estimated.
         signals: voltage [V] and short-circuit charge [C] of each film, first of the teeth and then of the bases.
         total_force: force that reaches the floor [N].
         force_ratio: sum of the tooth forces over the total force.
@@ -77,14 +74,8 @@ class SolidSolution:
     total_force: float
     force_ratio: float
     unknowns: int
-    energies: Energies
     seconds: tuple[float, float]
     voltage_error: float | None = None
-
-    @property
-    def judged(self) -> Judged:
-        """Numbers from which the mesh's error is estimated."""
-        return Judged(self.force_ratio, tuple(voltage for voltage, _ in self.signals), self.energies)
 
 
 def solve(parameters: SolidParameters, refinement: int) -> SolidSolution:
@@ -129,14 +120,13 @@ def read(
             (of.films, of.poles.shorted),
         )
     )
-    load, jump = of.poles.energies(moduli)
     errors = [None] * len(moduli) if voltage_errors is None else (force * voltage_errors).tolist()
     columns = (
         *(each.tolist() for each in (teeth, bases, stresses, voltages, charges, total, teeth.sum(axis=1) / total)),
-        *(load[:, 0].tolist(), jump.tolist(), errors),
+        errors,
     )
     solutions = []
-    for tooth, base, stress, volts, coulombs, whole, ratio, pressed, jumped, error in zip(*columns, strict=True):
+    for tooth, base, stress, volts, coulombs, whole, ratio, error in zip(*columns, strict=True):
         plane = list(zip(stress[: len(stress) // 2], stress[len(stress) // 2 :], strict=True))
         solutions.append(
             SolidSolution(
@@ -148,7 +138,6 @@ def read(
                 total_force=whole,
                 force_ratio=ratio,
                 unknowns=of.unknowns,
-                energies=Energies(pressed if parameters.load_at is None else None, jumped),
                 seconds=of.seconds,
                 voltage_error=error,
             )
@@ -243,10 +232,9 @@ def poles_to(parameters: SolidParameters, moduli: Array, tolerance: float) -> tu
 def _check(tolerance: float) -> None:
     if not (0 < tolerance < math.inf):
         raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
-    if tolerance < LEAST[max(LEAST)]:
+    if tolerance < ROUND_OFF:
         raise RangeError(
-            f"tolerance {tolerance:g}: model 'solid' has an error of {LEAST[max(LEAST)]:g} on its finest mesh; give"
-            " a larger one"
+            f"tolerance {tolerance:g}: model 'solid' rounds its ratio by up to {ROUND_OFF:g}; give a larger one"
         )
 
 
@@ -265,45 +253,40 @@ def curve(parameters: SolidParameters, refinement: int) -> SolidCurve:
 
 
 def estimates(meshes: Sequence[SolidCurve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
-    """Bounds on the errors of force ratio and voltages under 1 N [V] of the last of some meshes, at each modulus."""
-    sensor = replace(parameters, force=1.0)
-    judged = [[solution.judged for solution in read(mesh, sensor, moduli)] for mesh in meshes]
-    found = [error_estimate(each, parameters) for each in zip(*judged, strict=True)]
-    return np.array([each.force_ratio for each in found]), np.array([each.voltage for each in found])
+    """Bounds on the errors of force ratio and voltages under 1 N [V] of the last of some meshes, at each modulus.
+
+    Args:
+        meshes: all refinements from the first on, two or more.
+        parameters: the sensor; its modulus of the object has no effect.
+        moduli: moduli of the object [Pa].
+    """
+    return _bounds([mesh.poles for mesh in meshes], parameters, moduli)
+
+
+def error_estimate(curves: Sequence[Curve], parameters: SolidParameters) -> Bounds:
+    """Bounds on the errors of the last of two or more refinements from the first on, at the parameters' modulus."""
+    ratio, voltage = _bounds(curves, parameters, np.array([parameters.sensed_modulus]))
+    return Bounds(float(ratio[0]), float(voltage[0]))
+
+
+def _bounds(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
+    last = curves[-2:]
+    if parameters.load_at is not None:
+        # Beneath a point load the energy has no end. What of it passes through the contact has one.
+        last = [replace(each, clamped=np.zeros_like(each.clamped)) for each in last]
+    ratio, voltage = from_curves(last, moduli)
+    safety = SAFETY[min(len(curves), max(SAFETY))] * (NARROW_SAFETY if is_narrow(parameters) else 1.0)
+    return safety * ratio + ROUND_OFF, safety * voltage
 
 
 def _estimates(parameters: SolidParameters) -> ladder.Estimates[SolidCurve]:
     return lambda meshes, moduli: estimates(meshes, parameters, moduli)
 
 
-def error_estimate(meshes: Sequence[Judged], parameters: SolidParameters) -> Bounds:
-    """Bounds on the errors of the last of two or more refinements from the first on."""
-    narrow = is_narrow(parameters)
-    narrow_share = CAPPED_SHARE if parameters.interface == "capped" else NARROW_SHARE
-    found = bounds(meshes, slowly=narrow, safety=narrow_share if narrow else SHARE_LEFT)
-    return replace(found, force_ratio=max(found.force_ratio, _series([mesh.force_ratio for mesh in meshes])))
-
-
 def is_narrow(parameters: SolidParameters) -> bool:
     """Whether the gap is closed to coarse meshes, or the object too thin for them."""
     gap = parameters.ring_inner_radius - parameters.tooth_radius
     return min(gap, parameters.sensed_thickness) < NARROW * parameters.tooth_radius
-
-
-def _series(ratios: Sequence[float]) -> float:
-    """Bound on the error of the last force ratio by how the ratios go on.
-
-    A refinement divides the error by about four. The bound is the greatest of twice the last change, a share of the
-    one before (one small change can be luck, so that the first counts four times), what is left of a series that
-    falls as slowly as the last two changes, and what meshes so coarse may leave unseen.
-    """
-    change, least = abs(ratios[-1] - ratios[-2]), LEAST[min(len(ratios), len(REFINEMENTS))]
-    if len(ratios) == 2:
-        # A closed gap below a soft bonded object: the error left is twice the change.
-        return max(4 * change, least)
-    before = abs(ratios[-2] - ratios[-3])
-    slowness = min(change / before, 0.9) if before > 0 else 0.5
-    return max(2 * change, 0.4 * before, change * slowness / (1 - slowness), least)
 
 
 def resolution_of(refinement: int) -> Resolution:
