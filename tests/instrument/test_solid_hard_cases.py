@@ -16,6 +16,7 @@ from palpate.instrument.models.solid.body import Body, Elastic, Names
 from palpate.instrument.models.solid.mesh import Resolution
 from palpate.instrument.models.solid.model import point_loads, solve, solve_on
 from palpate.instrument.models.solid.system import System
+from tests.settings import disc
 
 Vector = NDArray[np.float64]
 
@@ -121,3 +122,14 @@ def test_a_closed_gap_leaves_no_hole_between_object_and_ring() -> None:
     its = axisymmetric.solve(replace(RoundParameters(compliant_poisson=0.455), **closed), 2).force_ratio
     ours = solve(SolidParameters(outline="round", compliant_poisson=0.455, **closed), 1).force_ratio
     assert ours == pytest.approx(its, abs=0.005)
+
+
+@pytest.mark.slow
+def test_a_foil_of_rubber_on_a_rigid_tooth_loses_no_digits() -> None:
+    """Its stiffness is so great that the rounding of it, as a force on the tooth, was a tenth of the whole load."""
+    radii = {"tooth_radius": 4.4e-4, "ring_inner_radius": 1.36e-3, "ring_outer_radius": 10.5e-3}
+    foil = {"sensed_poisson": 0.5, "sensed_thickness": 1e-5, "sensor_height": 2.6e-3, "support": "rigid"}
+    asked = SolidParameters(outline="round", cell_length=30e-3, cell_width=30e-3, **radii, **foil)
+    its = axisymmetric.solve(disc(asked), 2).force_ratio
+    ours = solve_on(asked, Resolution(layers=1, ratio=0.2, sectors=1, degree=3)).force_ratio
+    assert ours == pytest.approx(its, rel=0.1)

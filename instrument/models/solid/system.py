@@ -132,10 +132,8 @@ class System:
             )
             least = sensor.torn(rows[:, -1], teeth + len(asked.electrodes), self._volts[:, -1], energy)
         if self.parameters.support == "rigid":
-            # Forces of the object on rigid teeth follow from those of the ring on the object: w S1 E u = w (f - S0 u).
-            through = np.linalg.solve(sensed_side.stiffness, sensed_side.loads[:, len(loads) :])
+            through, offsets = self._through_teeth(sensed_side, loads)
             rows -= sensor.stiffness @ through
-            offsets = through.T @ sensed_side.loads[:, own] + sensed_side.work[len(loads) :, own]
         sensed = Condensed(sensed_side.stiffness, sensed_side.loads[:, own], sensed_side.work[own, own])
         share = 1.0 if self.parameters.support == "rigid" else 0.0
         return SolidCurve(
@@ -156,6 +154,26 @@ class System:
             unknowns=self.stack.unknowns,
             seconds=(built - self._start, time.process_time() - built),
         )
+
+    def _through_teeth(self, sensed_side: Condensed, loads: Sequence[Vector]) -> tuple[Vector, Vector]:
+        """Displacements w of the contact (contact, goals), and offsets (goals, loads), for forces on rigid teeth.
+
+        These follow from those of the ring on the object: w S1 E u = w (f - S0 u). For all teeth together w is the
+        object's own motion, so that no rounding counts.
+        """
+        asked, count = self._goals, len(loads)
+        teeth = slice(count, count + asked.teeth)
+        through = np.linalg.solve(sensed_side.stiffness, sensed_side.loads[:, teeth])
+        offsets = through.T @ sensed_side.loads[:, :count] + sensed_side.work[teeth, :count]
+        part = self.stack.object
+        sinking = np.zeros(self.stack.unknowns + 1)
+        sinking[part.names[2]] = -np.multiply.outer(part.body.height.one, self.stack.one[part.body.plan.nodes])
+        whole, forces = sinking[:-1][self.contact], self.copies * np.array([sinking[:-1] @ load for load in loads])
+        through += (whole - through.sum(axis=1))[:, None] / asked.teeth
+        offsets += (forces - offsets.sum(axis=0)) / asked.teeth
+        each, together = np.eye(asked.teeth), np.ones((asked.teeth, 1))
+        on_goals = np.concatenate([each, each if asked.bases > 1 else together, together], axis=1)
+        return through @ on_goals, on_goals.T @ offsets
 
     def displacement(self, load: Vector) -> Vector:
         """Displacements (unknowns,) under a load on the object, with its modulus in the parameters.
