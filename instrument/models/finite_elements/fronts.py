@@ -84,8 +84,9 @@ def condense(mesh: Mesh, remembers: bool = False) -> Condensed:
     elimination = _Elimination(mesh, order, remembers)
     stiffness, loads = elimination.run()
     places = order.rank[mesh.kept] - (len(mesh.kept) - np.count_nonzero(mesh.kept))
-    lower = np.tril(stiffness, -1)
-    whole = lower + lower.T + np.diag(np.diag(stiffness))
+    lower = np.tril(stiffness)
+    whole = lower + lower.T
+    np.fill_diagonal(whole, np.diagonal(stiffness))
     return Condensed(
         stiffness=whole[np.ix_(places, places)],
         loads=loads[places],

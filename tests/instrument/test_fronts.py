@@ -1,0 +1,138 @@
+"""Elimination by dense fronts, beside dense matrices, and the projection of what is left."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.models.finite_elements import fronts
+from palpate.instrument.models.finite_elements.dissection import dissected
+from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
+from palpate.instrument.models.finite_elements.poles import Sensor, curve
+from palpate.instrument.models.finite_elements.rational import basis
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import solid_parameters
+from palpate.instrument.models.solid.model import RESOLUTIONS
+from palpate.instrument.models.solid.system import System
+from palpate.instrument.sensor.designs import get_design
+
+Array = NDArray[np.float64]
+SIDE = 9  # elements along a square; its nodes have one unknown each
+
+
+def square() -> tuple[Mesh, Array]:
+    """A square of random elements, held at its left side, kept at its right one; and its whole matrix, dense.
+
+    Two places of the first element are one unknown.
+    """
+    rng = np.random.default_rng(1)
+    node = np.arange((SIDE + 1) ** 2).reshape(SIDE + 1, SIDE + 1)
+    unknowns = np.stack([node[:-1, :-1], node[1:, :-1], node[:-1, 1:], node[1:, 1:]], axis=-1).reshape(-1, 4)
+    unknowns = np.where(unknowns % (SIDE + 1) == 0, -1, unknowns)
+    unknowns[0, 3] = unknowns[0, 1] = node[1, 1]
+    free = np.unique(unknowns[unknowns >= 0])
+    unknowns = np.where(unknowns >= 0, np.searchsorted(free, unknowns), -1)
+    roots = rng.normal(size=(len(unknowns), 4, 3))
+    roots -= roots.mean(axis=1, keepdims=True)  # a common displacement of all nodes costs nothing
+    matrices = roots @ roots.transpose(0, 2, 1)
+    kept = free % (SIDE + 1) == SIDE
+    x, y = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
+    whole = np.zeros((len(free) + 1,) * 2)
+    for own, matrix in zip(unknowns, matrices, strict=True):
+        np.add.at(whole, (own[:, None], own), matrix)
+    loads = rng.normal(size=(len(free), 2))
+    return Mesh(unknowns, np.column_stack([x.ravel(), y.ravel()]), matrices.__getitem__, kept, loads), whole[:-1, :-1]
+
+
+def test_what_is_left_is_the_schur_complement_and_what_was_inside_comes_back() -> None:
+    mesh, whole = square()
+    found, kept = condense(mesh, remembers=True), mesh.kept
+    inner = np.linalg.inv(whole[~kept][:, ~kept])
+    coupling, own = whole[kept][:, ~kept], mesh.loads[~kept]
+    assert found.stiffness == pytest.approx(whole[kept][:, kept] - coupling @ inner @ coupling.T)
+    assert found.loads == pytest.approx(mesh.loads[kept] - coupling @ inner @ own)
+    assert found.work == pytest.approx(own.T @ inner @ own)
+    assert found.inside is not None
+    factors = np.array([2.0, -1.0])
+    moved = np.linalg.solve(found.stiffness, found.loads @ factors)
+    assert found.inside(moved, factors) == pytest.approx(np.linalg.solve(whole, mesh.loads @ factors))
+
+
+def test_element_matrices_are_asked_for_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fronts, "AT_ONCE", 7)
+    mesh, _ = square()
+    asked: list[list[int]] = []
+
+    def matrices(elements: NDArray[np.intp]) -> Array:
+        asked.append(elements.tolist())
+        return mesh.matrices(elements)
+
+    assert condense(replace(mesh, matrices=matrices)).stiffness == pytest.approx(condense(mesh).stiffness)
+    assert max(map(len, asked)) == 7
+    assert sorted(element for few in asked for element in few) == list(range(SIDE**2))
+
+
+def test_a_part_that_nothing_holds_is_refused() -> None:
+    spring = Mesh(
+        unknowns=np.array([[0, 1]]),
+        coordinates=np.zeros((1, 1)),
+        matrices=lambda _elements: np.array([[[1.0, -1.0], [-1.0, 1.0]]]),
+        kept=np.zeros(2, dtype=bool),
+        loads=np.zeros((2, 1)),
+    )
+    with pytest.raises(EstimateError, match="a part is not held; hold every part"):
+        condense(spring)
+
+
+def test_fronts_that_do_not_fit_into_memory_are_refused_before_they_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, _ = square()
+    monkeypatch.setattr(fronts, "machine_memory", lambda: 10_000)
+
+    def begun(_elements: object) -> Array:
+        raise AssertionError
+
+    with pytest.raises(EstimateError, match=r"90 unknowns need 0.0 GB of memory, .* give a larger tolerance"):
+        condense(replace(mesh, matrices=begun))
+
+
+def test_the_memory_of_this_machine_is_known_where_the_system_tells_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert (fronts.machine_memory() or 1e9) > 1e8
+    monkeypatch.delattr(fronts.os, "sysconf", raising=False)
+    assert fronts.machine_memory() is None
+
+
+def test_a_pair_is_cut_between_its_cells_where_the_fewest_unknowns_are_passed_on() -> None:
+    """Cuts at the median alone left a front of 2,198 unknowns."""
+    system = System(solid_parameters(get_design("common_base"), PHYSICAL.load(1e5)), RESOLUTIONS[1])
+    side = system._sensor
+    found = dissected(side._unknowns, side._coordinates, system.contact[side.has])
+    assert max(front.size for front in found.fronts) < 1500
+
+
+def test_poles_of_a_projected_contact_give_what_all_poles_give() -> None:
+    """Of random matrices, which are harder than a sensor's."""
+    rng = np.random.default_rng(2)
+    size = 600
+    first, second = (np.linalg.qr(rng.normal(size=(size, size)))[0] for _ in range(2))
+    sensor = Sensor.__new__(Sensor)
+    sensor.stiffness = (first * np.geomspace(1e4, 1e5, size)) @ first.T
+    sensor.charges, sensor.capacity = rng.normal(size=(size, 1)), np.eye(1)
+    mode = np.ones((size, 1)) / np.sqrt(size)
+    soft = (second * np.geomspace(1e-5, 1.0, size)) @ second.T
+    away = np.eye(size) - mode @ mode.T
+    sensed = Condensed(away @ soft @ away, rng.normal(size=(size, 1)), np.eye(1))
+    row = rng.normal(size=size)
+    asked = (sensor, sensed, mode, row[:, None], np.zeros((1, 1)), row, 0.0, 0.0)
+    assert basis(sensor.stiffness, sensed.stiffness, row[:, None], mode, 24e3) is not None
+    full, projected = curve(*asked), curve(*asked, 24e3)
+    assert len(projected.rates) < len(full.rates) / 3
+    moduli = 24e3 * np.logspace(-2, 8, 21)
+    for of in ("values", "voltages", "shorted", "force_ratios"):
+        apart = np.abs(getattr(projected, of)(moduli) - getattr(full, of)(moduli))
+        assert apart.max() < 1e-6 * np.abs(getattr(full, of)(moduli)).max()
+    for own, other in zip(projected.energies(moduli), full.energies(moduli), strict=True):
+        assert own == pytest.approx(other, rel=1e-5)
