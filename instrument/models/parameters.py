@@ -26,7 +26,7 @@ LOADS = ("pressure", "platen")
 
 _MODULI = ("sensed_modulus", "compliant_modulus", "tooth_modulus", "plate_modulus")
 _POISSON = ("sensed_poisson", "compliant_poisson", "tooth_poisson", "plate_poisson")
-_LENGTHS = (
+SHARED_LENGTHS = (
     "sensed_thickness",
     "tooth_radius",
     "ring_inner_radius",
@@ -81,8 +81,8 @@ class SensorParameters:
                     f"{name} {getattr(self, name):g} Pa is outside {MODULI[0]:g} to {MODULI[1]:g} Pa;"
                     " give a Young modulus that a body has"
                 )
-        _require_positive(self, _LENGTHS, "m")
-        _require_proportionate(self, _LENGTHS)
+        _require_positive(self, SHARED_LENGTHS, "m")
+        _require_proportionate(self, SHARED_LENGTHS)
         for name in _POISSON:
             value = getattr(self, name)
             if not (-1 < value <= 0.5):

@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.instrument.models.axisymmetric import model
 from palpate.instrument.models.axisymmetric.curves import curve_on
 from palpate.instrument.models.axisymmetric.direct import solve_on
+from palpate.instrument.models.axisymmetric.mesh import grid
 from palpate.instrument.models.parameters import RoundParameters
+from tests.benchmarks import poles
+from tests.settings import round_sensors
 
 CASE_A = RoundParameters()
 RIGID = replace(CASE_A, support="rigid")
@@ -45,3 +49,37 @@ def test_a_curve_gives_what_a_solution_for_each_modulus_does(name: str) -> None:
         assert stresses[k] == pytest.approx(known, abs=10 * within * scale)
         assert voltages[k] == pytest.approx([film.voltage for film in films], rel=10 * within)
         assert charges[k] == pytest.approx([film.charge for film in films], rel=10 * within)
+
+
+@pytest.mark.parametrize(
+    "sensor", [CASE_A, *round_sensors(20, seed=5)], ids=lambda sensor: f"{sensor.tooth_radius:.2e}"
+)
+def test_a_finer_mesh_keeps_all_lines_of_the_coarser_one(sensor: RoundParameters) -> None:
+    """Only then do energies tell how far a mesh may be off."""
+    for layers in (2, 3, 4):
+        coarse, fine = grid(sensor, layers), grid(sensor, layers + 1)
+        for few, many in ((coarse.radii, fine.radii), (coarse.heights, fine.heights)):
+            assert np.abs(few[:, None] - many).min(axis=1).max() <= 1e-12 * many[-1]
+
+
+@pytest.mark.parametrize("support", ["elastic", "rigid"])
+def test_the_ratio_does_not_jump_where_the_object_gets_as_hard_as_a_film(support: str) -> None:
+    """Whether the object kept its pressure once depended on its modulus."""
+    around = [CASE_A.film.modulus * factor for factor in (1 - 1e-9, 1 + 1e-9)]
+    below, above = (
+        solve_on(replace(CASE_A, support=support, sensed_modulus=modulus), 3, 1).force_ratio for modulus in around
+    )
+    assert above == pytest.approx(below, abs=1e-8)
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.5])
+def test_a_foil_whose_curve_is_rounded_says_so(poisson: float) -> None:
+    """One that bends on a soft ring: its stiffness is a difference of numbers that are larger by 1e10."""
+    foil = replace(CASE_A, sensed_thickness=1e-5, sensed_poisson=poisson, sensed_modulus=24e11)
+    curves = [model.curve(foil, refinement) for refinement in (1, 2)]
+    error = abs(model.solve(foil, 2).force_ratio - solve_on(foil, 4, 3).force_ratio)
+    assert 1e-8 < error < model.rounding(curves, foil, np.array([foil.sensed_modulus]))[0][0]
+
+
+def test_the_benchmark_s_agreement_is_met() -> None:
+    assert poles._agreement("case A", CASE_A, 1).met

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from palpate.instrument.models.finite_elements.error_estimate import estimate, estimates
+from palpate.instrument.models.finite_elements.error_estimate import REGULAR, SPECIAL, estimate, estimates
 from palpate.instrument.models.finite_elements.poles import Curve
 
 
@@ -51,3 +53,21 @@ def test_the_bound_of_voltages_is_of_the_greatest_change_nearby() -> None:
     at = np.array([1e5 * 10**0.5])
     change = np.abs(COARSE.voltages(at) - FINE.voltages(at)).max()
     assert estimate([COARSE, FINE], 1e5).voltage >= 4 * change > 0
+
+
+def _constant(ratio: float) -> Curve:
+    return replace(_one_pole(1e-5, 0.0), share=ratio)
+
+
+def test_a_bound_falls_with_the_root_of_the_rate_where_errors_fall_regularly_and_else_to_a_tenth_at_most() -> None:
+    meshes = [_constant(ratio) for ratio in (0.5, 0.4, 0.39, 0.389, 0.389)]
+    at = 1e5
+    regular, special = ([estimate(meshes[:k], at, each).force_ratio for k in (2, 3, 4)] for each in (REGULAR, SPECIAL))
+    assert regular == pytest.approx([0.7 * 0.1, 1.4 * 0.01 * 0.1**0.5, 1.4 * 0.001 * 0.1**0.5])
+    assert special == pytest.approx([2 * 0.1, 0.1 * 0.2, 0.1 * 0.02])
+    assert estimate(meshes, at, SPECIAL).force_ratio == pytest.approx(0.1 * 0.002)
+
+
+def test_errors_that_hardly_fall_are_believed_to_add_up() -> None:
+    meshes = [_constant(ratio) for ratio in (0.5, 0.4, 0.31)]
+    assert estimate(meshes, 1e5, REGULAR).force_ratio == pytest.approx(1.4 * 0.09 * 9)

@@ -66,6 +66,7 @@ def _kept(parameters: RoundParameters, degree: int, layers: int, mixed: bool) ->
     return keep(text, Curve, lambda: found_on(parameters, degree, layers, mixed))
 
 
+@single()
 def found_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> Curve:
     """The same, found anew."""
     mesh = grid(replace(parameters, sensed_modulus=1.0), layers)
@@ -88,8 +89,7 @@ def found_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
         displacement[vertices[places]] = 1.0
         return displacement[:-1][contact]
 
-    with single():
-        felt, pressed = sensor.condensed(contact), sensed.condensed(contact)
+    felt, pressed = sensor.condensed(contact), sensed.condensed(contact)
     rigid, count = parameters.support == "rigid", len(films)
     found = Sensor(felt, slice(0, count), np.array([capacitance_of(film.body) for film in films]))
     volts = np.array([stress_by_voltage(film.body) for film in films]).reshape(count, 1, 2)

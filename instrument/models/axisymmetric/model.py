@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +23,20 @@ from palpate.instrument.models.finite_elements import error_estimate as between
 from palpate.instrument.models.finite_elements import ladder
 from palpate.instrument.models.finite_elements.error_estimate import Bounds
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.parameters import CLOSED, SHARED_LENGTHS, RoundParameters
 
 Array = NDArray[np.float64]
 
 # The last refinement takes a second and is good to 1e-7; finer meshes are for references.
 REFINEMENTS = (1, 2, 3, 4, 5)
-ROUND_OFF = 1e-10  # of the force ratio
+ROUND_OFF = 1e-10  # of the force ratio of most sensors
+# In another unit of length a mesh is rounded otherwise. What its answers differ by, times this, bounds their rounding.
+UNIT, ROUNDING = 1.37, 20.0
+# Sensors for which that counts: of a flat object, of nearly incompressible material, of a gap that is narrow beside the
+# heights of its columns of elements.
+FLAT, INCOMPRESSIBLE, NARROW = 20.0, 0.4995, 0.01
 FILMS = ("tooth", "base")
+LENGTHS = (*SHARED_LENGTHS, "sensed_radius", "plate_radius")
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +92,7 @@ def solve_at(parameters: RoundParameters, moduli: Array, tolerance: float) -> li
         EstimateError: a stiffness is not positive definite to working precision.
     """
     _check(tolerance)
-    return ladder.solve_at("axisymmetric", _meshes(parameters), estimates, read, moduli, tolerance)
+    return ladder.solve_at("axisymmetric", _meshes(parameters), _estimates(parameters), read, moduli, tolerance)
 
 
 def poles_to(parameters: RoundParameters, moduli: Array, tolerance: float) -> tuple[Curve, float]:
@@ -97,7 +103,7 @@ def poles_to(parameters: RoundParameters, moduli: Array, tolerance: float) -> tu
         EstimateError: as in `solve_at`.
     """
     _check(tolerance)
-    return ladder.finest_to("axisymmetric", _meshes(parameters), estimates, moduli, tolerance)
+    return ladder.finest_to("axisymmetric", _meshes(parameters), _estimates(parameters), moduli, tolerance)
 
 
 def _check(tolerance: float) -> None:
@@ -113,15 +119,49 @@ def _meshes(parameters: RoundParameters) -> Iterator[Curve]:
     return (curve(parameters, refinement) for refinement in REFINEMENTS)
 
 
-def estimates(curves: Sequence[Curve], moduli: Array) -> tuple[Array, Array]:
-    """Bounds on the errors of force ratio and voltages [V] of the last of two or more meshes, at each modulus."""
-    ratio, voltage = between.estimates(curves, moduli)
-    return ratio + ROUND_OFF, voltage
+def _estimates(parameters: RoundParameters) -> ladder.Estimates[Curve]:
+    return lambda curves, moduli: estimates(curves, parameters, moduli)
+
+
+def estimates(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array) -> tuple[Array, Array]:
+    """Bounds on the errors of force ratio and voltages [V] of the last of some meshes, at each modulus.
+
+    Args:
+        curves: all refinements from the first on, two or more.
+        parameters: the sensor; its modulus of the object has no effect.
+        moduli: moduli of the object [Pa].
+    """
+    gap = parameters.ring_inner_radius - parameters.tooth_radius
+    slow = between.SLOW if gap < CLOSED * parameters.tooth_radius else 1.0
+    manner = between.SPECIAL if is_special(parameters) else between.REGULAR
+    ratio, voltage = between.estimates(curves, moduli, manner, slow)
+    rounded, rounded_voltage = rounding(curves, parameters, moduli)
+    return ratio + rounded, voltage + rounded_voltage
+
+
+def rounding(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array) -> tuple[Array, Array]:
+    """Bounds on the rounding errors of the last of some refinements from the first on; as `estimates`."""
+    if not is_special(parameters):
+        return np.full(len(moduli), ROUND_OFF), np.zeros(len(moduli))
+    in_other_units = replace(parameters, **{name: UNIT * getattr(parameters, name) for name in LENGTHS})
+    twin = curve(in_other_units, REFINEMENTS[len(curves) - 1])
+    ratio, voltage = between.differences(curves[-1], twin, moduli)
+    return ROUNDING * ratio + ROUND_OFF, ROUNDING * voltage
+
+
+def is_special(parameters: RoundParameters) -> bool:
+    """Whether rounding may show in the answers, and errors need not fall regularly."""
+    gap = parameters.ring_inner_radius - parameters.tooth_radius
+    return (
+        parameters.sensed_radius > FLAT * parameters.sensed_thickness
+        or max(parameters.sensed_poisson, parameters.compliant_poisson) > INCOMPRESSIBLE
+        or gap < NARROW * max(parameters.tooth_radius, parameters.sensed_thickness, parameters.sensor_height)
+    )
 
 
 def error_estimate(curves: Sequence[Curve], parameters: RoundParameters) -> Bounds:
-    """Bounds on the errors of the last of two or more meshes."""
-    ratio, voltage = estimates(curves, np.array([parameters.sensed_modulus]))
+    """Bounds on the errors of the last of two or more refinements from the first on, at the parameters' modulus."""
+    ratio, voltage = estimates(curves, parameters, np.array([parameters.sensed_modulus]))
     return Bounds(float(ratio[0]), float(voltage[0]))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -33,10 +33,11 @@ def one_each(shares: int) -> Iterator[Each]:
         yield each
 
 
-def single() -> AbstractContextManager[object]:
+@contextmanager
+def single() -> Iterator[None]:
     """Keep BLAS to one thread: its own ones spin while they wait, and on small matrices take longer than the work."""
-    limited: AbstractContextManager[object] = _blas().limit(limits=1, user_api="blas")
-    return limited
+    with _blas().limit(limits=1, user_api="blas"):
+        yield
 
 
 @functools.cache

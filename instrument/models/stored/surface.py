@@ -111,7 +111,8 @@ class Surface:
     def estimates(self, moduli: Array) -> tuple[Array, Array]:
         """Bounds on the errors of force ratio and voltages under 1 N [V], at moduli of the object [Pa]."""
         if isinstance(self.parameters, RoundParameters):
-            return axisymmetric.estimates([m.curve for m in self.meshes if isinstance(m, RoundMesh)], moduli)
+            curves = [mesh.curve for mesh in self.meshes if isinstance(mesh, RoundMesh)]
+            return axisymmetric.estimates(curves, self.parameters, moduli)
         known = [mesh.curve for mesh in self.meshes if isinstance(mesh, SolidMesh)]
         return solid.estimates(known, self.parameters, moduli)
 
