@@ -18,7 +18,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.instrument.models.axisymmetric import direct as axisymmetric
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric.curves import found_on
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.mesh import Resolution
@@ -46,13 +47,14 @@ ROUND = RoundParameters(support="rigid")
 Curve = Mapping[str, tuple[float, float]]
 
 
+def _ratio(parameters: RoundParameters, degree: int, layers: int) -> float:
+    """Read off the whole curve, found anew."""
+    return float(found_on(parameters, degree, layers).force_ratios(np.array([parameters.sensed_modulus]))[0, 0])
+
+
 def measure() -> Iterator[Row]:
     ngsolve, calculix = importlib.util.find_spec("ngsolve") is not None, shutil.which(calculix_peer.PROGRAM) is not None
-    own = {
-        f"degree {d}, {n} layers": lambda p, d=d, n=n: axisymmetric.solve_on(p, d, n).force_ratio
-        for d, n in MESHES
-        if d > 2
-    }
+    own = {f"degree {d}, {n} layers": lambda p, d=d, n=n: _ratio(p, d, n) for d, n in MESHES if d > 2}
     others = {
         f"degree {d}, {n} layers, {t} threads": lambda p, d=d, n=n, t=t: ngsolve_peer.axisymmetric_ratio(p, d, n, t)
         for d, n in MESHES
@@ -77,7 +79,7 @@ def measure() -> Iterator[Row]:
 
 
 def _in_space(ngsolve: bool) -> Iterator[Row]:
-    references = {ROUND: axisymmetric.solve(ROUND, 4).force_ratio}
+    references = {ROUND: _ratio(ROUND, *axisymmetric.resolution_of(4))}
     sensor = SolidParameters(outline="round", support="rigid")
     own = {
         f"degree {d}, {n} layers of ratio {q:g}": lambda _, d=d, n=n, q=q: (
