@@ -1,72 +1,58 @@
-"""Accuracy and time of the sensor models: estimates, work and precision, response surface, tables of the thesis.
+"""Time and accuracy of the sensor models: stored curves, curves found anew, work and precision, tables of the thesis.
 
 Work is spread over two processes where it is not timed.
 """
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
+from tempfile import TemporaryDirectory
+from unittest import mock
 
 import numpy as np
 
-from palpate.instrument.errors import EstimateError
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.axisymmetric import curves
 from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.finite_elements.kept import VARIABLE
 from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND, IDENTIFIED_SOLID, PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from palpate.instrument.models.parameters import (
+    Parameters,
+    RoundParameters,
+    SolidParameters,
+    round_parameters,
+    solid_parameters,
+)
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.stored import surface, surface_build
+from palpate.instrument.models.stored import surface
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
 from tests.benchmarks.row import Row
-from tests.settings import round_sensors
 
 CORES = 2
-SETTINGS, SEED = 50, 20
+DESIGNS = ("single_round", "single", "common_base", "different_base", "array")
+MANY, REPEATS = 1000, 3
+MODULI = np.geomspace(24.0, 24e10, 81)
 CASE_A = RoundParameters()
 # Degree 9 with 8 layers: 0.4245273654; degree 8 with 7 layers: 0.4245273658.
 CASE_A_RATIO = 0.424527365
-CLAIMED = (2, 3)
-REFERENCE = 4
 # Every third of 48 rows.
 STRIDE = 3
 
 
 def measure() -> Iterator[Row]:
-    with ProcessPoolExecutor(CORES) as pool:
-        yield from _estimates(pool)
-        yield from _tables(pool)
+    yield from _stored()
+    yield from _cold()
     yield from _work_precision()
-    yield from _surface()
-
-
-def axisymmetric_claims(parameters: RoundParameters) -> list[float]:
-    """Error over estimate of each refinement of CLAIMED, against that of REFERENCE; none where the model refuses."""
-    try:
-        solutions = [axisymmetric.solve(parameters, refinement) for refinement in range(1, REFERENCE + 1)]
-    except EstimateError:
-        return []
-    meshes = [solution.judged for solution in solutions]
-    return [
-        abs(meshes[k - 1].force_ratio - meshes[-1].force_ratio)
-        / axisymmetric.error_estimate(meshes[:k], parameters).force_ratio
-        for k in CLAIMED
-    ]
-
-
-def _estimates(pool: Executor) -> Iterator[Row]:
-    claims = list(pool.map(axisymmetric_claims, round_sensors(SETTINGS, SEED)))
-    refused = claims.count([])
-    worst = np.concatenate(claims)
-    held = int((worst <= 1).sum())
-    yield Row(
-        f"axisymmetric, refinements 2 and 3 against {REFERENCE}: error over estimate, {SETTINGS} random settings",
-        f"worst {worst.max():.2f}, {held} of {worst.size} held, {refused} settings refused as too ill-conditioned",
-        "<= 1, all held",
-        held == worst.size,
-    )
+    with ProcessPoolExecutor(CORES) as pool:
+        yield from _tables(pool)
 
 
 def _tables(pool: Executor) -> Iterator[Row]:
@@ -119,29 +105,65 @@ def _work_precision() -> Iterator[Row]:
         )
 
 
-def _surface() -> Iterator[Row]:
-    sensor = surface.surface_parameters(get_design("single_round"), PHYSICAL.load(1e5))
-    with ProcessPoolExecutor(CORES) as pool:
-        start = time.perf_counter()
-        built = surface_build.build(sensor, apply=pool.map)
-        seconds = time.perf_counter() - start
-        yield Row("response surface, single_round: built in", f"{seconds:.0f} s", "< 60 s", seconds < 60)
-        ratios = 10 ** np.random.default_rng(SEED).uniform(-1, 7, 16)
-        moduli = [replace(sensor, sensed_modulus=float(sensor.compliant_modulus * ratio)) for ratio in ratios]
-        truth = np.array(list(pool.map(_surface_model, moduli)))
-    error = float(np.abs(built.force_ratio(ratios) / truth - 1).max())
-    yield Row(
-        f"response surface: relative error at {len(ratios)} random modulus ratios, 0.1 to 1e7",
-        f"{error:.1e}, its bound {built.error_bound:.1e}",
-        "<= 1e-6",
-        error <= 1e-6,
+def _cold() -> Iterator[Row]:
+    """Whole curves, found anew, each with the error estimate of its finest mesh."""
+    for design, tolerance, goal in (("single_round", 1e-6, 0.7), ("single", 1e-4, 3.0), ("common_base", 1e-4, 15.0)):
+        sensor = _sensor(design)
+        model = axisymmetric if isinstance(sensor, RoundParameters) else solid
+        figure = f"{design}: whole curve to {tolerance:g}, cold"
+        with _cold_store():
+            start = time.process_time()
+            try:
+                poles, error = model.poles_to(sensor, MODULI, tolerance)  # type: ignore[arg-type]
+            except RangeError as refused:
+                yield Row(figure, str(refused), f"<= {goal} s", False)
+                continue
+            seconds = time.process_time() - start
+        yield Row(
+            figure, f"{seconds:.2f} s, estimate {error:.1e}, {len(poles.rates)} poles", f"<= {goal} s", seconds <= goal
+        )
+
+
+@contextmanager
+def _cold_store() -> Iterator[None]:
+    """A context without any curve that is known."""
+    for known in (curves._kept, solid._curve_on):
+        known.cache_clear()
+    with TemporaryDirectory() as folder, mock.patch.dict(os.environ, {VARIABLE: folder}):
+        yield
+
+
+def _stored() -> Iterator[Row]:
+    """What is asked of stored curves: by a function, and by commands in processes of their own."""
+    moduli = np.geomspace(1e4, 1e8, MANY)
+    for design in DESIGNS:
+        shipped = surface.find(get_design(design), PHYSICAL.load(1e5))
+        for figure, ask in (("ratio", shipped.force_ratios), ("ratio, signals and estimate", shipped.solve_at)):
+            ask(moduli)
+            start = time.process_time()
+            for _ in range(REPEATS):
+                ask(moduli)
+            each = (time.process_time() - start) / (REPEATS * MANY)
+            yield Row(f"{design}: {figure} of {MANY} moduli, each", f"{1e6 * each:.1f} us", "<= 30 us", each <= 30e-6)
+        many = ("ratio", "--sensed-modulus", ", ".join(f"{modulus:.6g} Pa" for modulus in moduli))
+        back = ("modulus", "--force-ratio", "0.3")
+        for command in (many, back):
+            figure = f"{design}: palpate model {command[0]}, {MANY if command is many else 1} of them"
+            seconds = min(_process("model", *command, "--design", design, "--model", "surface") for _ in range(REPEATS))
+            yield Row(f"{figure}, curve stored", f"{seconds:.2f} s", "<= 0.5 s", seconds <= 0.5)
+
+
+def _process(*arguments: str) -> float:
+    """Processor time of a command in a process of its own [s]."""
+    before = os.times()
+    subprocess.run(
+        [sys.executable, "-c", "from palpate.procedures.commands import main; main()", *arguments, "--json"],
+        check=True,
+        stdout=subprocess.DEVNULL,
     )
-    many = 10 ** np.random.default_rng(SEED).uniform(-1, 7, 1_000_000)
-    start = time.perf_counter()
-    built.force_ratio(many)
-    each = (time.perf_counter() - start) / len(many)
-    yield Row("response surface: one of a million points", f"{1e6 * each:.2f} us", "< 2 us", each < 2e-6)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
 
 
-def _surface_model(parameters: RoundParameters) -> float:
-    return axisymmetric.solve(parameters, surface.REFINEMENTS["axisymmetric"]).force_ratio
+def _sensor(design: str) -> Parameters:
+    return surface.surface_parameters(get_design(design), PHYSICAL.load(1e5))
