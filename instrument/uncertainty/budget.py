@@ -168,16 +168,22 @@ class Budget:
         return correlation_factor([c.name for c in self.components], self.correlations)
 
 
+# Quantile (1 + COVERAGE) / 2 of the normal distribution: to import scipy for it would take longer than all else.
+NORMAL_FACTOR = 1.959963984540054
+
+
 def coverage_factor(degrees_of_freedom: float, coverage: float = COVERAGE) -> float:
     """Student's factor for a two-sided interval. Degrees of freedom need not be whole.
 
     Raises:
         EstimateError: the degrees of freedom are not above 0, or the coverage is not between 0 and 1.
     """
-    from scipy.special import ndtri, stdtrit
-
     if not (degrees_of_freedom > 0 and 0 < coverage < 1):
         raise EstimateError(f"no coverage factor for {degrees_of_freedom} degrees of freedom and coverage {coverage}")
+    if math.isinf(degrees_of_freedom) and coverage == COVERAGE:
+        return NORMAL_FACTOR
+    from scipy.special import ndtri, stdtrit
+
     upper = (1 + coverage) / 2
     return float(ndtri(upper) if math.isinf(degrees_of_freedom) else stdtrit(degrees_of_freedom, upper))
 

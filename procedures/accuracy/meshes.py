@@ -20,7 +20,7 @@ from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.stored.surface import has_many_teeth
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load

@@ -22,7 +22,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.curves import found_on
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.sensor.film_material import FilmMaterial
 from tests.benchmarks import calculix_peer, ngsolve_peer
 from tests.benchmarks.row import Row

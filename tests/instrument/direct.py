@@ -15,8 +15,8 @@ from scipy.sparse.linalg import splu
 from palpate.instrument.models.finite_elements.coupling import capacitance
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.body import Elastic
+from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.solid.goals import goals
-from palpate.instrument.models.solid.mesh import Resolution
 from palpate.instrument.models.solid.parts import Part, Stack
 from palpate.instrument.models.solid.system import System
 

@@ -12,7 +12,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks import estimates

@@ -16,7 +16,8 @@ from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.body import Body, Elastic, HeightElements, PlanElements, plan_basis
-from palpate.instrument.models.solid.mesh import Cell, Plan, Resolution, graded, plan_mesh
+from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.mesh import Cell, Plan, graded, plan_mesh
 from palpate.instrument.models.solid.model import point_loads, solve, solve_to
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design

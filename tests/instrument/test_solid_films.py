@@ -14,7 +14,7 @@ from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.solid.model import solve_on
 from palpate.instrument.models.solid.section import section
 from palpate.instrument.models.solid.system import System

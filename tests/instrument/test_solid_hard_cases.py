@@ -13,7 +13,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.body import Body, Elastic, Names
-from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.solid.model import point_loads, solve, solve_on
 from palpate.instrument.models.solid.system import System
 from tests.settings import disc

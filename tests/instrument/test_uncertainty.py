@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
+from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Component, coverage_factor
 
 NAN, INF = math.nan, math.inf
 
@@ -140,3 +140,9 @@ def test_what_makes_no_budget_is_refused(make: object, part: str) -> None:
 
 def _pair(correlations: dict[tuple[str, str], float]) -> Budget:
     return Budget("load", 1.0, "N", tuple(Component(n, 1.0) for n in "abc"), correlations)
+
+
+def test_the_factor_of_the_usual_interval_is_scipys_to_the_last_digit() -> None:
+    from scipy.special import ndtri
+
+    assert coverage_factor(math.inf) == float(ndtri((1 + COVERAGE) / 2))

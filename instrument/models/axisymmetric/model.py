@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.axisymmetric.curves import curve_on
 from palpate.instrument.models.finite_elements import error_estimate as between
 from palpate.instrument.models.finite_elements import ladder
 from palpate.instrument.models.finite_elements.error_estimate import Bounds
@@ -183,6 +182,8 @@ def curve(parameters: RoundParameters, refinement: int) -> Curve:
         RangeError: there is no such refinement.
         EstimateError: a stiffness is not positive definite to working precision.
     """
+    from palpate.instrument.models.axisymmetric.curves import curve_on
+
     return curve_on(parameters, *resolution_of(refinement))
 
 

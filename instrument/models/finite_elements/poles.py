@@ -14,13 +14,15 @@ eigenvectors V and eigenvalues μ of L⁻¹ S1 L⁻ᵀ, every linear goal is a s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements.fronts import Condensed
-from palpate.instrument.models.finite_elements.rational import basis
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.finite_elements.fronts import Condensed
 
 Array = NDArray[np.float64]
 
@@ -203,6 +205,8 @@ def curve(
         EstimateError: the sensor is not held.
     """
     from scipy.linalg import cholesky, solve_triangular
+
+    from palpate.instrument.models.finite_elements.rational import basis
 
     matrices = sensor.stiffness, sensed.stiffness
     columns: tuple[Array, ...] = (modes, sensed.loads, rows, ratio[:, None], sensor.charges)

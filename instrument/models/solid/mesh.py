@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Mesh, MeshQuad1, MeshQuad2
 
+from palpate.instrument.models.solid.curve import Resolution
+
 Vector = NDArray[np.float64]
 
 TOOTH, GAP, RING, OVERHANG = range(4)
@@ -29,23 +31,6 @@ class Cell:
     tooth_radius: float
     inner_radius: float
     outer_radius: float
-
-
-@dataclass(frozen=True, slots=True)
-class Resolution:
-    """Fineness of a mesh.
-
-    Attributes:
-        layers: steps that shrink towards each singular edge.
-        ratio: size of one step over the next.
-        sectors: number of quadrilaterals along an eighth of the circle.
-        degree: degree of the shape functions, in the plan and along the height.
-    """
-
-    layers: int
-    ratio: float
-    sectors: int
-    degree: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,8 +24,7 @@ from palpate.instrument.models.finite_elements.error_estimate import estimates a
 from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid.mesh import Resolution
-from palpate.instrument.models.solid.system import SolidCurve, System, symmetry
+from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 
 # Resolution by refinement: a higher degree, more layers, then both. Along the circle a higher degree costs less than
 # more sectors.
@@ -163,6 +162,9 @@ def _curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve
 
 def found_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
     """`curve_on`, found anew; the parameters have an object of 1 Pa and a force of 1 N."""
+    # What builds meshes takes a moment to import, and kept curves do not need it.
+    from palpate.instrument.models.solid.system import System
+
     system = System(parameters, resolution)
     return system.curve([system.load(parameters.load_at)])
 
@@ -184,6 +186,8 @@ def point_loads(
         RangeError: a place is off the object, or there is no such refinement.
         EstimateError: the stiffness is singular to working precision.
     """
+    from palpate.instrument.models.solid.system import System, symmetry
+
     symmetries = [symmetry(replace(parameters, load_at=place)) for place in places]
     mirrored = (all(along for along, _ in symmetries), all(across for _, across in symmetries))
     system = System(replace(parameters, load_at=places[0]), resolution_of(refinement), mirrored)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.body import Body, Elastic, HeightElements, Names, PlanElements, plan_basis
-from palpate.instrument.models.solid.mesh import GAP, OVERHANG, RING, TOOTH, Cell, Resolution, graded, plan_mesh
+from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.mesh import GAP, OVERHANG, RING, TOOTH, Cell, graded, plan_mesh
 from palpate.instrument.sensor.film_material import FilmMaterial
 
 Vector = NDArray[np.float64]

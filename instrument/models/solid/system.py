@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,38 +13,19 @@ from numpy.typing import NDArray
 from palpate.instrument.models.finite_elements.coupling import capacitance
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.incompressible import extrapolated
-from palpate.instrument.models.finite_elements.poles import Curve, Sensor, curve
+from palpate.instrument.models.finite_elements.poles import Sensor, curve
 from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.body import Names
+from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 from palpate.instrument.models.solid.goals import goals
-from palpate.instrument.models.solid.mesh import Resolution, locate
+from palpate.instrument.models.solid.mesh import locate
 from palpate.instrument.models.solid.parts import Part, Stack
 
 Vector = NDArray[np.float64]
 
 # A rigid motion of the object that strains it by less than this share does not strain it at all.
 RIGID = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class SolidCurve:
-    """Answers of one mesh of the solid model, over the modulus of the object.
-
-    Attributes:
-        poles: its goals are those of `Goals`.
-        films: as in `Goals`, for charges of the whole sensor.
-        teeth, bases: number of teeth and of bases.
-        unknowns: number of displacements.
-        seconds: processor time of the mesh, and of the elimination [s].
-    """
-
-    poles: Curve
-    films: Vector
-    teeth: int
-    bases: int
-    unknowns: int
-    seconds: tuple[float, float]
 
 
 class System:

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.axisymmetric import curves
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.kept import SUFFIX, read, write
 from palpate.instrument.models.finite_elements.poles import Curve
@@ -31,7 +30,7 @@ from palpate.instrument.models.parameters import (
     solid_parameters,
 )
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.system import SolidCurve
+from palpate.instrument.models.solid.curve import SolidCurve
 from palpate.instrument.models.stored.version import CODE_VERSION, fixed
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
@@ -39,9 +38,9 @@ from palpate.instrument.sensor.load import Load
 Array = NDArray[np.float64]
 Solution = axisymmetric.Solution | solid.SolidSolution
 
-# Shipped refinements: all up to one that is good to 1e-6, and to 1e-3 in space.
-REFINEMENTS = {"axisymmetric": axisymmetric.REFINEMENTS[:4], "solid": solid.REFINEMENTS[:3]}
-# Designs with more teeth have their first meshes alone; the next one is of a megabyte.
+# Shipped refinements: all up to one that is good to 1e-6, and in space all.
+REFINEMENTS = {"axisymmetric": axisymmetric.REFINEMENTS[:4], "solid": solid.REFINEMENTS}
+# Designs with more teeth have their first meshes alone; the next one takes minutes.
 FEW_TEETH = 4
 MANY_TEETH_REFINEMENTS = 2
 STORED = Path(__file__).with_name("curves")
@@ -179,6 +178,8 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
         EstimateError: a stiffness is not positive definite to working precision.
         OSError: a file cannot be written.
     """
+    from palpate.instrument.models.axisymmetric import curves
+
     written = []
     for sensor in sensors:
         sensor = replace(sensor, sensed_modulus=1.0)
