@@ -52,7 +52,7 @@ def test_model_surface_answers_for_each_shipped_design_with_its_estimate(design:
     assert given.force_ratio == pytest.approx(shipped.force_ratios(np.array([1e5]))[0], rel=1e-9)
     assert given.error_estimate == shipped.estimates(np.array([1e5]))[0][0]
     assert given.force_total == pytest.approx(3.0, rel=1e-9)
-    assert sum(given.tooth_forces) == pytest.approx(3.0 * given.force_ratio, rel=1e-12)
+    assert sum(given.tooth_forces) == pytest.approx(3.0 * given.force_ratio, rel=1e-10)  # as much is not shipped
     size = sum(path.stat().st_size for path in surface.STORED.glob(f"{design}.*"))
     assert size < 300_000
 
