@@ -11,7 +11,9 @@ from palpate.instrument.models.axisymmetric import model
 from palpate.instrument.models.axisymmetric.curves import curve_on
 from palpate.instrument.models.axisymmetric.direct import solve_on
 from palpate.instrument.models.axisymmetric.mesh import grid
-from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters, round_parameters
+from palpate.instrument.sensor.designs import get_design
 from tests.benchmarks import poles
 from tests.settings import round_sensors
 
@@ -83,3 +85,12 @@ def test_a_foil_whose_curve_is_rounded_says_so(poisson: float) -> None:
 
 def test_the_benchmark_s_agreement_is_met() -> None:
     assert poles._agreement("case A", CASE_A, 1).met
+
+
+def test_the_designs_are_nothing_special_and_a_tall_column_beside_a_gap_is_looked_at_for_rounding() -> None:
+    for name in ("single", "single_round"):
+        sensor = round_parameters(get_design(name), PHYSICAL.load(1e5))
+        assert not model.may_round(sensor)
+    tall, narrow = replace(CASE_A, sensed_thickness=0.1), replace(CASE_A, ring_inner_radius=1.41e-3)
+    assert model.may_round(tall) and not model.is_special(tall)
+    assert model.is_special(narrow)

@@ -31,8 +31,7 @@ REFINEMENTS = (1, 2, 3, 4, 5)
 ROUND_OFF = 1e-10  # of the force ratio of most sensors
 # In another unit of length a mesh is rounded otherwise. What its answers differ by, times this, bounds their rounding.
 UNIT, ROUNDING = 1.37, 20.0
-# Sensors for which that counts: of a flat object, of nearly incompressible material, of a gap that is narrow beside the
-# heights of its columns of elements.
+# Special sensors: of a flat object, of nearly incompressible material, of a narrow gap.
 FLAT, INCOMPRESSIBLE, NARROW = 20.0, 0.4995, 0.01
 FILMS = ("tooth", "base")
 LENGTHS = (*SHARED_LENGTHS, "sensed_radius", "plate_radius")
@@ -130,8 +129,7 @@ def estimates(curves: Sequence[Curve], parameters: RoundParameters, moduli: Arra
         parameters: the sensor; its modulus of the object has no effect.
         moduli: moduli of the object [Pa].
     """
-    gap = parameters.ring_inner_radius - parameters.tooth_radius
-    slow = between.SLOW if gap < CLOSED * parameters.tooth_radius else 1.0
+    slow = between.SLOW if _gap(parameters) < CLOSED * parameters.tooth_radius else 1.0
     manner = between.SPECIAL if is_special(parameters) else between.REGULAR
     ratio, voltage = between.estimates(curves, moduli, manner, slow)
     rounded, rounded_voltage = rounding(curves, parameters, moduli)
@@ -140,7 +138,7 @@ def estimates(curves: Sequence[Curve], parameters: RoundParameters, moduli: Arra
 
 def rounding(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array) -> tuple[Array, Array]:
     """Bounds on the rounding errors of the last of some refinements from the first on; as `estimates`."""
-    if not is_special(parameters):
+    if not may_round(parameters):
         return np.full(len(moduli), ROUND_OFF), np.zeros(len(moduli))
     in_other_units = replace(parameters, **{name: UNIT * getattr(parameters, name) for name in LENGTHS})
     twin = curve(in_other_units, REFINEMENTS[len(curves) - 1])
@@ -149,13 +147,22 @@ def rounding(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array
 
 
 def is_special(parameters: RoundParameters) -> bool:
-    """Whether rounding may show in the answers, and errors need not fall regularly."""
-    gap = parameters.ring_inner_radius - parameters.tooth_radius
+    """Whether errors need not fall regularly."""
     return (
         parameters.sensed_radius > FLAT * parameters.sensed_thickness
         or max(parameters.sensed_poisson, parameters.compliant_poisson) > INCOMPRESSIBLE
-        or gap < NARROW * max(parameters.tooth_radius, parameters.sensed_thickness, parameters.sensor_height)
+        or _gap(parameters) < NARROW * parameters.tooth_radius
     )
+
+
+def may_round(parameters: RoundParameters) -> bool:
+    """Whether rounding may show in the answers: of special sensors, and beside a gap that is narrow for its height."""
+    height = max(parameters.sensed_thickness, parameters.sensor_height)
+    return is_special(parameters) or _gap(parameters) < NARROW * height
+
+
+def _gap(parameters: RoundParameters) -> float:
+    return parameters.ring_inner_radius - parameters.tooth_radius
 
 
 def error_estimate(curves: Sequence[Curve], parameters: RoundParameters) -> Bounds:
