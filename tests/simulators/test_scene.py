@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, UsageError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
@@ -191,11 +192,11 @@ def test_finite_elements_answer_when_a_sample_is_mounted(tmp_path: Path, monkeyp
     solution = axisymmetric.solve(RoundParameters(support="rigid"), 1)
     asked: list[tuple[float, float]] = []
 
-    def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[object, float]:
-        asked.append((parameters.sensed_modulus, tolerance))
-        return solution, 1e-4
+    def solve_at(_: RoundParameters, moduli: NDArray[np.float64], tolerance: float) -> list[tuple[object, float]]:
+        asked.extend((modulus, tolerance) for modulus in moduli.tolist())
+        return [(solution, 1e-4)] * len(moduli)
 
-    monkeypatch.setattr(axisymmetric, "solve_to", solve_to)
+    monkeypatch.setattr(axisymmetric, "solve_at", solve_at)
     rig = Rig(read(tmp_path, 'model = "axisymmetric"\ntolerance = 1e-3\n'), VirtualClock())
     assert asked == []
     rig.mount(SAMPLES["2"])
