@@ -36,7 +36,7 @@ def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_another_force_on_the_same_sensor_is_not_solved_again(one_layer: None, monkeypatch: pytest.MonkeyPatch) -> None:
     sensor, load = get_design("single"), PHYSICAL.load(1e5)
     one = response(sensor, load, "solid")
-    monkeypatch.setattr(solid, "System", None)
+    monkeypatch.setattr(solid, "found_on", None)
     three = response(sensor, replace(load, force=3.0), "solid")
     assert (three.force_ratio, three.error_estimate) == (one.force_ratio, one.error_estimate)
     assert three.tooth_forces == pytest.approx([3 * force for force in one.tooth_forces])
