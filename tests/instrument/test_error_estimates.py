@@ -71,3 +71,11 @@ def test_an_estimate_below_the_error_is_seen(monkeypatch: pytest.MonkeyPatch) ->
     result = estimates.Tried(2, [asdict(claim)])
     (missed,) = [row for row in estimates.rows([result], goal=1) if "of the ratio above" in row.figure]
     assert missed.met is False and "sensor 2" in missed.measured
+
+
+def test_the_voltages_of_a_nearly_incompressible_sensor_are_known_to_a_hundredth() -> None:
+    """Its rounding is told by the same mesh in another unit of length, in which all voltages are others."""
+    sensor = RoundParameters(compliant_poisson=0.4999)
+    curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2)]
+    (voltages,) = curves[-1].voltages(np.array([sensor.sensed_modulus]))
+    assert 0 < axisymmetric.error_estimate(curves, sensor).voltage < 0.01 * np.abs(voltages).max()

@@ -142,7 +142,8 @@ def rounding(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array
         return np.full(len(moduli), ROUND_OFF), np.zeros(len(moduli))
     in_other_units = replace(parameters, **{name: UNIT * getattr(parameters, name) for name in LENGTHS})
     twin = curve(in_other_units, REFINEMENTS[len(curves) - 1])
-    ratio, voltage = between.differences(curves[-1], twin, moduli)
+    # In a larger unit of length, films of 1 N have a smaller stress by its square, and are thicker by itself.
+    ratio, voltage = between.differences(curves[-1], twin, moduli, UNIT)
     return ROUNDING * ratio + ROUND_OFF, ROUNDING * voltage
 
 

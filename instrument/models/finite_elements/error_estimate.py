@@ -106,11 +106,18 @@ def estimates(
     return ratio, voltage
 
 
-def differences(one: Curve, other: Curve, moduli: Array) -> tuple[Array, Array]:
-    """Greatest differences of force ratios and voltages [V], over half a decade around each modulus [Pa]."""
+def differences(one: Curve, other: Curve, moduli: Array, factor: float) -> tuple[Array, Array]:
+    """Greatest differences of force ratios and voltages [V], over half a decade around each modulus [Pa].
+
+    Args:
+        one, other: the curves.
+        moduli: moduli of the object.
+        factor: how many times the other's voltages are to be taken.
+    """
     around = _around(moduli)
     ratio = np.abs(one.force_ratios(around.grid) - other.force_ratios(around.grid)).max(axis=1)
-    voltage = np.abs(one.voltages(around.grid) - other.voltages(around.grid)).max(axis=(1, 2), initial=0.0)
+    voltages = np.abs(one.voltages(around.grid) - factor * other.voltages(around.grid))
+    voltage = voltages.max(axis=(1, 2), initial=0.0)
     return _greatest(ratio, around), _greatest(voltage, around)
 
 
