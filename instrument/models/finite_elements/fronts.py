@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 # Elements whose matrices are made at once: fewer cost more calls, more cost memory.
 AT_ONCE = 16
+COPIES = 6  # of the kept unknowns' matrix, as its poles are found
 # Least share of the machine's memory that is left to everything else.
 LEFT = 0.1
 
@@ -98,6 +99,7 @@ def condense(mesh: Mesh, remembers: bool = False) -> Condensed:
 def _require_memory(order: Order, mesh: Mesh, remembers: bool) -> None:
     """Check that the fronts fit into memory. Raises EstimateError."""
     entries = order.entries + 2 * mesh.loads.size + AT_ONCE * mesh.unknowns.shape[1] ** 2
+    entries += COPIES * int(np.count_nonzero(mesh.kept)) ** 2
     if remembers:
         entries += sum(front.count * front.size for front in order.fronts)
     needed, has = 8 * entries, machine_memory()
