@@ -20,6 +20,7 @@ from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
+from tests.benchmarks import solid
 from tests.benchmarks.row import Row
 
 T = TypeVar("T")
@@ -50,6 +51,7 @@ def measure() -> Iterator[Row]:
     for name, sensor in ROUND.items():
         for refinement in (1, 3):
             yield _agreement(f"round, {name}, refinement {refinement}", sensor, refinement)
+    yield from solid.agreement()
 
 
 def _agreement(name: str, sensor: RoundParameters, refinement: int) -> Row:
