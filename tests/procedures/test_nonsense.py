@@ -104,7 +104,13 @@ def test_a_finding_cannot_stand_in_for_what_palpate_says_of_the_run(
 
 
 @pytest.mark.parametrize(
-    ("value", "named"), [({1, 2}, "of type set"), (object(), "of type object"), (1j, "of type complex"), (threading.Lock(), "of type lock")]
+    ("value", "named"),
+    [
+        ({1, 2}, "of type set"),
+        (object(), "of type object"),
+        (1j, "of type complex"),
+        (threading.Lock(), "of type lock"),
+    ],
 )
 def test_what_no_record_can_hold_is_named_and_the_run_has_failed(tmp_path: Path, value: object, named: str) -> None:
     for step in ("point", "finish"):
