@@ -79,7 +79,7 @@ class Asked:
             except (TypeError, ValueError) as error:  # a package's own function need not know palpate's errors
                 raise UsageError(f"{text[:100]!r}: {error}") from error
         if self.kind is float:
-            return parse(text, self.setting.unit)
+            return parse(text, self.setting.unit, "" if self.many else self.default)
         if self.kind is int:
             try:
                 return int(text)

@@ -151,7 +151,7 @@ def parse_frequencies(text: str) -> tuple[float, ...]:
     """
     parts = text.split(":")
     if len(parts) == 3:
-        first, last, count = parse(parts[0], "Hz"), parse(parts[1], "Hz"), parse(parts[2], "")
+        first, last, count = parse(parts[0], "Hz"), parse(parts[1], "Hz"), parse(parts[2], "", "16")
         if not (0 < first < last and count == round(count) and FEWEST <= count <= MOST):
             raise RangeError(
                 f"frequencies {text!r}: give first:last:count with first < last and a count of {FEWEST} to {MOST}"
