@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -51,6 +52,17 @@ class QuantityError(UsageError, ValueError):
 
 class RangeError(UsageError, ValueError):
     pass
+
+
+def reason(error: OSError) -> str:
+    """What an error of the file system says, for people; "File exists" alone would not tell what stands in the way."""
+    if isinstance(error, FileExistsError) and isinstance(error.filename, str):
+        path = Path(error.filename)
+        if path.is_symlink() and not path.exists():
+            return f"{path} is a link to {path.readlink()}, which does not exist"
+        if path.is_file():
+            return f"{path} is a file, not a folder"
+    return error.strerror or str(error)
 
 
 MOST_LISTED = 60  # greatest number of names in a message; a store holds thousands of runs

@@ -11,7 +11,7 @@ import tomli_w
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.config import Hashed, read_data, read_hashed
-from palpate.instrument.errors import RecordError
+from palpate.instrument.errors import RecordError, reason
 
 
 def read_calibration(path: str | Path) -> LoadCellCalibration:
@@ -71,4 +71,4 @@ def write_calibration(path: Path, calibration: Hashed) -> None:
         finally:
             os.close(folder)
     except OSError as error:
-        raise RecordError(f"{path}: cannot write the calibration: {error.strerror}; choose another folder") from error
+        raise RecordError(f"{path}: cannot write the calibration: {reason(error)}; choose another folder") from error

@@ -55,7 +55,7 @@ def export(run: Run, to: str, folder: Path) -> list[Path]:
     table = run.table()
     frames = _waveform_frames(run)
     first = next(frames, None)
-    with storing(folder):
+    with storing(folder, "a writable folder with --out"):
         folder.mkdir(parents=True, exist_ok=True)
         with contextlib.ExitStack() as undo:
             _write(points, iter([table]), to, undo)
