@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from palpate.instrument.errors import ConfigError, nearest
+from palpate.instrument.errors import ConfigError, check_path, nearest
 
 LARGEST_FILE = 1_000_000  # greatest number of bytes; a bench, scene or calibration file has a few thousand
 MOST_VALUES = 100_000  # greatest number of values in a file; a calibration of the films of 64 teeth has 25 thousand
@@ -113,6 +113,7 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
 
 def read_data(path: Path) -> dict[str, Any]:
     """Content of a TOML file, not checked against a model. Raises ConfigError."""
+    check_path(path)
     try:
         if path.exists() and not path.is_file():  # reading a device or a pipe might never end
             raise ConfigError(f"{path}: is no file; give the path of a TOML file")

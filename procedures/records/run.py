@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 
-from palpate.instrument.errors import RecordError, UnknownName, reason
+from palpate.instrument.errors import RecordError, UnknownName, check_path, reason
 from palpate.procedures.records import format3, record_file
 from palpate.procedures.records.chain import read_head
 from palpate.procedures.records.holes import check_holes
@@ -64,6 +64,7 @@ class Run:
     @classmethod
     def open(cls, folder: Path) -> Self:
         """Open a run. Raises RecordError: there is no run, it is damaged, or it has another record format."""
+        check_path(folder)
         folder = folder.absolute()
         with reading(folder) as stored:
             header, summary = stored.header, stored.summary

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from palpate.instrument.errors import RecordError, UnknownName, UsageError
+from palpate.instrument.errors import RecordError, UnknownName, UsageError, check_path
 from palpate.procedures.records.run import Run, is_run, last_modified, reading
 from palpate.procedures.records.stored import Status
 
@@ -53,6 +53,7 @@ def find_run(text: str, store: Path) -> Path:
     Raises:
         UnknownName: there is no such run; the message lists the runs of the store. UsageError: it is a file.
     """
+    check_path(Path(text))
     for folder in (Path(text), store / text):
         if is_run(folder):
             return folder

@@ -13,7 +13,7 @@ from typing import Annotated
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, calibrate_load_cell
-from palpate.instrument.errors import DeviceError, RangeError
+from palpate.instrument.errors import DeviceError, RangeError, quoted
 from palpate.instrument.quantity import show
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report
@@ -99,10 +99,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 "weights"
             )
         if any(later <= load for load, later in pairwise(loads)):
-            raise RangeError(
-                f"loads {', '.join(f'{load:g}' for load in loads)} N must increase, and none may repeat; put them in "
-                "order"
-            )
+            raise RangeError(f"loads {quoted(loads)} N must increase, and none may repeat; put them in order")
         least = (self.degree or 1) + 2
         if len(loads) < least:
             raise RangeError(
