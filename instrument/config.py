@@ -196,8 +196,7 @@ def _of_another_kind(data: dict[str, Any], model: type[Config]) -> str:
     """Why a file is of another kind, and not only has a few wrong keys; empty if it has mostly right keys."""
     unknown = sorted(data.keys() - model.model_fields.keys())
     missing = [name for name, field in model.model_fields.items() if field.is_required() and name not in data]
-    wrong = len(unknown) + len(missing)
-    if not unknown or wrong < LEAST_WRONG or wrong <= len(data) - len(unknown):
+    if len(unknown) + len(missing) < LEAST_WRONG or len(unknown) <= len(data) - len(unknown):
         return ""
     parts = [f"it {does} {few(names)}" for does, names in (("has", unknown), ("lacks", missing)) if names]
     return ", and ".join(parts)
