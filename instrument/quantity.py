@@ -138,6 +138,11 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     return f"{rounded:.{max(digits, 4)}g} {_PREFIXES[exponent]}{unit}"  # 140, not 1.4e+02
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things, as "1 point" or "2 points"; `what` is their name in the singular."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 @dataclass(frozen=True, slots=True)
 class Unit:
     """Marks a field of a configuration file: text with a unit in the file, an SI float inside."""

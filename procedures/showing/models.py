@@ -116,6 +116,6 @@ def print_surfaces(surfaces: Mapping[tuple[str, str], ResponseSurface]) -> None:
     for (name, parameters), s in surfaces.items():
         table.add_row(
             name, parameters, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}",
-            f"{s.error_bound:.1e}", f"{s.discretisation:.1e}", f"{s.seconds:.0f}",
+            f"{s.error_bound:.1e}", f"{s.discretisation:.1e}", f"{s.seconds:z.0f}",
         )  # fmt: skip
     print_all(table)

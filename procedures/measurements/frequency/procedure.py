@@ -86,7 +86,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         check_force((self.load,), target.force_limit)
         check_end(self.dwell)
         if len(self.frequencies) < FEWEST:
-            raise RangeError(f"{len(self.frequencies)} frequencies do not show a corner; give {FEWEST} or more")
+            raise RangeError(f"a corner takes {FEWEST} frequencies or more, not {len(self.frequencies)}; give more")
         check_increasing("frequencies", self.frequencies, "Hz")
         for frequency in self.frequencies:
             check_frequency(frequency, target.frequency_step, RANGE)
