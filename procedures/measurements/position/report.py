@@ -26,7 +26,8 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
             f"{p.position_mm:g}", f"{p.load_measured_N:z.2f}", f"{p.share_left:z.3f}", f"{p.share_left_u:z.3f}",
             f"{p.model_share_left:z.3f}", number(p.thesis_share_left), f"{p.share_right:z.3f}",
             f"{p.share_right_u:z.3f}", f"{p.model_share_right:z.3f}", number(p.thesis_share_right),
-            f"{p.found_mm:z.2f}", f"{p.found_u:z.2f}", f"{p.found_low_mm:z.1f} to {p.found_high_mm:z.1f}", f"{p.found_force_N:z.2f}",
+            f"{p.found_mm:z.2f}", f"{p.found_u:z.2f}",
+            f"{p.found_low_mm:z.1f} to {p.found_high_mm:z.1f}", f"{p.found_force_N:z.2f}",
             f"{p.found_force_u:z.2f}", verdict(p.valid, p.flags),
         )  # fmt: skip
     said = [
