@@ -126,7 +126,11 @@ def test_of_several_calibrations_one_that_tells_the_loads_is_enough(palpate: Pal
         (("serve", "ideal", "--line", "/proc/x"), "directory; choose a name in a writable folder with --line"),
         (("serve", "ideal", "--line", "no/x"), "make the folder no, or choose a name in a writable folder with --line"),
         (("serve", "ideal", "--out", "no/x"), "make the folder no, or choose a file in a writable folder with --out"),
-        (("contracts", "export", "--to", "file"), "file is a file, not a folder; name another folder"),
+        pytest.param(
+            ("contracts", "export", "--to", "file"),
+            "file is a file, not a folder; name another folder",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_the_remedy_for_a_place_that_cannot_be_written_names_the_option_that_sets_it(
