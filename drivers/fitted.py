@@ -16,7 +16,7 @@ from palpate.instrument.bench import links as files
 from palpate.instrument.bench.description import DRIVING, BenchDescription
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.bench.listed import Listed, filling
-from palpate.instrument.errors import BenchError, ConfigError, UnknownName
+from palpate.instrument.errors import BenchError, ConfigError, UnknownName, UsageError
 
 T = TypeVar("T")
 
@@ -80,8 +80,11 @@ class Fitted:
         return self._devices[name]
 
     def named(self, device: object) -> Listed:
-        """The entry of a device in the bench file."""
-        return next(self._listed[name] for name, each in self._devices.items() if each is device)
+        """The entry of a device in the bench file. Raises UsageError: it is no device of this bench."""
+        for name, each in self._devices.items():
+            if each is device:
+                return self._listed[name]
+        raise UsageError(f"{device!r} is no device of this bench; give one of its `devices`")
 
     def all(self, kind: type[T]) -> list[T]:
         """The devices that fill a role, or whose driver is of this class."""

@@ -65,6 +65,21 @@ def addition(group: str, what: str, name: str) -> Addition | None:
     return found[0] if found else None
 
 
+def taken(group: str, what: str, ours: Iterable[str]) -> list[str]:
+    """What is wrong with each addition that has the name of one of `ours`, palpate's own; `what` describes its kind."""
+    return [
+        f"{what} {name!r} of {each.origin}: palpate has one of that name; uninstall that package"
+        for name in ours
+        for each in additions(group).get(name, ())
+    ]
+
+
+def check_ours(group: str, what: str, ours: Iterable[str]) -> None:
+    """Raises ConfigError: an installed package adds something with the name of one of `ours`, palpate's own."""
+    if problems := taken(group, what, ours):
+        raise ConfigError(problems[0])
+
+
 def packages(group: str, what: str, names: Iterable[str]) -> dict[str, str]:
     """The installed packages that add these, with their versions; what nobody adds is palpate's own."""
     found = (addition(group, what, name) for name in names)

@@ -5,19 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
+from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from palpate.instrument.errors import ConfigError, nearest
+from palpate.instrument.errors import ConfigError, check_path, nearest
 
 LARGEST_FILE = 1_000_000  # greatest number of bytes; a bench, scene or calibration file has a few thousand
 MOST_VALUES = 100_000  # greatest number of values in a file; a calibration of the films of 64 teeth has 25 thousand
 LONGEST_TEXT = 1000  # greatest number of characters of a key or a value
 DEEPEST = 8  # tables within tables
 MOST_PROBLEMS = 20  # listed in one error
+LEAST_WRONG, MOST_NAMED = 3, 4  # keys of a file of another kind: least number, and how many its error names
 ACCEPT = "palpate calibrate accept"  # the command
 
 
@@ -39,6 +41,7 @@ class Config(BaseModel):
     """A section of a configuration file: frozen, and unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    file: ClassVar[str] = ""  # what a file with these keys is called; empty: it is a part of a file
 
 
 class Hashed(Config):
@@ -110,6 +113,7 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
 
 def read_data(path: Path) -> dict[str, Any]:
     """Content of a TOML file, not checked against a model. Raises ConfigError."""
+    check_path(path)
     try:
         if path.exists() and not path.is_file():  # reading a device or a pipe might never end
             raise ConfigError(f"{path}: is no file; give the path of a TOML file")
@@ -177,6 +181,8 @@ def check(data: dict[str, Any], model: type[M], where: str) -> M:
     try:
         return model.model_validate(data)
     except ValidationError as error:
+        if model.file and (why := _of_another_kind(data, model)):
+            raise ConfigError(f"{where}: is no {model.file}: {why}; give the file of a {model.file}") from None
         errors = error.errors(include_url=False)
         problems = [
             f"{where}: {line}" for e in errors[:MOST_PROBLEMS] for line in _describe(dict(e), model).splitlines()
@@ -184,6 +190,22 @@ def check(data: dict[str, Any], model: type[M], where: str) -> M:
         if len(errors) > MOST_PROBLEMS:
             problems.append(f"{where}: and {len(errors) - MOST_PROBLEMS} more")
         raise ConfigError("\n".join(problems)) from None
+
+
+def _of_another_kind(data: dict[str, Any], model: type[Config]) -> str:
+    """Why a file is of another kind, and not only has a few wrong keys; empty if it has mostly right keys."""
+    unknown = sorted(data.keys() - model.model_fields.keys())
+    missing = [name for name, field in model.model_fields.items() if field.is_required() and name not in data]
+    if len(unknown) + len(missing) < LEAST_WRONG or len(unknown) <= len(data) - len(unknown):
+        return ""
+    parts = [f"it {does} {few(names)}" for does, names in (("has", unknown), ("lacks", missing)) if names]
+    return ", and ".join(parts)
+
+
+def few(names: Sequence[str]) -> str:
+    """The first names of a list, and how many more there are."""
+    named = ", ".join(names[:MOST_NAMED])
+    return named if len(names) <= MOST_NAMED else f"{named} and {len(names) - MOST_NAMED} more"
 
 
 def _describe(error: dict[str, Any], model: type[BaseModel]) -> str:

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -53,6 +54,34 @@ class RangeError(UsageError, ValueError):
     pass
 
 
+LONGEST_QUOTED, MOST_QUOTED = 200, 5  # characters of a value in a message, and values of a list
+
+
+def quoted(value: object) -> str:
+    """A value for a message; of a long list its first values and their number, of a long text its beginning."""
+    if isinstance(value, (tuple, list)) and len(value) > MOST_QUOTED:
+        return f"{', '.join(quoted(each) for each in value[:MOST_QUOTED])}, ... ({len(value)} values)"
+    text = repr(value)
+    return text if len(text) <= LONGEST_QUOTED else f"{text[:LONGEST_QUOTED]}..."
+
+
+def check_path(path: Path) -> None:
+    """Raises UsageError: no file can have that name, because it holds a zero byte."""
+    if "\0" in str(path):
+        raise UsageError(f"{str(path)!r} holds a zero byte, which no file name can; give another name")
+
+
+def reason(error: OSError) -> str:
+    """What an error of the file system says, for people; "File exists" alone would not tell what stands in the way."""
+    if isinstance(error, FileExistsError) and isinstance(error.filename, str):
+        path = Path(error.filename)
+        if path.is_symlink() and not path.exists():
+            return f"{path} is a link to {path.readlink()}, which does not exist"
+        if path.is_file():
+            return f"{path} is a file, not a folder"
+    return error.strerror or str(error)
+
+
 MOST_LISTED = 60  # greatest number of names in a message; a store holds thousands of runs
 
 
@@ -63,7 +92,7 @@ class UnknownName(UsageError, LookupError):
         names = sorted(valid)
         more = [f"and {len(names) - MOST_LISTED} more"] if len(names) > MOST_LISTED else []
         listed = f"valid: {', '.join(names[:MOST_LISTED] + more)}" if names else "there is none yet"
-        super().__init__(f"unknown {kind} {str(name)!r}{nearest(str(name), names)}; {listed}")
+        super().__init__(f"unknown {kind} {quoted(str(name))}{nearest(str(name), names)}; {listed}")
 
 
 def named(kind: str, name: str, among: Mapping[str, T]) -> T:

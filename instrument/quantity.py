@@ -38,31 +38,32 @@ def _registry() -> Any:
 
 
 @functools.lru_cache(maxsize=1024)
-def parse(text: str, unit: str) -> float:
+def parse(text: str, unit: str, example: str = "") -> float:
     """Value of `text` in `unit`.
 
     Args:
         text: a number and its unit, such as "1.5 N", "24 kPa" or "140 gf".
         unit: the unit of the result, such as "N"; "" for a plain number.
+        example: a text that would be right here, for messages; empty: any of that unit.
 
     Raises:
         QuantityError: the text has no number or no unit, the unit has another dimension, or the value is not finite.
     """
-    example = f"write for example {_example(unit)!r}"
+    remedy = f"write for example {(example or _example(unit))!r}" if example or unit else "give a plain number"
     found = _QUANTITY.fullmatch(text)
     if found is None:
-        raise QuantityError(f"{text[:100]!r} is not a quantity; {example}")
+        raise QuantityError(f"{text[:100]!r} is not a quantity; {remedy}")
     value, written = float(found["number"]), found["unit"]
     factor = _factor(written, unit)
-    converted = value * factor if factor is not None else _converted(text, value, written, unit, example)
+    converted = value * factor if factor is not None else _converted(text, value, written, unit, remedy)
     if not math.isfinite(converted):
-        raise QuantityError(f"{text!r} is not finite; {example}")
+        raise QuantityError(f"{text!r} is not finite; {remedy}")
     return converted
 
 
-def parse_list(text: str, unit: str) -> tuple[float, ...]:
+def parse_list(text: str, unit: str, example: str = "") -> tuple[float, ...]:
     """Values in `unit` of a text with commas, such as "1 N, 2 N". Raises QuantityError as `parse`."""
-    return tuple(parse(part, unit) for part in text.split(","))
+    return tuple(parse(part, unit, example) for part in text.split(","))
 
 
 def parse_tolerance(text: str) -> float:
@@ -100,20 +101,20 @@ def _factor(written: str, unit: str) -> float | None:
     return _FACTORS.get(written.removesuffix(unit))
 
 
-def _converted(text: str, value: float, written: str, unit: str, example: str) -> float:
+def _converted(text: str, value: float, written: str, unit: str, remedy: str) -> float:
     import pint
 
     try:
         quantity = _registry().Quantity(value, _spelled(written))
     except (pint.PintError, ValueError):  # pint reads "nan" and others as numbers
-        raise QuantityError(f"{text!r}: {written!r} is no unit; {example}") from None
+        raise QuantityError(f"{text!r}: {written!r} is no unit; {remedy}") from None
     if unit and quantity.unitless:
-        raise QuantityError(f"{text!r} has no unit where {unit} belongs; {example}")
+        raise QuantityError(f"{text!r} has no unit where {unit} belongs; {remedy}")
     try:
         return float(quantity.to(_spelled(unit) or "dimensionless").magnitude)
     except pint.PintError:  # the unit has another dimension, or is a temperature with its own zero
         raise QuantityError(
-            f"{text!r} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {example}"
+            f"{text!r} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {remedy}"
         ) from None
 
 
@@ -135,6 +136,11 @@ def show(value: float, unit: str, digits: int = 4) -> str:
         exponent = min(exponent, 3 if unit == "Hz" else 0)
     rounded = float(f"{value / 10.0**exponent:.{digits}g}")
     return f"{rounded:.{max(digits, 4)}g} {_PREFIXES[exponent]}{unit}"  # 140, not 1.4e+02
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things, as "1 point" or "2 points"; `what` is their name in the singular."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 @dataclass(frozen=True, slots=True)

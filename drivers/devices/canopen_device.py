@@ -165,10 +165,11 @@ class CanopenDevice(Device):
         sent until then have arrived.
 
         Raises:
+            UnknownName: the node sends no PDO of that name.
             DeviceError: no frame has come, or the last one has a wrong length or a value outside its limits.
             LinkError: the node does not answer.
         """
-        sent = next(each for each in self.contract.pdos if each.name == pdo)
+        sent = self.contract.sent(pdo)
         return self._asked(lambda: self._last(sent))
 
     def _last(self, sent: Pdo) -> dict[str, float]:
@@ -192,9 +193,10 @@ class CanopenDevice(Device):
         """Send a PDO to the node, once; there is no answer. The driver remembers its values like other settings.
 
         Raises:
+            UnknownName: the node takes no PDO of that name; nothing is sent.
             RangeError: a value is missing or outside its limits; nothing is sent. LinkError: the bus failed.
         """
-        taken = next(each for each in self.contract.receives if each.name == pdo)
+        taken = self.contract.taken(pdo)
         data = self.contract.packed(taken, values)
         self._told(lambda: self.link.send(taken.cob_id(self.id), data))
         for name, value in values.items():

@@ -24,7 +24,7 @@ from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
 from palpate.instrument.bench.listed import Listed
 from palpate.instrument.contracts import sensor_node
-from palpate.instrument.errors import RecordError, UsageError
+from palpate.instrument.errors import RecordError, UsageError, check_path
 
 CAN_FORMATS: dict[str, tuple[Any, str]] = {".blf": (can.BLFReader, "rb"), ".asc": (can.ASCReader, "r")}
 WHOLE_FORMAT = ".pcapng"
@@ -43,6 +43,7 @@ def check_log(path: Path) -> None:
         UsageError: CAN traffic has no such format, or a file of that name exists.
         RecordError: no file can be made there.
     """
+    check_path(path)
     if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
         formats = f"{WHOLE_FORMAT} (everything), {' or '.join(CAN_FORMATS)} (CAN)"
         raise UsageError(f"--log {path}: the name must end in {formats}")
@@ -58,6 +59,7 @@ def check_log(path: Path) -> None:
 
 def logged(path: Path) -> Path:
     """Check the path of a log to read, and return it. Raises UsageError: the suffix is wrong, or it is no file."""
+    check_path(path)
     if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
         raise UsageError(
             f"{path}: no bus log, whose name would end in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}; check the name"

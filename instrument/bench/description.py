@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self, get_args
+from typing import Any, ClassVar, Self, get_args
 
 from pydantic import (
     Field,
@@ -48,6 +48,8 @@ DRIVING: tuple[Role, ...] = ("exciter", "source", "amplifier")
 
 class BenchDescription(Config):
     """A whole bench file: the sections of the usual devices, and of any others `[link.NAME]` and `[device.NAME]`."""
+
+    file: ClassVar[str] = "bench"
 
     name: str
     design: str = "single"

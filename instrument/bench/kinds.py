@@ -14,7 +14,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from palpate.instrument.additions import addition, additions, load_addition, unusable
+from palpate.instrument.additions import addition, additions, check_ours, load_addition, unusable
 from palpate.instrument.config import Config
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
@@ -130,9 +130,7 @@ def all_kinds() -> list[DeviceKind]:
 
     Raises ConfigError: a kind cannot be used, or two kinds have the same name or the same identity.
     """
-    if taken := [name for name in additions(GROUP) if name in KINDS]:
-        origin = additions(GROUP)[taken[0]][0].origin
-        raise ConfigError(f"{WHAT} {taken[0]!r} of {origin}: palpate has one of that name; uninstall that package")
+    check_ours(GROUP, WHAT, KINDS)
     found = [*KINDS.values(), *(device_kind(name) for name in additions(GROUP))]
     check_identities(found)
     return found

@@ -11,7 +11,7 @@ import tomli_w
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.config import Hashed, read_data, read_hashed
-from palpate.instrument.errors import RecordError
+from palpate.instrument.errors import RecordError, check_path, reason
 
 
 def read_calibration(path: str | Path) -> LoadCellCalibration:
@@ -54,6 +54,7 @@ def write_calibration(path: Path, calibration: Hashed) -> None:
     Raises:
         RecordError: the folder is missing, full or read-only.
     """
+    check_path(path)
     draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
     try:
         try:
@@ -71,4 +72,4 @@ def write_calibration(path: Path, calibration: Hashed) -> None:
         finally:
             os.close(folder)
     except OSError as error:
-        raise RecordError(f"{path}: cannot write the calibration: {error.strerror}; choose another folder") from error
+        raise RecordError(f"{path}: cannot write the calibration: {reason(error)}; choose another folder") from error

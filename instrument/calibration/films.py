@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -80,6 +80,8 @@ class FilmCalibration(Hashed):
         device: serial number of the sensor node.
         load_cell: calibration of the load cell, with the degrees of freedom of its uncertainty.
     """
+
+    file: ClassVar[str] = "calibration of films"
 
     design: Name
     films: Annotated[tuple[CalibratedFilm, ...], Field(min_length=1)]

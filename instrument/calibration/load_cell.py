@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from datetime import date
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,8 @@ class LoadCellCalibration(Hashed):
         created: date and time, ISO 8601.
         expires: last day on which the calibration may be used, ISO 8601; None: no limit was given.
     """
+
+    file: ClassVar[str] = "calibration of a load cell"
 
     model_config = ConfigDict(strict=True)
 

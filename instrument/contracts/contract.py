@@ -13,7 +13,7 @@ import json
 import math
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
@@ -243,6 +243,20 @@ class Contract:
         readable = [f for f in self.fields if f.access != "wo" and f.type != "text"]
         beside = [f.name for f in readable if start + count == f.address or f.address + f.size // 2 == start]
         return (*names, *beside[-1:])
+
+    def sent(self, name: str) -> Pdo:
+        """The process data of that name that a node sends. Raises UnknownName."""
+        return self._pdo(name, self.pdos, "sends")
+
+    def taken(self, name: str) -> Pdo:
+        """The process data of that name that a node takes. Raises UnknownName."""
+        return self._pdo(name, self.receives, "takes")
+
+    def _pdo(self, name: str, among: Sequence[Pdo], does: str) -> Pdo:
+        for pdo in among:
+            if pdo.name == name:
+                return pdo
+        raise UnknownName(f"PDO that the {self.title} {does}", name, [pdo.name for pdo in among])
 
     def packed(self, pdo: Pdo, values: Mapping[str, Value]) -> bytes:
         """Data of a PDO. Raises RangeError as `raw` does, and where a field has no value."""

@@ -17,7 +17,7 @@ from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract, Field, Value
 from palpate.instrument.contracts.pdo import Pdo, is_relative
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID
-from palpate.instrument.errors import RecordError
+from palpate.instrument.errors import RecordError, reason
 from palpate.instrument.extras import library
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def export_contracts(folder: Path, contracts: Iterable[Contract] = tuple(CONTRAC
             path.write_bytes(text.encode())
             written.append(path)
     except OSError as error:
-        raise RecordError(f"{path}: cannot be written: {error.strerror}; name another folder") from None
+        raise RecordError(f"{path}: cannot be written: {reason(error)}; name another folder") from None
     return written
 
 

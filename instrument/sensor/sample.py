@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from palpate.instrument.errors import RangeError, named
+from palpate.instrument.errors import RangeError, named, quoted
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ def parse_samples(text: str) -> tuple[str, ...]:
     for item in text.split(","):
         for name in _expand(item.strip()):
             if name in names:
-                raise RangeError(f"sample {name!r} is named twice in {text!r}; name each sample once")
+                raise RangeError(f"sample {name!r} is named twice in {quoted(text)}; name each sample once")
             names.append(name)
     return tuple(names)
 
@@ -111,9 +111,9 @@ def _expand(item: str) -> Iterator[str]:
         yield get_sample(item).name
         return
     if not first.strip() or not last.strip():
-        raise RangeError(f"sample range {item!r} lacks an end; write for example '1-3'")
+        raise RangeError(f"sample range {quoted(item)} lacks an end; write for example '1-3'")
     low, high = int(get_sample(first.strip()).name), int(get_sample(last.strip()).name)
     if low > high:
-        raise RangeError(f"sample range {item!r} runs backwards; write '{high}-{low}'")
+        raise RangeError(f"sample range {quoted(item)} runs backwards; write '{high}-{low}'")
     for number in range(low, high + 1):
         yield get_sample(str(number)).name

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.errors import EstimateError
+from palpate.instrument.quantity import counted
 
 SIGNIFICANCE = 0.01
 """Significance of the tests.
@@ -72,7 +73,7 @@ def interpolate(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float, d
     if distinct < degree + 2:
         what = "a line" if degree == 1 else "a second degree"
         raise EstimateError(
-            f"{distinct} distinct loads cannot give {what} and its uncertainty; use at least {degree + 2}"
+            f"{counted(distinct, 'distinct load')} cannot give {what} and its uncertainty; use at least {degree + 2}"
         )
     centre, scale = float(x.mean()), float(np.ptp(x)) / 2
     centre_reading = float(y.mean())

@@ -19,6 +19,7 @@ from palpate.procedures.commands.measure import measure
 from palpate.procedures.commands.model import model
 from palpate.procedures.commands.new import new
 from palpate.procedures.commands.options import Group
+from palpate.procedures.commands.outside import blamed
 from palpate.procedures.commands.reproduce import reproduce
 from palpate.procedures.commands.runs import runs
 from palpate.procedures.commands.scene import scene
@@ -98,10 +99,15 @@ def _run() -> None:
     except OSError as error:
         if isinstance(before := error.__context__, SystemExit) and before.code in ENDED:
             raise before from None  # the program was ending already, and only its last message could not be written
-        _complain(f"error: {error}", error)
+        _complain(f"error: {blamed(error) or error}", error)
         sys.exit(1)
     except MemoryError as error:
         _complain("error: this computer has too little memory for it; take a smaller file or fewer points", error)
+        sys.exit(1)
+    except Exception as error:  # code of an installed package can raise anything
+        if not (why := blamed(error)):
+            raise
+        _complain(f"error: {why}", error)
         sys.exit(1)
     sys.exit(status if isinstance(status, int) else 0)
 

@@ -35,7 +35,7 @@ def calibrate() -> None:
 @option("--runs", default=1, help="Runs up and down in each position; 2 give repeatability.")
 @option(
     "--positions",
-    callback=texts.quantities(""),
+    callback=texts.quantities("", "120"),
     default="0",
     help="Degrees about the cell's axis; ISO 376 has 0,120,240.",
 )

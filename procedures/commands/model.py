@@ -157,10 +157,12 @@ def ratio(
     epilog="Examples:\n\n  palpate model modulus --force-ratio '0.31, 0.99' --model column"
     "\n\n  palpate model modulus --force-ratio 0.183 --uncertainty 0.005 --design single --json"
 )
-@option("--force-ratio", callback=texts.quantities(""), required=True, help="Force ratio, or a list with commas.")
+@option(
+    "--force-ratio", callback=texts.quantities("", "0.3"), required=True, help="Force ratio, or a list with commas."
+)
 @option(
     "--uncertainty",
-    callback=texts.quantity(""),
+    callback=texts.quantity("", "0.005"),
     help="Standard uncertainty of the ratios (default: the design's repeatability, about 4 %).",
 )
 @question_options

@@ -61,7 +61,7 @@ def make_folder(out: Path | None) -> None:
     from palpate.procedures.records.run import storing
 
     if out is not None:
-        with storing(out):
+        with storing(out, "a writable folder with --out"):
             out.mkdir(parents=True, exist_ok=True)
 
 

@@ -31,13 +31,14 @@ def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     from palpate.procedures.showing.runs import print_runs, run_row
 
     output = Output(as_json, quiet)
-    if out is not None and not out.is_dir():
-        raise UsageError(f"{out} is no folder; name one that holds runs with --out")
-    found = list_runs(out or store())
+    folder = out or store()
+    if not folder.is_dir() and (out is not None or folder.exists()):
+        raise UsageError(f"{folder} is no folder; name one that holds runs with --out")
+    found = list_runs(folder)
     if output.as_json:
         output.json({"runs": [run_row(run) for run in found]})
     elif output.for_people:
-        print_runs(found, out or store())
+        print_runs(found, folder)
 
 
 @runs.command(

@@ -24,7 +24,7 @@ def test() -> None:
     " --steps 20 --budget\n\n  palpate test modulus --sample 2 --bench lab.toml --json"
 )
 @option("--sample", required=True, help="Rubber sample, by number.")
-@option("--strain", callback=texts.quantity(""), default="30 %", help="Largest strain.")
+@option("--strain", callback=texts.quantity("", "30 %"), default="30 %", help="Largest strain.")
 @option("--steps", default=10, help="Number of equal steps up to it, and back.")
 @options.extrapolate_option
 @options.bench_options

@@ -29,24 +29,24 @@ def _callback(read: Callable[[str], T]) -> Callback[T]:
     return called
 
 
-def quantity(unit: str) -> Callback[float]:
-    """A number with its unit, such as "2 N": the command gets it in `unit`."""
+def quantity(unit: str, example: str = "") -> Callback[float]:
+    """A number with its unit, such as "2 N": the command gets it in `unit`. `example` is for messages."""
 
     def read(text: str) -> float:
         from palpate.instrument.quantity import parse
 
-        return parse(text, unit)
+        return parse(text, unit, example)
 
     return _callback(read)
 
 
-def quantities(unit: str) -> Callback[tuple[float, ...]]:
+def quantities(unit: str, example: str = "") -> Callback[tuple[float, ...]]:
     """A list of quantities, such as "5 Hz, 10 Hz": the command gets a tuple of numbers in `unit`."""
 
     def read(text: str) -> tuple[float, ...]:
         from palpate.instrument.quantity import parse_list
 
-        return parse_list(text, unit)
+        return parse_list(text, unit, example)
 
     return _callback(read)
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.additions import Addition, addition, additions, load_addition, unusable
+from palpate.instrument.additions import Addition, addition, additions, check_ours, load_addition, unusable
 from palpate.instrument.errors import UnknownName, UsageError
 from palpate.procedures.engine.plan import Step
 from palpate.procedures.engine.procedure import P, Procedure, R, Result, S
@@ -41,11 +41,11 @@ def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result
         UnknownName: there is no procedure of that name.
         ConfigError: the package that adds it cannot be used.
     """
-    added = addition(GROUP, WHAT, name)
     if name in SHIPPED:
-        if added is not None:
-            raise unusable(added, WHAT, "palpate has one of that name")  # so that a package cannot replace it
-        added = Addition(name, SHIPPED[name], "palpate", "")
+        check_ours(GROUP, WHAT, [name])  # so that a package cannot replace it
+        added: Addition | None = Addition(name, SHIPPED[name], "palpate", "")
+    else:
+        added = addition(GROUP, WHAT, name)
     if added is None:
         raise UnknownName(WHAT, name, names())
     found = load_addition(added, WHAT)

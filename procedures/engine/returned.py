@@ -4,26 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from palpate.instrument.errors import ConfigError
+from palpate.instrument.errors import ConfigError, quoted
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Finished, Measurement, P, Procedure, R, S, Work
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept, reserved
 from palpate.procedures.records.record import Recorder
 
-LONGEST = 200  # characters of a value in a message
-
 
 def planned(procedure: Procedure[S, P, R], target: Target) -> Plan[S]:
     """The procedure's plan. Raises ConfigError: it is no plan of steps."""
     plan = procedure.plan(target)
     if not isinstance(plan, Plan):
-        raise _wrong(procedure, f"plan returned {_short(plan)}", "it must return a Plan")
+        raise _wrong(procedure, f"plan returned {quoted(plan)}", "it must return a Plan")
     if not isinstance(plan.steps, Sequence):
-        raise _wrong(procedure, f"plan returned steps {_short(plan.steps)}", "they must be a list")
+        raise _wrong(procedure, f"plan returned steps {quoted(plan.steps)}", "they must be a list")
     for step in plan.steps:
         if not isinstance(step, Step):
-            raise _wrong(procedure, f"plan returned {_short(step)} as a step", "it must be a Step")
+            raise _wrong(procedure, f"plan returned {quoted(step)} as a step", "it must be a Step")
     return plan
 
 
@@ -31,7 +29,7 @@ def begun(procedure: Procedure[S, P, R], lab: Lab, record: Recorder) -> Work[S, 
     """The procedure's work on the bench. Raises ConfigError: it is no work."""
     work = procedure.begin(lab, record)
     if not all(callable(getattr(work, name, None)) for name in ("arrange", "take", "end")):
-        raise _wrong(procedure, f"begin returned {_short(work)}", "it must return the work, with arrange, take and end")
+        raise _wrong(procedure, f"begin returned {quoted(work)}", "it must return the work, with arrange, take and end")
     return work
 
 
@@ -39,10 +37,10 @@ def measured(procedure: Procedure[S, P, R], work: Work[S, P], step: S) -> Measur
     """The next measured step. Raises ConfigError: its point is none of the procedure's."""
     found = work.take(step)
     if not isinstance(found, Measurement):
-        raise _wrong(procedure, f"take returned {_short(found)}", "it must return a Measurement")
+        raise _wrong(procedure, f"take returned {quoted(found)}", "it must return a Measurement")
     if type(found.point) is not procedure.point:
         raise _wrong(
-            procedure, f"take returned the point {_short(found.point)}", f"it must be a {procedure.point.__name__}"
+            procedure, f"take returned the point {quoted(found.point)}", f"it must be a {procedure.point.__name__}"
         )
     return found
 
@@ -56,7 +54,7 @@ def evaluated(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> R
     """
     result = procedure.evaluate(points, lab)
     if not all(hasattr(result, name) for name in ("points", "budgets", "summary")):
-        raise _wrong(procedure, f"evaluate returned {_short(result)}", "it must return a result, as SimpleResult is")
+        raise _wrong(procedure, f"evaluate returned {quoted(result)}", "it must return a result, as SimpleResult is")
     if theirs := sorted(reserved() & result.summary().keys()):
         raise _wrong(
             procedure,
@@ -72,7 +70,7 @@ def calibration_saved(procedure: Procedure[S, P, R], done: Finished[R]) -> Kept:
     if not isinstance(keys, Mapping) or keys.keys() - Kept.__annotations__.keys():
         raise _wrong(
             procedure,
-            f"save_calibration returned {_short(keys)}",
+            f"save_calibration returned {quoted(keys)}",
             f"it must return a mapping of {', '.join(Kept.__annotations__)}",
         )
     return keys
@@ -81,8 +79,3 @@ def calibration_saved(procedure: Procedure[S, P, R], done: Finished[R]) -> Kept:
 def _wrong(procedure: Procedure[S, P, R], what: str, remedy: str) -> ConfigError:
     kind = type(procedure)
     return ConfigError(f"procedure {procedure.name!r}: {what}; {remedy}; mend {kind.__module__}.{kind.__qualname__}")
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."

@@ -6,10 +6,11 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
+from palpate.instrument.additions import check_ours
 from palpate.instrument.errors import UsageError
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.engine.known import outside
+from palpate.procedures.engine.known import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.returned import calibration_saved, planned
@@ -30,6 +31,8 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
     checks raise.
     """
     check_settings(procedure)
+    if procedure.name in SHIPPED:
+        check_ours(GROUP, WHAT, [procedure.name])
     procedure.check(target)
     if not planned(procedure, target).steps:
         raise UsageError(f"procedure {procedure.name!r} has no steps with these settings; change them")

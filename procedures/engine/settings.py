@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar, Literal, Union, get_args, get_origin, ge
 
 from pydantic import TypeAdapter, ValidationError
 
-from palpate.instrument.errors import ConfigError, PalpateError, QuantityError, UnknownName, UsageError
+from palpate.instrument.errors import ConfigError, PalpateError, QuantityError, UnknownName, UsageError, quoted
 from palpate.instrument.quantity import parse, show
 from palpate.procedures.engine.procedure import P, Procedure, R, S
 from palpate.procedures.steps.checks import parse_steps
@@ -79,7 +79,7 @@ class Asked:
             except (TypeError, ValueError) as error:  # a package's own function need not know palpate's errors
                 raise UsageError(f"{text[:100]!r}: {error}") from error
         if self.kind is float:
-            return parse(text, self.setting.unit)
+            return parse(text, self.setting.unit, "" if self.many else self.default)
         if self.kind is int:
             try:
                 return int(text)
@@ -97,11 +97,11 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
         UsageError: a setting has a wrong type, or is empty although its default is not; or `procedure` is no procedure.
     """
     if not isinstance(procedure, Procedure):
-        raise UsageError(f"{procedure!r} is no procedure; give an object of one, such as LoadSweep(loads=(2.0,))")
+        raise UsageError(f"{quoted(procedure)} is no procedure; give an object of one, such as LoadSweep(loads=(2.0,))")
     types = get_type_hints(type(procedure))
     for field in fields(procedure):
         value = getattr(procedure, field.name)
-        told = f"{procedure.name}: {field.name} = {value!r}"
+        told = f"{procedure.name}: {field.name} = {quoted(value)}"
         if isinstance(value, (tuple, list)) and not value and _default(field):
             raise UsageError(f"{told}: nothing is given; give at least one")
         try:

@@ -45,7 +45,7 @@ def keep(calibration: Hashed, folder: Path, replayed: bool, path: Path) -> None:
     write_calibration(folder / "calibration.toml", calibration)
     if replayed:
         return
-    with storing(path):
+    with storing(path, "a writable folder with $PALPATE_STORE"):
         path.parent.mkdir(parents=True, exist_ok=True)
     write_calibration(path, calibration)
 

@@ -15,7 +15,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.logs.bus_log import BusLog, check_log
 from palpate.instrument.bench.description import BenchDescription, read_bench
-from palpate.instrument.bench.kinds import Role
+from palpate.instrument.bench.kinds import KINDS, Role
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.contracts.sensor_node import CHANNELS
@@ -26,6 +26,7 @@ from palpate.procedures.lab.calibrations import films_of, load_cell_of
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, ConsoleOperator, Mounting, assume, check_somebody
+from palpate.procedures.lab.software import packages_of
 from palpate.procedures.records.resumed import Resumed
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene, with_model
@@ -72,6 +73,14 @@ class Chosen:
         design = self.scene.design.with_pickup(self.scene.pickup)
         force_limit = BenchDescription.model_fields["force_limit"].default
         return with_kinds(Target(design, force_limit, self.scene.nodes, self.scene.model), self.scene.kind_in)
+
+    def check_names(self) -> None:
+        """Raises ConfigError: a device, the design or an effect has a name that an installed package uses as well."""
+        if self.description is not None:
+            packages_of({each.kind.name for each in self.description.devices}, {self.description.design}, ())
+        elif self.scene is not None:
+            kinds = {*KINDS, *(guest.kind.name for guest in self.scene.devices)}
+            packages_of(kinds, {self.scene.design.name}, self.scene.effects)
 
     def mounting(
         self, manual_work: str, automated_by: Role | None = None, fills: Callable[[Role], object] | None = None
@@ -242,8 +251,10 @@ def opened(
         started: when the first run began; None: now, or when the resumed or logged run began.
 
     Raises:
+        ConfigError: an installed package has a device, design or effect with the name of one that is used.
         BenchError: a device cannot be opened or identified. RecordError: the log cannot be written.
     """
+    chosen.check_names()
     now, wall_start = datetime.now(UTC), time.monotonic()
     before = resumed or chosen.logged
     started = started or (now if before is None else before.run.started)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from traceback import format_exception
 from typing import NotRequired, TypedDict
 
 from palpate.drivers.bench import Bench
@@ -15,7 +16,7 @@ from palpate.drivers.logs.bus_log import check_log
 from palpate.instrument.additions import Addition
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.contracts import contracts_digest
-from palpate.instrument.errors import UsageError
+from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.arithmetic import arithmetic
 from palpate.procedures.console.terminal import say
@@ -212,6 +213,10 @@ def recording(
         try:
             yield Session(opened, lab, record, mounting)
         except BaseException as error:
+            if isinstance(error, Exception) and not isinstance(error, PalpateError):  # a defect, also of a package
+                with suppress(RecordError):  # the exception that is being raised says more
+                    record.event("traceback", "".join(format_exception(error)), lab.bench.clock.now_ns())
+                error.add_note(f"the traceback is kept in {record.folder}; look at it with palpate runs show")
             if record.points:
                 remedy = "" if logged or later else f"; go on with: palpate runs resume {record.folder}"
                 error.add_note(f"points already taken are kept in {record.folder}{remedy}")

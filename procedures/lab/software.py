@@ -9,14 +9,17 @@ from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
-from palpate.instrument.additions import Addition, packages
+from palpate.instrument.additions import Addition, check_ours, packages
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import GROUP as kind_group
 from palpate.instrument.bench.kinds import KINDS
+from palpate.instrument.bench.kinds import WHAT as kind_what
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.designs import GROUP as design_group
+from palpate.instrument.sensor.designs import WHAT as design_what
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.effects import GROUP as effect_group
+from palpate.simulators.effects import WHAT as effect_what
 from palpate.simulators.scenes.scene import Scene
 
 PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
@@ -38,12 +41,19 @@ def added_by(bench: BenchDescription, scene: Scene | None, procedure: Addition |
 
 
 def packages_of(kinds: Iterable[str], designs: Iterable[str], effects: Iterable[str]) -> dict[str, str]:
-    """Versions of the installed packages that add these kinds of devices, designs and effects."""
-    return {
-        **packages(kind_group, "kind of device", set(kinds) - KINDS.keys()),
-        **packages(design_group, "design", set(designs) - DESIGNS.keys()),
-        **packages(effect_group, "effect", set(effects) - EFFECTS.keys()),
-    }
+    """Versions of the installed packages that add these kinds of devices, designs and effects.
+
+    Raises ConfigError: several packages have one of a name, or a package has one of the name of palpate's own.
+    """
+    found: dict[str, str] = {}
+    for group, what, names, ours in (
+        (kind_group, kind_what, kinds, KINDS),
+        (design_group, design_what, designs, DESIGNS),
+        (effect_group, effect_what, effects, EFFECTS),
+    ):
+        check_ours(group, what, sorted(ours.keys() & set(names)))
+        found |= packages(group, what, set(names) - ours.keys())
+    return found
 
 
 @functools.cache

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
-from palpate.instrument.errors import UsageError
+from palpate.instrument.errors import UsageError, check_path
 
 
 def store() -> Path:
@@ -32,6 +32,7 @@ def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterat
     from palpate.procedures.records.run import is_run, storing
 
     folder = store() if out is None else out
+    check_path(folder)
     made: list[Path] = []
     try:
         with storing(folder):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from palpate.instrument.errors import UnknownName, UsageError
+from palpate.instrument.errors import UnknownName, UsageError, check_path
 from palpate.instrument.extras import library
 from palpate.procedures.records.run import Run, storing
 
@@ -48,6 +48,7 @@ def export(run: Run, to: str, folder: Path) -> list[Path]:
         RecordError: the run is damaged or the files cannot be written. None is left then.
     """
     check_format(to)
+    check_path(folder)
     points, waveforms = folder / f"points.{to}", folder / f"waveforms.{to}"
     for path in (points, waveforms):
         if path.exists():
@@ -55,7 +56,7 @@ def export(run: Run, to: str, folder: Path) -> list[Path]:
     table = run.table()
     frames = _waveform_frames(run)
     first = next(frames, None)
-    with storing(folder):
+    with storing(folder, "a writable folder with --out"):
         folder.mkdir(parents=True, exist_ok=True)
         with contextlib.ExitStack() as undo:
             _write(points, iter([table]), to, undo)

@@ -65,7 +65,7 @@ class Recorder:
         self._writer: ChainWriter | None = None
         self._closed = False
         with contextlib.ExitStack() as undo:
-            with storing(folder):
+            with storing(folder, running=True):
                 undo.enter_context(_locked(folder))
                 if header is not None:
                     if is_run(folder):
@@ -84,7 +84,7 @@ class Recorder:
         A writer that was killed may have left frames that the head does not count yet. They may be in the memory of the
         operating system and not on disk, so they are written and synced again before the head counts them.
         """
-        with reading_record(self.folder) as record, storing(self.folder / RECORD):
+        with reading_record(self.folder) as record, storing(self.folder / RECORD, running=True):
             flags = SIMULATED if record.header["simulated"] else 0
             self._writer = ChainWriter(*self._files, record.head, flags)
             self._open.callback(self._writer.close)
@@ -176,7 +176,7 @@ class Recorder:
         frames = [*events, status_frame(status, summary)]
         try:
             self._append(frames, events=len(events))
-            with storing(self.folder / RECORD):
+            with storing(self.folder / RECORD, running=True):
                 self._open_writer().end()
         finally:
             self.close()
@@ -195,14 +195,14 @@ class Recorder:
 
     def _append(self, frames: Sequence[Content], points: int = 0, events: int = 0) -> None:
         """Append frames. On return all of them are on disk; if this raises, none of them counts."""
-        with storing(self.folder / RECORD):
+        with storing(self.folder / RECORD, running=True):
             self._open_writer().append(frames, points=points, events=events)
         self._check_files()
 
     def _check_files(self) -> None:
         """Check that the files still have their names, because Linux lets a program write to a removed file."""
         for path in self._files:
-            with storing(path):
+            with storing(path, running=True):
                 inode = path.stat().st_ino
                 if inode != self._inodes.setdefault(path, inode):
                     raise FileNotFoundError(errno.ENOENT, "it was replaced while the run was being written")
@@ -251,7 +251,7 @@ def put_file(path: Path, text: str) -> None:
     Raises:
         RecordError: it cannot be written.
     """
-    with storing(path):
+    with storing(path, running=True):
         path.unlink(missing_ok=True)
         path.write_text(text, encoding="utf-8")
 

@@ -118,7 +118,7 @@ class Resumed(Recorder):
             for point in stored.points():
                 waveforms = {w.name: (w.rate, w.samples) for w in stored.waveforms(point.id)}
                 frames += point_frames(point.id, json.loads(point.text), waveforms, point.bench_ns)
-        with storing(self.folder):
+        with storing(self.folder, running=True):
             begin(self.folder, self.run.header, frames)
 
     def point(self, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> int:

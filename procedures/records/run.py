@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 
-from palpate.instrument.errors import RecordError, UnknownName
+from palpate.instrument.errors import RecordError, UnknownName, check_path, reason
 from palpate.procedures.records import format3, record_file
 from palpate.procedures.records.chain import read_head
 from palpate.procedures.records.holes import check_holes
@@ -30,10 +30,9 @@ from palpate.procedures.records.stored import Status, Stored, Waveform
 if TYPE_CHECKING:
     import pandas as pd
 
-_ELSEWHERE = "choose a writable folder with --out or $PALPATE_STORE"
+ELSEWHERE = "a writable folder with --out or $PALPATE_STORE"
+_FULL = ("ENOSPC", "EDQUOT", "SQLITE_FULL")
 _REMEDY = {
-    **dict.fromkeys(("ENOSPC", "EDQUOT", "SQLITE_FULL"), "free space on the disk, or choose another with --out"),
-    "ENOENT": f"do not move or remove a run while it is being written, or {_ELSEWHERE}",
     "EFBIG": "raise the limit on file sizes (ulimit -f)",
     "EIO": "check the disk",
     "SQLITE_IOERR": "check the disk, its free space and the limit on file sizes (ulimit -f)",
@@ -65,6 +64,7 @@ class Run:
     @classmethod
     def open(cls, folder: Path) -> Self:
         """Open a run. Raises RecordError: there is no run, it is damaged, or it has another record format."""
+        check_path(folder)
         folder = folder.absolute()
         with reading(folder) as stored:
             header, summary = stored.header, stored.summary
@@ -205,25 +205,41 @@ def _reading(path: Path) -> Iterator[None]:
     except RecordError:
         raise
     except _DAMAGES as error:
-        reason = f"no {error}" if isinstance(error, KeyError) else error
+        why = f"no {error}" if isinstance(error, KeyError) else error
         raise RecordError(
-            f"{path} is damaged ({reason}); restore it from a copy, or salvage it with palpate runs repair"
+            f"{path} is damaged ({why}); restore it from a copy, or salvage it with palpate runs repair"
         ) from error
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror}; make it readable or restore it") from error
 
 
 @contextlib.contextmanager
-def storing(path: Path) -> Iterator[None]:
-    """Turn an error of the disk in the block into a RecordError that names `path` and says what to do."""
+def storing(path: Path, choose: str = ELSEWHERE, *, running: bool = False) -> Iterator[None]:
+    """Turn an error of the disk in the block into a RecordError that names `path` and says what to do.
+
+    Args:
+        path: what is written.
+        choose: what to choose instead, with the option that sets it.
+        running: whether this belongs to a run that is being written, which somebody may have moved.
+    """
     try:
         yield
     except sqlite3.Error as error:
         code = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
-        raise RecordError(f"cannot write {path}: {error}; {_REMEDY.get(code, _ELSEWHERE)}") from error
+        raise RecordError(f"cannot write {path}: {error}; {_remedy(code, path, choose, running)}") from error
     except RecordError:
         raise
     except OSError as error:
         code = errno.errorcode.get(error.errno or 0, "")
-        reason = error.strerror or str(error)
-        raise RecordError(f"cannot write {path}: {reason}; {_REMEDY.get(code, _ELSEWHERE)}") from error
+        raise RecordError(f"cannot write {path}: {reason(error)}; {_remedy(code, path, choose, running)}") from error
+
+
+def _remedy(code: str, path: Path, choose: str, running: bool) -> str:
+    elsewhere = f"choose {choose}"
+    if code in _FULL:
+        return f"free space on the disk, or {elsewhere}"
+    if code == "ENOENT" and running:
+        return f"do not move or remove a run while it is being written, or {elsewhere}"
+    if code == "ENOENT" and not path.parent.exists():
+        return f"make the folder {path.parent}, or {elsewhere}"
+    return _REMEDY.get(code, elsewhere)

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from palpate.instrument.errors import RecordError, UnknownName
+from palpate.instrument.errors import RecordError, UnknownName, UsageError, check_path
 from palpate.procedures.records.run import Run, is_run, last_modified, reading
 from palpate.procedures.records.stored import Status
 
@@ -51,9 +51,12 @@ def find_run(text: str, store: Path) -> Path:
     """The folder of the run that `text` names: a path, or a name in `store`.
 
     Raises:
-        UnknownName: there is no such run; the message lists the runs of the store.
+        UnknownName: there is no such run; the message lists the runs of the store. UsageError: it is a file.
     """
+    check_path(Path(text))
     for folder in (Path(text), store / text):
         if is_run(folder):
             return folder
+    if Path(text).is_file():
+        raise UsageError(f"{text} is a file, and no run; give the folder of a run")
     raise UnknownName("run", text, (path.name for path in _folders(store)))

@@ -117,7 +117,7 @@ def _draw_pressure(picture: Picture, axes: Axes) -> None:
 
 def _taken(response: Response) -> str:
     who = "tooth takes" if len(response.tooth_forces) == 1 else "teeth take"
-    return f"{who} {100 * response.force_ratio:.1f} %"
+    return f"{who} {100 * response.force_ratio:z.1f} %"
 
 
 def _draw_ratio(picture: Picture, axes: Axes) -> None:

@@ -105,6 +105,6 @@ def print_surfaces(surfaces: Mapping[tuple[str, str], tuple[Surface, float]]) ->
     table = new_table(None, "design", "set", "of model", "meshes", "poles", "error of the model", "built in\ns")
     for (name, parameters), (s, error) in surfaces.items():
         table.add_row(
-            name, parameters, s.model, str(len(s.meshes)), str(len(s.poles.rates)), f"{error:.1e}", f"{s.seconds:.1f}"
+            name, parameters, s.model, str(len(s.meshes)), str(len(s.poles.rates)), f"{error:z.1e}", f"{s.seconds:z.1f}"
         )
     print_all(table)

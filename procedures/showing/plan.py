@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from palpate.instrument.quantity import counted
 from palpate.procedures.engine.plan import Plan, S, Step
 from palpate.procedures.showing.text import new_table, number, print_all
 
@@ -20,13 +21,11 @@ def print_plan(plan: Plan[S]) -> None:
         table.add_row(
             *(number(row[name]) for name in asked),
             "by noise" if row["dwell_s"] is None else f"{row['dwell_s']:g}",
-            f"{row['seconds']:.0f}",
-            "-" if u is None else f"{100 * u:.1f} %",
+            f"{row['seconds']:z.0f}",
+            "-" if u is None else f"{100 * u:z.1f} %",
         )
-    print_all(
-        table,
-        f"{plan.procedure}: {len(rows)} points, about {duration(plan.seconds)} on hardware; nothing was sent",
-    )
+    points = counted(len(rows), "point")
+    print_all(table, f"{plan.procedure}: {points}, about {duration(plan.seconds)} on hardware; nothing was sent")
 
 
 def duration(seconds: float) -> str:

@@ -6,12 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from palpate.instrument.quantity import counted
 from palpate.procedures.records.check import Found
 from palpate.procedures.records.repair import Repaired
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import RunSummary
 from palpate.procedures.showing.marks import legend
-from palpate.procedures.showing.text import MOUNTING, STAMP, new_table, number, print_all, stamped
+from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, new_table, number, print_all, stamped
 from palpate.procedures.steps.flags import FLAGS
 
 UNHASHED = "unhashed: record format 3 has no hashes, so points that are lost at its end go unnoticed"
@@ -80,7 +81,7 @@ def print_run(run: Run, digest: str) -> None:
     same = [k for k in columns if len(points) > 1 and len({number(point[k]) for point in points}) == 1]
     same = [k for k in same if k != "flags" or points[0][k] is None]
     columns = [k for k in columns if k not in same]
-    table = new_table(stamped(run.simulated, f"{run.procedure}: {len(points)} points"), *columns)
+    table = new_table(stamped(run.simulated, f"{run.procedure}: {counted(len(points), 'point')}"), *columns)
     for point in points:
         table.add_row(*(number(point[column]) for column in columns))
     print_all(
@@ -95,9 +96,9 @@ def print_run(run: Run, digest: str) -> None:
         f"arithmetic   {kernels or '-'}",
         *unhashed(run.hashed),
         f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
-        table,
+        *blocks(table),
         *legend(table, marks=FLAGS),
-        *(f"event at {event['bench_ns'] / 1e9:.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
+        *(f"event at {event['bench_ns'] / 1e9:z.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
     )
 
 
@@ -145,7 +146,7 @@ def repaired_object(done: Repaired) -> dict[str, Any]:
 def print_repaired(done: Repaired) -> None:
     """Print how much was salvaged, and what is lost."""
     print_all(
-        f"{done.folder}: {done.points} points, {done.waveforms} waveforms",
+        f"{done.folder}: {counted(done.points, 'point')}, {counted(done.waveforms, 'waveform')}",
         *unhashed(done.hashed),
         *(f"gone: {what}" for what in done.gone or ["nothing"]),
     )

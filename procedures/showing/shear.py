@@ -34,6 +34,6 @@ def print_shear(what: str, films: Mapping[str, FilmShear], coarse: Mapping[str, 
         cells = []
         for place in DRAGGED:
             off = film.off_centre(place)
-            cells += [f"{film.cleaned(place):+.5f}", "-" if off is None else f"{1e3 * off:+.3f}"]
-        table.add_row(name, f"{film.pressed:.4f}", *cells, f"{film.change(coarse[name]):.5f}")
+            cells += [f"{film.cleaned(place):+z.5f}", "-" if off is None else f"{1e3 * off:+z.3f}"]
+        table.add_row(name, f"{film.pressed:z.4f}", *cells, f"{film.change(coarse[name]):z.5f}")
     print_all(table, *legend(table, marks=NO_VALUE), TOLD[told(films)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,6 +51,36 @@ def new_table(title: Text | None, *columns: str) -> Table:
     return table
 
 
+def blocks(table: Table) -> list[Table]:
+    """The table; in a terminal that is too narrow for it, several tables that share its first column."""
+    out = console()
+    if not out.is_terminal:
+        return [table]
+    cells = [list(column.cells) for column in table.columns]
+    wide = out.options.update(width=WIDEST)
+    key, *widths = (out.measure(_part(table, cells, [i]), options=wide).maximum for i in range(len(cells)))
+    parts: list[list[int]] = []
+    left = 0
+    for number, width in enumerate(widths, 1):
+        if not parts or width > left:
+            parts.append([])
+            left = out.width - key
+        parts[-1].append(number)
+        left -= width
+    if len(parts) < 2:
+        return [table]
+    found = [_part(table, cells, [0, *part]) for part in parts]
+    found[0].title = table.title
+    return found
+
+
+def _part(table: Table, cells: Sequence[Sequence[object]], columns: Sequence[int]) -> Table:
+    part = new_table(None, *(str(table.columns[i].header) for i in columns))
+    for row in zip(*(cells[i] for i in columns), strict=True):
+        part.add_row(*map(str, row))
+    return part
+
+
 def stamped(simulated: bool, text: str) -> Text:
     """A text, with SIMULATED in red before it if it is."""
     from rich.text import Text
@@ -75,7 +106,7 @@ def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
     bench, wall = outcome["bench_seconds"], outcome["wall_seconds"]
     return [
         *lines,
-        f"time           {bench:.0f} s on the bench, {wall:.1f} s here (x {bench / wall:.0f})",
+        f"time           {bench:z.0f} s on the bench, {wall:z.1f} s here (x {bench / wall:z.0f})",
         f"run            {outcome['run']}",
         *([f"plot           {plot}"] if plot else []),
     ]
@@ -88,9 +119,9 @@ def short(value: float | None) -> str:
 
 def percent(value: float | None) -> str:
     """A fraction as a percentage with two decimals; "-" for None."""
-    return "-" if value is None else f"{100 * value:.2f}"
+    return "-" if value is None else f"{100 * value:z.2f}"
 
 
 def number(value: object) -> str:
     """A float with four digits, any other value as it is; "-" for None."""
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    return "-" if value is None else f"{value:z.4g}" if isinstance(value, float) else str(value)

@@ -11,7 +11,7 @@ from palpate.procedures.showing.text import new_table, print_all, stamped
 
 def brief(found: Validation) -> str:
     """Text of a table's cell: the rms distance, or one word that says why there is none."""
-    return found.kind if found.rms is None else f"{found.rms:.0f} %"
+    return found.kind if found.rms is None else f"{found.rms:z.0f} %"
 
 
 def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]:
@@ -27,9 +27,9 @@ def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]
         if each.mean is None or each.rms is None or each.worst is None:
             told.append(f"{said}{each.kind}: {each.why}")
             continue
-        by_sample = ", ".join(f"{name}: {value:+.0f}" for name, value in each.percent.items())
+        by_sample = ", ".join(f"{name}: {value:+z.0f}" for name, value in each.percent.items())
         told.append(
-            f"{said}mean {each.mean:+.1f} %, rms {each.rms:.1f} %, worst {each.worst:+.1f} % at sample"
+            f"{said}mean {each.mean:+z.1f} %, rms {each.rms:z.1f} %, worst {each.worst:+z.1f} % at sample"
             f" {each.worst_sample} ({SIGN}; by sample {by_sample})"
         )
     if changed:
@@ -49,9 +49,9 @@ def print_validation(compared: Sequence[Validation]) -> None:
         reasons = []
         for each in (found for found in compared if found.design == design):
             if each.kind == "compared":
-                cells = [f"{each.percent[name]:+.1f}" if name in each.percent else "-" for name in SAMPLES]
+                cells = [f"{each.percent[name]:+z.1f}" if name in each.percent else "-" for name in SAMPLES]
                 table.add_row(
-                    each.model, each.parameters, *cells, f"{each.mean:+.1f}", f"{each.rms:.1f}", f"{each.worst:+.1f}"
+                    each.model, each.parameters, *cells, f"{each.mean:+z.1f}", f"{each.rms:z.1f}", f"{each.worst:+z.1f}"
                 )
             else:
                 table.add_row(each.model, each.parameters, *["-"] * len(SAMPLES), each.kind, "", "")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.errors import RangeError, UnreachableError
+from palpate.instrument.errors import MOST_QUOTED, RangeError, UnreachableError, quoted
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.load import check_force as check_felt
 from palpate.instrument.signals.dwell import LONGEST, check_dwell
@@ -23,7 +23,7 @@ def parse_loads(text: str) -> tuple[float, ...]:
     """Loads [N] from a text, read by `parse_steps`. Raises QuantityError, RangeError: or one is not above zero."""
     loads = parse_steps(text, "N", "loads", "1.5 N:4 N:0.5 N")
     if not all(load > 0 for load in loads):
-        raise RangeError(f"loads {text!r}: loads must be above zero, increasing and distinct")
+        raise RangeError(f"loads {quoted(text)}: loads must be above zero, increasing and distinct")
     return loads
 
 
@@ -44,24 +44,26 @@ def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, .
     if len(parts) == 3:
         first, last, step = (parse(part, unit) for part in parts)
         if not (step > 0 and last >= first):
-            raise RangeError(f"{name} {text!r}: give first:last:step with last >= first and step > 0")
+            raise RangeError(f"{name} {quoted(text)}: give first:last:step with last >= first and step > 0")
         steps = (last - first) / step * (1 + 1e-12) + 1e-9
         if not steps < LARGEST_COUNT:
-            raise RangeError(f"{name} {text!r}: more than {LARGEST_COUNT} {name}; take a larger step")
+            raise RangeError(f"{name} {quoted(text)}: more than {LARGEST_COUNT} {name}; take a larger step")
         values = tuple(round(first + i * step, 12) for i in range(math.floor(steps) + 1))
     elif len(parts) == 1:
         values = parse_list(text, unit)
     else:
-        raise RangeError(f"{name} {text!r}: give first:last:step, such as {example!r}, or a list with commas")
+        raise RangeError(f"{name} {quoted(text)}: give first:last:step, such as {example!r}, or a list with commas")
     if list(values) != sorted(set(values)):
-        raise RangeError(f"{name} {text!r}: {name} must be increasing and distinct")
+        raise RangeError(f"{name} {quoted(text)}: {name} must be increasing and distinct")
     return values
 
 
 def check_increasing(name: str, values: Sequence[float], unit: str) -> None:
     """Refuse values in a unit of which one is not greater than the one before it. Raises RangeError."""
     if not all(before < after for before, after in pairwise(values)):
-        listed = ", ".join(show(value, unit) for value in values)
+        listed = ", ".join(show(value, unit) for value in values[:MOST_QUOTED])
+        if len(values) > MOST_QUOTED:
+            listed += f", ... ({len(values)} values)"
         raise RangeError(f"{name} {listed} must be increasing and distinct")
 
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 from pydantic import Field
 
@@ -46,6 +46,8 @@ class RandomFile(Config):
 
 class StudyFile(Config):
     """The TOML file of a study."""
+
+    file: ClassVar[str] = "study"
 
     name: Name
     how: Literal["closed form", "bench"] = CLOSED_FORM

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.instrument.errors import PalpateError, RecordError
+from palpate.instrument.errors import PalpateError, RecordError, check_path
 from palpate.instrument.extras import library
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.quantity import parse
@@ -195,6 +195,7 @@ def read_results(folder: Path) -> Results:
         UsageError: there is none.
         RecordError: it is damaged.
     """
+    check_path(folder)
     check_holes(folder / RECORD)
     asked, outcomes = stored(folder)
     try:

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
-from palpate.instrument.errors import RecordError, UsageError
+from palpate.instrument.errors import RecordError, UsageError, reason
 
 NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 LONGEST = 20  # characters of a name
@@ -67,7 +67,7 @@ def write_files(kind: str, name: str, files: Mapping[str, str], folder: Path, te
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(Template(text).substitute(terms, **own).rstrip("\n") + "\n", encoding="utf-8")
         except OSError as error:
-            raise RecordError(f"{path}: cannot be written: {error.strerror}; give another folder with --to") from None
+            raise RecordError(f"{path}: cannot be written: {reason(error)}; give another folder with --to") from None
     return [tree / place.format(name) for place in files]
 
 

@@ -103,7 +103,7 @@ def _within(what: str, text: str, unit: str, low: float, high: float) -> float:
 
 def _number(text: str, most: int) -> int:
     """Number of a tooth, from 1. Raises QuantityError: it cannot be read. RangeError: there is no such tooth."""
-    value = parse(text, "")
+    value = parse(text, "", "1")
     if value not in range(1, most + 1):
         raise RangeError(f"tooth {text}: there is no such tooth; give {f'1 to {most}' if most > 1 else 1}")
     return int(value)

@@ -29,6 +29,7 @@ from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.pace import Pacer
 
 REFRESH = 0.25  # s of wall time between two updates of the status page
+OUT = "a file in a writable folder with --out"
 CHUNK = 4096  # bytes read from the input at once
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 
@@ -104,7 +105,7 @@ def _check_unused(out: Path) -> None:
         RecordError: it cannot be looked at.
     """
     written = f'name = "{NAMED}'.encode()
-    with storing(out):
+    with storing(out, OUT):
         if (out.parent / RECORD).exists():
             raise UsageError(f"{out} belongs to a run; choose another --out")
         if out.is_file() and not out.read_bytes().startswith(written):
@@ -142,11 +143,11 @@ def serving(wish: Wish) -> Iterator[Served]:
         sim.set_speed(wish.speed)
         description = _description(sim, wish)
         if wish.line is not None:
-            with storing(wish.line):
+            with storing(wish.line, "a name in a writable folder with --line"):
                 wish.line.symlink_to(sim.line)
             stack.callback(wish.line.unlink, missing_ok=True)
         if wish.out is not None:
-            with storing(wish.out):
+            with storing(wish.out, OUT):
                 wish.out.write_text(description.to_toml(), encoding="utf-8")
         pacer = Pacer(sim.clock, wish.speed, failures.append, sim.servers.catch_up)
         if wish.step is None:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from palpate.instrument.additions import taken
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.sensor.design import Design
@@ -23,7 +24,7 @@ from palpate.instrument.sensor.load import check_force
 from palpate.instrument.sensor.sample import get_sample
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.effects import EFFECTS, effect_class, effect_names, origin
+from palpate.simulators.effects import EFFECTS, GROUP, WHAT, effect_class, effect_names, origin
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.physics.dwells import Dwell, dwell_of
 from palpate.simulators.physics.effect import Bound, Case, Effect
@@ -254,7 +255,7 @@ _NAMES = {
 def _omitted(scene: Scene, case: Case) -> tuple[list[Omitted], list[str]]:
     """The effects that the scene leaves out, and what is wrong with those of other packages that cannot be weighed."""
     left = [_weighed(name, scene, case) for name in EFFECTS if name not in scene.effects]
-    problems = []
+    problems = taken(GROUP, WHAT, EFFECTS)
     for name in effect_names()[len(EFFECTS) :]:
         if name not in scene.effects:
             try:

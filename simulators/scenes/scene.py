@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import Field
 
@@ -48,6 +48,8 @@ class RigParameters(Config):
 
 class SceneFile(Config):
     """The keys of a scene file (TOML)."""
+
+    file: ClassVar[str] = "scene"
 
     name: str
     purpose: str

@@ -78,9 +78,10 @@ class CanopenDevice:
             self.write(self.contract[name], values[name])
 
     def transmit(self, name: str) -> None:
-        """Send the PDO of that name now; a node that is not operational sends none."""
+        """Send the PDO of that name now; a node that is not operational sends none. Raises UnknownName."""
+        pdo = self.contract.sent(name)
         if self.wire is not None:
-            self.wire.transmit(next(pdo for pdo in self.contract.pdos if pdo.name == name))
+            self.wire.transmit(pdo)
 
     def emergency(self, code: int) -> None:
         """Send an emergency message."""

@@ -17,7 +17,7 @@ from palpate.instrument.contracts.contract import Contract, Pdo
 from palpate.instrument.contracts.export import node_eds, registers
 from palpate.instrument.contracts.sensor_node import CONTRACT as SENSOR_NODE
 from palpate.instrument.contracts.signal_generator import CONTRACT as GENERATOR
-from palpate.instrument.errors import ConfigError, DeviceError, RangeError
+from palpate.instrument.errors import ConfigError, DeviceError, RangeError, UnknownName, UsageError
 from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
@@ -65,6 +65,21 @@ def test_process_data_go_to_it_and_come_from_it_at_sync(drive: Any, bench: Bench
     bench.device("sensor_node_1").acquire(0.01)
     torque = drive.received("state")["torque"]
     assert torque == drive.get("torque") == pytest.approx(40.0 / sim.rig.scene.rig.coil_resistance, abs=0.1)
+
+
+def test_process_data_that_the_node_does_not_have_are_named(drive: Any, sim: SimulatedBench) -> None:
+    sends = r"unknown PDO that the torque drive sends 'stat' \(did you mean 'state'\?\); valid: state"
+    with pytest.raises(UnknownName, match=sends):
+        drive.received("stat")
+    with pytest.raises(UnknownName, match=sends):
+        sim.devices["shaker"].transmit("stat")
+    with pytest.raises(UnknownName, match=r"unknown PDO that the torque drive takes 'state'.*; valid: command"):
+        drive.send("state", controlword="on", amplitude=1.0)
+
+
+def test_what_is_no_device_of_the_bench_is_named(bench: Bench) -> None:
+    with pytest.raises(UsageError, match=r"^'shaker' is no device of this bench; give one of its `devices`"):
+        bench.named("shaker")
 
 
 def test_what_was_sent_as_process_data_is_a_setting_that_must_stay(drive: Any, sim: SimulatedBench) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from palpate.instrument.additions import addition
@@ -10,8 +12,13 @@ from palpate.instrument.bench.kinds import all_kinds, device_kind
 from palpate.instrument.config import check
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.procedures.engine.known import procedure_class
+from palpate.procedures.engine.run import open_and_run
+from palpate.procedures.lab.open import Chosen
 from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.study.description import StudyFile, study_of
+from palpate.procedures.virtual.study_cell import Sweep
 from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.planning.plan import Question, plan
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import Install
 
@@ -81,8 +88,45 @@ def test_a_name_of_ours_cannot_be_taken(install: Install) -> None:
     with pytest.raises(ConfigError, match=r"^kind of device 'positioner' of rogue 1.2: palpate has one of that name"):
         all_kinds()
     install("rogues", "palpate.procedures", {"sweep-loads": "rogue:Sweep"})
-    with pytest.raises(ConfigError, match=r"^procedure 'sweep-loads' of rogues 1.2 .*palpate has one of that name"):
+    with pytest.raises(
+        ConfigError, match=r"^procedure 'sweep-loads' of rogues 1.2: palpate has one of that name; unin"
+    ):
         procedure_class("sweep-loads")
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "what"),
+    [
+        ("palpate.devices", "positioner", "kind of device"),
+        ("palpate.designs", "single", "design"),
+        ("palpate.effects", "charge_amplifier", "effect"),
+        ("palpate.procedures", "sweep-loads", "procedure"),
+    ],
+)
+def test_a_run_does_not_begin_where_a_package_has_the_name_of_something_that_it_uses(
+    group: str, name: str, what: str, install: Install, scene: Scene, tmp_path: Path
+) -> None:
+    install("rogue", group, {name: "rogue:THING"})
+    with pytest.raises(ConfigError, match=rf"^{what} '{name}' of rogue 1.2: palpate has one of that name; uninstall"):
+        open_and_run(LoadSweep(), Chosen(None, scene), out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+TAKEN = "effect '{}' of rogue 1.2: palpate has one of that name; uninstall that package"
+
+
+@pytest.mark.slow
+def test_what_a_scene_holds_tells_of_effects_with_a_name_of_ours(install: Install, scene: Scene) -> None:
+    install("rogue", "palpate.effects", {"charge_amplifier": "rogue:Effect", "hysteresis": "rogue:Effect"})
+    warned = plan(scene, Question("2", 3.0, dwell=0.5)).warnings
+    assert {TAKEN.format("charge_amplifier"), TAKEN.format("hysteresis")} <= {*warned}
+
+
+def test_a_study_refuses_an_effect_with_a_name_of_ours(install: Install) -> None:
+    install("rogue", "palpate.effects", {"charge_amplifier": "rogue:Effect"})
+    study = study_of(StudyFile(name="s", axes={"seed": [1]}), "s.toml")
+    with pytest.raises(ConfigError, match=TAKEN.format("charge_amplifier")):
+        Sweep.of(study, "s.toml").packages(study)
 
 
 def test_what_is_no_kind_and_what_is_no_procedure_is_refused(install: Install) -> None:

@@ -128,7 +128,7 @@ def test_a_calibration_comes_back_from_its_file_and_is_applied(tmp_path: Path) -
     ("points", "message"),
     [
         (readings(SINGLE)[:2], "2 readings of a film give no scatter; use at least 3"),
-        ([FilmReading(0, 10.0, 2.0, 2.0, 0.03, np.ones(2))] * 3, "1 distinct loads cannot give a line"),
+        ([FilmReading(0, 10.0, 2.0, 2.0, 0.03, np.ones(2))] * 3, "1 distinct load cannot give a line"),
         (readings(SINGLE, np.zeros((2, 6))), "film 'rigid' on channel 1 gives 0 mV/N"),
         ([FilmReading(0, 10.0, 2.0, -0.1, 0.03, np.ones(2))] * 3, r"load -0\.1 N by the load cell is not above 0"),
     ],

@@ -23,6 +23,25 @@ def nothing_in_runs() -> bool:
 
 
 @pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        (("model", "modulus", "--force-ratio", "x"), "'x' is not a quantity; write for example '0.3'"),
+        (("test", "modulus", "--sample", "1", "--strain", "x"), "quantity; write for example '30 %'"),
+        (("measure", "test-modulus", "--sample", "1", "--strain", "x"), "quantity; write for example '0.3'"),
+        (("sweep", "frequency", "--frequencies", "1 Hz:9 Hz:x"), "quantity; write for example '16'"),
+        (
+            ("measure", "calibrate-load-cell", "--positions", "x"),
+            "--positions: 'x' is not a quantity; give a plain number",
+        ),
+    ],
+)
+def test_the_example_of_a_plain_number_is_one_of_use(words: tuple[str, ...], remedy: str, palpate: Palpate) -> None:
+    said = palpate(*words)
+    assert said.status == 2
+    assert said.complaint.endswith(remedy)
+
+
+@pytest.mark.parametrize(
     ("option", "text", "message"),
     [
         ("--loads", "", "'' is not a quantity"),

@@ -60,6 +60,12 @@ def test_what_the_model_or_the_load_cell_does_not_tell_opens_no_bench(
     [
         (("--out", "/proc/palpate"), 1, "cannot write /proc/palpate: "),
         (("--out", "new/file/x"), 1, "cannot write new/file/x: Not a directory; choose a writable folder with --out"),
+        (
+            ("--out", "dir.blf/link"),
+            1,
+            "dir.blf/link is a link to nothing, which does not exist; choose a writable folder",
+        ),
+        (("--out", "new/file"), 1, "new/file is a file, not a folder; choose a writable folder with --out or $PALPATE"),
         (("--out", "new"), 2, "new holds other files; choose a new or empty folder with --out"),
         (("--log", "trace.txt"), 2, "--log trace.txt: the name must end in .pcapng (everything), .blf or .asc (CAN)"),
         (("--log", "dir.blf"), 2, "--log dir.blf: dir.blf exists already; give another name"),
@@ -73,9 +79,10 @@ def test_a_dry_run_refuses_the_places_that_the_run_refuses_and_neither_leaves_an
     Path("dir.blf").mkdir()
     Path("new").mkdir()
     Path("new/file").touch()
+    Path("dir.blf/link").symlink_to("nothing")
     said = palpate("sweep", "loads", *arguments, *rehearsal)
     assert (said.status, message in said.complaint) == (status, True), said.complaint
-    assert sorted(str(path) for path in Path().rglob("*")) == ["dir.blf", "new", "new/file"]
+    assert sorted(str(path) for path in Path().rglob("*")) == ["dir.blf", "dir.blf/link", "new", "new/file"]
 
 
 def test_a_dry_run_leaves_no_folder_and_no_log(palpate: Palpate) -> None:
@@ -111,3 +118,32 @@ def test_of_several_calibrations_one_that_tells_the_loads_is_enough(palpate: Pal
     with pytest.raises(RangeError, match=r"load 8 N lies outside the 1\.373 to 7\.257 N"):
         check_store([2.0, 8.0], extrapolate=False, simulated=True, today=TODAY)
     check_store([2.0, 8.0], extrapolate=True, simulated=True, today=TODAY)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("serve", "ideal", "--line", "/proc/x"), "directory; choose a name in a writable folder with --line"),
+        (("serve", "ideal", "--line", "no/x"), "make the folder no, or choose a name in a writable folder with --line"),
+        (("serve", "ideal", "--out", "no/x"), "make the folder no, or choose a file in a writable folder with --out"),
+        pytest.param(
+            ("contracts", "export", "--to", "file"),
+            "file is a file, not a folder; name another folder",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_the_remedy_for_a_place_that_cannot_be_written_names_the_option_that_sets_it(
+    palpate: Palpate, arguments: tuple[str, ...], message: str
+) -> None:
+    Path("file").touch()
+    said = palpate(*arguments)
+    assert said.status == 1
+    assert said.complaint.endswith(message)
+
+
+def test_a_store_that_is_a_file_is_named(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("file").touch()
+    monkeypatch.setenv("PALPATE_STORE", "file")
+    assert "file is a file, not a folder; choose a writable folder" in palpate("sweep", "loads").complaint
+    assert palpate("runs", "list").complaint == "file is no folder; name one that holds runs with --out"

@@ -198,7 +198,7 @@ def test_the_command_measures_each_film_and_gives_the_public_names(
     ("arguments", "message"),
     [
         (("--sample", "9"), "unknown sample '9'"),
-        (("--loads", "2 N, 3 N"), "2 loads do not give a line with its scatter; give 3 or more"),
+        (("--loads", "2 N, 3 N"), "2 loads cannot give a line with its scatter; give 3 or more"),
         (("--loads", "2 N, 3 N, 30 N"), "above the bench's force limit of 10 N"),
         (("--drift-time", "2 s"), "drift time 2 s is outside 3 s, 3 dwells, to 86400 s"),
         (("--frequency", "200 Hz"), "frequency 200 Hz is outside 0.5 to 100 Hz"),

@@ -313,7 +313,13 @@ def test_a_bench_is_refused_by_how_many_channels_its_own_nodes_have() -> None:
 
 def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its_kind() -> None:
     listed = SimpleNamespace(kind=replace(KINDS["sensor_node"], channels=8))
-    known: Any = SimpleNamespace(design="array_16", pickup=0.0, force_limit=10.0, filling=lambda _role: [listed] * 3)
+    known: Any = SimpleNamespace(
+        design="array_16",
+        pickup=0.0,
+        force_limit=10.0,
+        filling=lambda _role: [listed] * 3,
+        kind_in=lambda _role: None,
+    )
     target = Chosen(known, None).target
     assert (target.nodes, target.channels) == (3, 8)
     LoadSweep().check(target)

@@ -169,7 +169,7 @@ def test_killed_it_goes_on_by_its_name_and_ends_as_one_that_was_not(install: Ins
     ("words", "message"),
     [
         (("relaxaton",), "unknown procedure 'relaxaton' (did you mean 'relaxation'?); valid: calibrate-films, "),
-        (("relaxation", "--force", "2"), "--force: '2' has no unit where N belongs; write for example '3 N'"),
+        (("relaxation", "--force", "2"), "--force: '2' has no unit where N belongs; write for example '2 N'"),
         (("relaxation", "--force", "2 s"), "--force: '2 s' is in s where N belongs"),
         (("relaxation", "--readings", "2.5"), "--readings: '2.5' is no whole number; write for example '3'"),
         (("relaxation", "--force", "1 N", "--force", "2 N"), "--force is given 2 times"),

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
@@ -71,7 +71,9 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         get_sample(self.sample)
         check_nodes(target.design, target.nodes, target.channels)
         if len(self.loads) < LEAST_LOADS:
-            raise RangeError(f"{len(self.loads)} loads do not give a line with its scatter; give {LEAST_LOADS} or more")
+            raise RangeError(
+                f"{counted(len(self.loads), 'load')} cannot give a line with its scatter; give {LEAST_LOADS} or more"
+            )
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
         check_frequency(self.frequency, target.frequency_step)

@@ -79,9 +79,9 @@ def plot_characteristics(result: CharacteriseResult, simulated: bool, folder: Pa
 def _shown(row: Characteristic) -> tuple[str, str]:
     match row.unit:
         case "":
-            return f"{100 * row.value:.2f} %", f"{100 * row.u:.2f} %"
+            return f"{100 * row.value:z.2f} %", f"{100 * row.u:z.2f} %"
         case "1/min":
-            return f"{100 * row.value:+.4f} %/min", f"{100 * row.u:.4f} %/min"
+            return f"{100 * row.value:+z.4f} %/min", f"{100 * row.u:z.4f} %/min"
         case "dB":
-            return f"{row.value:.1f} dB", f"{row.u:.1f} dB"
+            return f"{row.value:z.1f} dB", f"{row.u:z.1f} dB"
     return show(row.value, row.unit), show(row.u, row.unit, 2)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.films import FEWEST, FilmReading, calibrate_films
 from palpate.instrument.errors import DeviceError, RangeError
+from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
@@ -70,7 +71,9 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
         """
         check_nodes(target.design, target.nodes, target.channels)
         if len(self.loads) < FEWEST:
-            raise RangeError(f"{len(self.loads)} loads cannot show linearity and scatter; use at least {FEWEST}")
+            raise RangeError(
+                f"{counted(len(self.loads), 'load')} cannot show linearity and scatter; use at least {FEWEST}"
+            )
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
         if not self.frequencies or len(set(self.frequencies)) < len(self.frequencies):

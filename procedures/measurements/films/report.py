@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.films.result import FilmResult
@@ -22,11 +23,11 @@ def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path
     for film, own in zip(c.films, design.films, strict=True):
         table.add_row(
             film.name,
-            f"{film.sensitivity_mV_per_N:.3f}",
-            f"{film.sensitivity_u:.3f}",
-            f"{1e3 * own.sensitivity:.3f}",
-            f"{film.clamping:.3f}",
-            f"{100 * film.linearity:.2f} %",
+            f"{film.sensitivity_mV_per_N:z.3f}",
+            f"{film.sensitivity_u:z.3f}",
+            f"{1e3 * own.sensitivity:z.3f}",
+            f"{film.clamping:z.3f}",
+            f"{100 * film.linearity:z.2f} %",
             f"{film.degrees_of_freedom}",
         )
     tables: list[Any] = [table]
@@ -34,17 +35,17 @@ def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path
         teeth = range(1, len(design.teeth) + 1)
         crosstalk = new_table(stamped(c.simulated, "Crosstalk"), "film \\ tooth", *map(str, teeth))
         for name, row in zip(_rigid(design), c.crosstalk, strict=True):
-            crosstalk.add_row(name, *(f"{value:.4f}" for value in row))
+            crosstalk.add_row(name, *(f"{value:z.4f}" for value in row))
         tables.append(crosstalk)
     if len(c.frequencies_Hz) > 1:
         gain = new_table(stamped(c.simulated, "Gain"), "film", *(f"{frequency:g} Hz" for frequency in c.frequencies_Hz))
         for film, row in zip(c.films, c.gain, strict=True):
-            gain.add_row(film.name, *(f"{value:.4f}" for value in row))
+            gain.add_row(film.name, *(f"{value:z.4f}" for value in row))
         tables.append(gain)
     outside = sum(point.extrapolated for point in result.points)
     print_all(
         *tables,
-        *([f"extrapolated   {outside} points lie outside the load cell's calibrated range"] if outside else []),
+        *([f"extrapolated   {counted(outside, 'point')} outside the load cell's calibrated range"] if outside else []),
         f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
         f"stored in      {outcome['film_calibration_file']}",
         *where({**outcome, "film_calibration": None}, plot),

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from palpate.instrument.contracts import signal_generator
-from palpate.instrument.errors import RangeError
+from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
@@ -86,7 +86,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         check_force((self.load,), target.force_limit)
         check_end(self.dwell)
         if len(self.frequencies) < FEWEST:
-            raise RangeError(f"{len(self.frequencies)} frequencies do not show a corner; give {FEWEST} or more")
+            raise RangeError(f"a corner takes {FEWEST} frequencies or more, not {len(self.frequencies)}; give more")
         check_increasing("frequencies", self.frequencies, "Hz")
         for frequency in self.frequencies:
             check_frequency(frequency, target.frequency_step, RANGE)
@@ -151,10 +151,10 @@ def parse_frequencies(text: str) -> tuple[float, ...]:
     """
     parts = text.split(":")
     if len(parts) == 3:
-        first, last, count = parse(parts[0], "Hz"), parse(parts[1], "Hz"), parse(parts[2], "")
+        first, last, count = parse(parts[0], "Hz"), parse(parts[1], "Hz"), parse(parts[2], "", "16")
         if not (0 < first < last and count == round(count) and FEWEST <= count <= MOST):
             raise RangeError(
-                f"frequencies {text!r}: give first:last:count with first < last and a count of {FEWEST} to {MOST}"
+                f"frequencies {quoted(text)}: give first:last:count with first < last and a count of {FEWEST} to {MOST}"
             )
         even = np.geomspace(first, last, round(count))
         inner = (round(float(f) / FREQUENCY_STEP) * FREQUENCY_STEP for f in even[1:-1])
@@ -162,11 +162,15 @@ def parse_frequencies(text: str) -> tuple[float, ...]:
     elif len(parts) == 1:
         found = parse_list(text, "Hz")
     else:
-        raise RangeError(f"frequencies {text!r}: give first:last:count, such as '0.1 Hz:100 Hz:16', or a list")
+        raise RangeError(f"frequencies {quoted(text)}: give first:last:count, such as '0.1 Hz:100 Hz:16', or a list")
     if list(found) != sorted(set(found)):
-        raise RangeError(f"frequencies {text!r}: they must increase, each at least a step of {FREQUENCY_STEP:g} Hz")
+        raise RangeError(
+            f"frequencies {quoted(text)}: they must increase, each at least a step of {FREQUENCY_STEP:g} Hz"
+        )
     if not FEWEST <= len(found) <= MOST:
-        raise RangeError(f"frequencies {text!r}: {len(found)} frequencies; give {FEWEST} to {MOST} to find a corner")
+        raise RangeError(
+            f"frequencies {quoted(text)}: {len(found)} frequencies; give {FEWEST} to {MOST} to find a corner"
+        )
     return found
 
 

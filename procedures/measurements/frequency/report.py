@@ -23,9 +23,10 @@ def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot:
         "valid",
     )  # fmt: skip
     for p in result.points:
-        cells = ((f"{1e3 * f.gain_V_per_N:.3g}", f"{f.phase_deg:+.2f}") for f in p.films)
+        cells = ((f"{1e3 * f.gain_V_per_N:.3g}", f"{f.phase_deg:+z.2f}") for f in p.films)
         points.add_row(
-            f"{p.frequency_Hz:g}", "yes" if p.tactile else "", f"{p.load_measured_N:.2f}", f"{p.response_N_per_V:.3f}",
+            f"{p.frequency_Hz:g}", "yes" if p.tactile else "", f"{p.load_measured_N:z.2f}",
+            f"{p.response_N_per_V:z.3f}",
             *itertools.chain(*cells), verdict(p.valid, p.flags),
         )  # fmt: skip
     corners = new_table(
@@ -37,14 +38,14 @@ def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot:
             corners.add_row(name, "not seen", "-", "-", "-", "-")
         else:
             corners.add_row(
-                name, f"{c.corner_Hz:.4f}", f"{c.corner_u:.4f}", f"{c.time_constant:.3f}", f"{1e3 * c.gain:.3f}",
-                f"{1e3 * c.gain_u:.3f}",
+                name, f"{c.corner_Hz:z.4f}", f"{c.corner_u:z.4f}", f"{c.time_constant:z.3f}", f"{1e3 * c.gain:z.3f}",
+                f"{1e3 * c.gain_u:z.3f}",
             )  # fmt: skip
     r = result.resonance
     said = (
         "resonance      none within the sweep"
         if r is None
-        else f"resonance      {r.frequency_Hz:.1f} Hz, u = {r.frequency_u:.1f} Hz, damping ratio {r.damping:.2f}"
+        else f"resonance      {r.frequency_Hz:z.1f} Hz, u = {r.frequency_u:z.1f} Hz, damping ratio {r.damping:z.2f}"
     )
     touch = f"touch          within the band of touch, to {TACTILE:g} Hz"
     unseen = {"not seen": "the sweep does not reach low enough, or has too few valid points"}

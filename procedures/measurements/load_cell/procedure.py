@@ -13,8 +13,8 @@ from typing import Annotated
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, calibrate_load_cell
-from palpate.instrument.errors import DeviceError, RangeError
-from palpate.instrument.quantity import show
+from palpate.instrument.errors import DeviceError, RangeError, quoted
+from palpate.instrument.quantity import counted, show
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report
 from palpate.procedures.engine.settings import Setting
@@ -99,18 +99,15 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 "weights"
             )
         if any(later <= load for load, later in pairwise(loads)):
-            raise RangeError(
-                f"loads {', '.join(f'{load:g}' for load in loads)} N must increase, and none may repeat; put them in "
-                "order"
-            )
+            raise RangeError(f"loads {quoted(loads)} N must increase, and none may repeat; put them in order")
         least = (self.degree or 1) + 2
         if len(loads) < least:
             raise RangeError(
-                f"{len(loads)} loads cannot give a curve of degree {self.degree or 1} and its uncertainty; "
+                f"{counted(len(loads), 'load')} cannot give a curve of degree {self.degree or 1} and its uncertainty; "
                 f"use at least {least}"
             )
         if self.runs < 1:
-            raise RangeError(f"{self.runs} runs give no reading; take 1 or more")
+            raise RangeError(f"{counted(self.runs, 'run')} give no reading; take 1 or more")
         positions = self.positions
         if not positions or len(set(positions)) < len(positions) or not all(0 <= p < 360 for p in positions):
             raise RangeError(

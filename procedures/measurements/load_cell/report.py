@@ -25,9 +25,9 @@ def print_load_cell(result: LoadCellResult, outcome: Outcome, plot: Path) -> Non
                 f"{p.position_deg:g}°",
                 f"{p.run}",
                 f"{p.load_gf:g}",
-                f"{p.load_N:.4f}",
-                f"{p.reading_mV:.2f}",
-                f"{down[_place(p)]:.2f}",
+                f"{p.load_N:z.4f}",
+                f"{p.reading_mV:z.2f}",
+                f"{down[_place(p)]:z.2f}",
             )
     c = result.calibration
     quantities = new_table(None, "", "greatest", "ISO 376 class")
@@ -40,17 +40,17 @@ def print_load_cell(result: LoadCellResult, outcome: Outcome, plot: Path) -> Non
         ("creep", c.creep),
         ("resolution", c.resolution() / c.least_N),
     ):
-        known = ("not measured", "-") if value is None else (f"{100 * value:.3f} %", iso_376_class_of(name, value))
+        known = ("not measured", "-") if value is None else (f"{100 * value:z.3f} %", iso_376_class_of(name, value))
         quantities.add_row(name.replace("_", " "), *known)
     bent = c.curvature
     print_all(
         readings,
         quantities,
-        f"sensitivity    {c.sensitivity_mV_per_N:.3f} mV/N, u = {c.sensitivity_u:.3f} mV/N   (thesis: 10.3 mV/N)",
-        f"zero           {c.zero_mV:.2f} mV, u = {c.zero_u:.2f} mV",
+        f"sensitivity    {c.sensitivity_mV_per_N:z.3f} mV/N, u = {c.sensitivity_u:z.3f} mV/N   (thesis: 10.3 mV/N)",
+        f"zero           {c.zero_mV:z.2f} mV, u = {c.zero_u:z.2f} mV",
         *([f"curvature      {bent.mV_per_N2:.3g} mV/N², u = {bent.u:.2g} mV/N²"] if bent else []),
-        f"linearity      {100 * c.linearity:.2f} % of the span",
-        f"reversibility  {100 * c.reversibility:.2f} % of the span",
+        f"linearity      {100 * c.linearity:z.2f} % of the span",
+        f"reversibility  {100 * c.reversibility:z.2f} % of the span",
         f"resolution     {c.resolution_mV:g} mV = {show(c.resolution(), 'N')}",
         f"range          {c.least_N:.4g} to {c.greatest_N:.4g} N, until {c.expires}",
         f"ISO 376        {_held(c.iso_376)}",
@@ -80,7 +80,7 @@ def plot_load_cell(result: LoadCellResult, simulated: bool, folder: Path) -> Pat
         left.plot(load, reading, marker, label=direction)
         right.plot(load, [y - c.reading(x) for x, y in zip(load, reading, strict=True)], marker, label=direction)
     grid = [c.greatest_N * i / 50 for i in range(51)]
-    left.plot(grid, [c.reading(x) for x in grid], "k-", lw=1, label=f"{c.sensitivity_mV_per_N:.3f} mV/N")
+    left.plot(grid, [c.reading(x) for x in grid], "k-", lw=1, label=f"{c.sensitivity_mV_per_N:z.3f} mV/N")
     left.set(xlabel="load (N)", ylabel="reading (mV)")
     right.axhline(0, color="k", lw=1)
     right.set(xlabel="load (N)", ylabel="deviation from the curve (mV)")

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Annotated
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.errors import RangeError
+from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.findings.film_forces import film_forces, pickup_u
 from palpate.instrument.models.foundation.springs import force_ratio
 from palpate.instrument.quantity import show
@@ -70,7 +70,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         for sample in self.samples:
             get_sample(sample)
         if len(set(self.samples)) < len(self.samples):
-            raise RangeError(f"samples {list(self.samples)}: one is named twice; name each sample once")
+            raise RangeError(f"samples {quoted(list(self.samples))}: one is named twice; name each sample once")
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
         check_frequency(self.frequency, target.frequency_step)

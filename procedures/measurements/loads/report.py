@@ -30,9 +30,9 @@ def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Pat
     )  # fmt: skip
     for p in result.points:
         points.add_row(
-            p.sample, f"{p.load_N:g}{'*' * p.extrapolated}", f"{p.indicator_mV:.1f}", f"{1e3 * p.voltage_rigid_V:.3f}",
-            f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
-            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}",
+            p.sample, f"{p.load_N:g}{'*' * p.extrapolated}", f"{p.indicator_mV:z.1f}",
+            f"{1e3 * p.voltage_rigid_V:z.3f}", f"{1e3 * p.voltage_total_V:z.2f}", f"{p.force_rigid_N:z.3f}",
+            f"{p.force_total_N:z.3f}", f"{p.force_ratio:z.4f}", f"{p.force_ratio_u:z.4f}",
             *((number(p.dwell_s), percent(p.relative_u_predicted), percent(p.relative_u)) if chosen else ()),
             verdict(p.valid, p.flags),
         )  # fmt: skip
@@ -46,10 +46,10 @@ def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Pat
             means.add_row(s.sample, "-", "-", number(s.thesis_force_ratio), "-", *(["-"] if worth else []), "0")
             continue
         difference = (
-            "-" if s.thesis_force_ratio is None else f"{100 * (s.force_ratio / s.thesis_force_ratio - 1):+.1f} %"
+            "-" if s.thesis_force_ratio is None else f"{100 * (s.force_ratio / s.thesis_force_ratio - 1):+z.1f} %"
         )
         means.add_row(
-            s.sample, f"{s.force_ratio:.4f}", f"{s.force_ratio_u:.4f}", number(s.thesis_force_ratio), difference,
+            s.sample, f"{s.force_ratio:z.4f}", f"{s.force_ratio_u:z.4f}", number(s.thesis_force_ratio), difference,
             *([worth] if worth else []), str(s.valid_points),
         )  # fmt: skip
     compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
@@ -102,7 +102,7 @@ def _teeth(result: SweepResult, simulated: bool) -> Table:
         stamped(simulated, "Mean force ratio of each tooth to its base"), "sample", *(str(i + 1) for i in range(count))
     )
     for s in result.samples:
-        teeth.add_row(s.sample, *(f"{tooth:.4f}" for tooth in s.teeth))
+        teeth.add_row(s.sample, *(f"{tooth:z.4f}" for tooth in s.teeth))
     return teeth
 
 

@@ -28,9 +28,9 @@ def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
     )  # fmt: skip
     for p in c.points:
         steps.add_row(
-            p.direction, f"{1e3 * p.position_m:.3f}", f"{p.reading_mV:.1f}", f"{p.load_N:.3f}",
-            "no" if p.extrapolated else "yes", f"{p.strain:.4f}", f"{p.strain_u:.4f}", f"{1e-3 * p.stress_Pa:.2f}",
-            f"{1e-3 * p.stress_u:.2f}", f"{1e-3 * p.secant_modulus_Pa:.1f}", f"{1e-3 * p.secant_modulus_u:.1f}",
+            p.direction, f"{1e3 * p.position_m:z.3f}", f"{p.reading_mV:z.1f}", f"{p.load_N:z.3f}",
+            "no" if p.extrapolated else "yes", f"{p.strain:z.4f}", f"{p.strain_u:z.4f}", f"{1e-3 * p.stress_Pa:z.2f}",
+            f"{1e-3 * p.stress_u:z.2f}", f"{1e-3 * p.secant_modulus_Pa:z.1f}", f"{1e-3 * p.secant_modulus_u:z.1f}",
         )  # fmt: skip
     thesis, loss = _thesis(sample.name), c.energy_loss
     print_all(
@@ -41,9 +41,9 @@ def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
         f"secant modulus     {_value(c.secant)}, at the largest strain",
         f"unloading modulus  {_value(c.unloading)}",
         f"thickness          {_value(c.thickness)}, by the contacts on pad and bare support",
-        f"bench              yields {1e3 * c.compliance.value:.4f} mm/N, u = {1e3 * c.compliance.u:.4f}, corrected",
-        f"linearity          {100 * c.linearity:.2f} % of the span",
-        f"energy loss        {100 * loss.value:.1f} % of the work of loading, u = {100 * loss.u:.2g} %",
+        f"bench              yields {1e3 * c.compliance.value:z.4f} mm/N, u = {1e3 * c.compliance.u:z.4f}, corrected",
+        f"linearity          {100 * c.linearity:z.2f} % of the span",
+        f"energy loss        {100 * loss.value:z.1f} % of the work of loading, u = {100 * loss.u:.2g} %",
         *(() if thesis is None else (f"Table {thesis.number}: {thesis.doubt}",)),
         *where(outcome, plot),
     )
@@ -89,7 +89,7 @@ def _printed(table: Table) -> RichTable:
     )
     cells = (table.values(name) for name in ("strain", "stress_Pa", "modulus_Pa"))
     for position, strain, stress, modulus in zip(table.rows, *cells, strict=True):
-        rows.add_row(position, f"{strain:.4f}", f"{1e-3 * stress:.2f}", f"{1e-3 * modulus:.1f}")
+        rows.add_row(position, f"{strain:z.4f}", f"{1e-3 * stress:z.2f}", f"{1e-3 * modulus:z.1f}")
     return rows
 
 

@@ -11,7 +11,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import film_forces, ratio_scatter
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import check_place, tooth_shares
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
@@ -70,7 +70,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
         check_nodes(target.design, target.nodes, target.channels)
         sample = get_sample(self.sample)
         if len(self.positions) < FEWEST:
-            raise RangeError(f"{len(self.positions)} positions are too few for a sweep; give {FEWEST} or more")
+            raise RangeError(f"{counted(len(self.positions), 'position')} cannot make a sweep; give {FEWEST} or more")
         check_increasing("positions", self.positions, "m")
         for position in self.positions:
             check_place(target.design, position)

@@ -23,11 +23,12 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
     )  # fmt: skip
     for p in result.points:
         points.add_row(
-            f"{p.position_mm:g}", f"{p.load_measured_N:.2f}", f"{p.share_left:.3f}", f"{p.share_left_u:.3f}",
-            f"{p.model_share_left:.3f}", number(p.thesis_share_left), f"{p.share_right:.3f}", f"{p.share_right_u:.3f}",
-            f"{p.model_share_right:.3f}", number(p.thesis_share_right), f"{p.found_mm:.2f}", f"{p.found_u:.2f}",
-            f"{p.found_low_mm:.1f} to {p.found_high_mm:.1f}", f"{p.found_force_N:.2f}", f"{p.found_force_u:.2f}",
-            verdict(p.valid, p.flags),
+            f"{p.position_mm:g}", f"{p.load_measured_N:z.2f}", f"{p.share_left:z.3f}", f"{p.share_left_u:z.3f}",
+            f"{p.model_share_left:z.3f}", number(p.thesis_share_left), f"{p.share_right:z.3f}",
+            f"{p.share_right_u:z.3f}", f"{p.model_share_right:z.3f}", number(p.thesis_share_right),
+            f"{p.found_mm:z.2f}", f"{p.found_u:z.2f}",
+            f"{p.found_low_mm:z.1f} to {p.found_high_mm:z.1f}", f"{p.found_force_N:z.2f}",
+            f"{p.found_force_u:z.2f}", verdict(p.valid, p.flags),
         )  # fmt: skip
     said = [
         f"model          solid, stored; error of a share {ERROR:g} at most, of its mesh alone",
@@ -35,7 +36,7 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
     ]
     if result.rms_mm is not None and result.inside is not None:
         said.append(
-            f"position       {result.rms_mm:.2f} mm rms from the place set; {result.inside:.0%} in their 95 % interval"
+            f"position       {result.rms_mm:z.2f} mm rms from the place set; {result.inside:.0%} in their 95 % interval"
         )
     print_all(points, *legend(points), *said, *where(outcome, plot))
 

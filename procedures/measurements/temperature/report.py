@@ -22,19 +22,19 @@ def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plo
         "lock-in\nerror %", "voltmeter\nerror %", "valid",
     )  # fmt: skip
     for p in result.points:
-        offsets = (text for film in p.films for text in (f"{film.offset_N:+.3f}", f"{film.offset_u:.3f}"))
+        offsets = (text for film in p.films for text in (f"{film.offset_N:+z.3f}", f"{film.offset_u:z.3f}"))
         points.add_row(
             f"{p.temperature_K:g}", f"{p.step_K:+g}", *offsets,
-            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", f"{100 * p.error_lock_in:+.3f}",
-            f"{100 * p.error_rms:+.2f}", verdict(p.valid, p.flags),
+            f"{p.force_ratio:z.4f}", f"{p.force_ratio_u:z.4f}", f"{100 * p.error_lock_in:+z.3f}",
+            f"{100 * p.error_rms:+z.2f}", verdict(p.valid, p.flags),
         )  # fmt: skip
     said = [
-        f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+.4f} N/K, u = {found[1]:.4f} N/K")
+        f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+z.4f} N/K, u = {found[1]:z.4f} N/K")
         for name, found in result.offsets.items()
     ]
     if result.ratio_per_K is not None:
         slope, u = (100 * value for value in result.ratio_per_K)
-        said.append(f"force ratio, with trend  {slope:+.3f} %/K, u = {u:.3f} %/K")
+        said.append(f"force ratio, with trend  {slope:+z.3f} %/K, u = {u:z.3f} %/K")
     print_all(points, *legend(points), *said, *where(outcome, plot))
 
 

@@ -1,0 +1,53 @@
+"""What is printed for people: blocks of columns in a narrow terminal, the singular for one, and no negative zero."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from palpate.instrument.quantity import counted
+from palpate.procedures.showing import text
+from palpate.procedures.showing.text import blocks, new_table, number, percent, print_all, stamped
+
+SHOWING = Path(text.__file__).parent
+COLUMNS = ("id", *(f"quantity_{n}" for n in range(20)))
+
+
+@pytest.mark.parametrize("width", [20, 40, 80, 400])
+def test_a_table_too_wide_for_the_terminal_is_printed_in_blocks_that_repeat_its_first_column(
+    width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(text, "console", lambda: Console(width=width, force_terminal=True, color_system=None))
+    table = new_table(stamped(False, "T"), *COLUMNS)
+    for row in range(2):
+        table.add_row(str(row), *(f"{row}.{n}" for n in range(20)))
+    print_all(*blocks(table))
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
+    assert all(len(line.rstrip()) <= width for line in lines)
+    heads = [line.split() for line in lines if "quantity_" in line]
+    assert len(heads) == {20: 20, 40: 10, 80: 4, 400: 1}[width]
+    assert [name for head in heads for name in head if name != "id"] == list(COLUMNS[1:])
+    assert {head[0] for head in heads} == {"id"}
+    cells = [line.split()[1:] for line in lines if line.split()[0] == "1"]
+    assert [cell for some in cells for cell in some] == [f"1.{n}" for n in range(20)]
+    assert lines[0].strip() == "T"
+
+
+def test_where_the_output_is_no_terminal_a_table_stays_whole() -> None:
+    table = new_table(None, *COLUMNS)
+    assert blocks(table) == [table]
+
+
+def test_one_is_singular() -> None:
+    assert [counted(n, "point") for n in range(3)] == ["0 points", "1 point", "2 points"]
+
+
+def test_no_table_has_a_negative_zero() -> None:
+    assert (percent(-1e-6), number(-0.0)) == ("0.00", "0")
+    files = [*SHOWING.glob("*.py"), *(SHOWING.parent / "measurements").glob("*/report.py")]
+    fixed = [found for file in files for found in re.findall(r":\+?\.\df\}", file.read_text(encoding="utf-8"))]
+    assert len(files) > 20
+    assert fixed == []  # a z after the colon, or the sign, makes -0.0 into 0.0
