@@ -153,7 +153,8 @@ def test_the_list_vouches_for_what_was_measured_whatever_the_force(load: Load) -
 def test_for_another_object_the_model_with_an_own_estimate_is_taken(other: str, made_up: None) -> None:
     assert not LIST.vouches(ROUND, [LOAD, OTHERS[other]])
     choice = choose(ROUND, [LOAD, OTHERS[other]], 0.1)
-    assert (choice.model, choice.error, choice.seconds) == ("axisymmetric", None, None)
+    shipped = other in ("a softer one", "a harder one")  # there are curves of this sensor, for any modulus
+    assert (choice.model, choice.error, choice.seconds) == ("surface" if shipped else "axisymmetric", None, None)
     assert "no prices were measured" in choice.why and "0.1" in choice.why
 
 
@@ -217,7 +218,7 @@ def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: py
         return [(solid.solve(SolidParameters(support="rigid", interface="frictionless"), 0), 1e-3)]
 
     monkeypatch.setattr(solid, "solve_at", solve_at)
-    (given,) = answers_cheapest(get_design("single"), [LOAD], None)
+    (given,) = answers_cheapest(stiffer_plate(get_design("single")), [LOAD], None)
     assert asked == [AUTO_TOLERANCE] == [1e-2]
     assert (given.model, given.error_estimate) == ("solid", 1e-3)
 

@@ -8,7 +8,7 @@ from palpate.instrument.models.axisymmetric.model import solve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.models.prices import price_list
-from palpate.instrument.models.prices.price_list import choose, stored
+from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, choose, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.table import MODELS
@@ -108,3 +108,12 @@ def test_prices_of_another_version_of_the_models_are_not_believed(monkeypatch: p
     monkeypatch.setattr(price_list, "CODE_VERSION", price_list.CODE_VERSION + 1)
     assert not stored().vouches(ROUND, [LOAD])
     assert "no prices were measured" in choose(ROUND, [LOAD], 0.1).why
+
+
+@pytest.mark.parametrize("modulus", [1e4, 1e12])
+def test_beyond_the_priced_moduli_auto_reads_the_shipped_curves(modulus: float) -> None:
+    """A finite-element model would have to be set up: of the array in minutes."""
+    given = response(get_design("array"), PHYSICAL.load(modulus), "auto")
+    assert "its own error estimate meets 0.01" in given.why
+    assert given.error_estimate is not None and 0 < given.error_estimate <= AUTO_TOLERANCE
+    assert choose(get_design("array"), [PHYSICAL.load(modulus)], 1e-5).model == "solid"

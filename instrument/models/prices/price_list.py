@@ -18,6 +18,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from palpate.instrument.config import Config, read_shipped
@@ -200,6 +201,9 @@ def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
     if prices.vouches(design, loads):
         moduli = [load.sensed.modulus for load in loads]
         return prices.choose(design.name, min(moduli), max(moduli), tolerance)
+    if _shipped_meet(design, loads, tolerance):
+        why = f"surface: no prices were measured for this range, but its own error estimate meets {tolerance:g}"
+        return Choice("surface", None, None, why)
     uniform = all(load.at is None for load in loads)
     model = "axisymmetric" if design.outline == "round" and uniform else "solid"
     return Choice(
@@ -209,6 +213,17 @@ def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
         f"{model}: no prices were measured for this sensor, object or range, so that the model that knows its own"
         f" error refines until its estimate meets {tolerance:g}",
     )
+
+
+def _shipped_meet(design: Design, loads: Sequence[Load], tolerance: float) -> bool:
+    """Whether the curves of model "surface" are of this sensor, and meet the tolerance by their own estimate."""
+    from palpate.instrument.models.stored import surface
+
+    try:
+        found = [surface.find(design, load).estimates(np.array([load.sensed.modulus]))[0] for load in loads]
+    except RangeError:
+        return False
+    return bool(np.max(found) <= tolerance)
 
 
 def answers_cheapest(design: Design, loads: Sequence[Load], tolerance: float | None) -> list[Response]:

@@ -40,9 +40,9 @@ Solution = axisymmetric.Solution | solid.SolidSolution
 
 # Shipped refinements: all up to one that is good to 1e-6, and in space all.
 REFINEMENTS = {"axisymmetric": axisymmetric.REFINEMENTS[:4], "solid": solid.REFINEMENTS}
-# Designs with more teeth have their first meshes alone; the next one takes minutes.
+# Designs with more teeth have their first meshes alone; the last one takes minutes.
 FEW_TEETH = 4
-MANY_TEETH_REFINEMENTS = 2
+MANY_TEETH_REFINEMENTS = 3
 STORED = Path(__file__).with_name("curves")
 # Parameter sets with shipped curves; the identified set has those of the designs that the thesis measured.
 SETS = ("physical", "identified")
