@@ -103,7 +103,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
 @option("--store", is_flag=True, help='Find the curves anew, and store them for model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
-    """Show the curves from which model "surface" answers, with their bounds. Finding all takes about a minute."""
+    """Show the curves from which model "surface" answers, with their bounds. Finding all takes about five minutes."""
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.curve import ratio_curve
     from palpate.instrument.models.parameter_sets import get_parameter_set

@@ -35,9 +35,10 @@ def chosen_by(choice: Choice, model: str | None = None) -> Chosen:
 def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
     """Carry out a procedure on the bench of a command, and show its result. Raises as `open_and_run` does."""
     chosen = chosen_by(choice, model)
-    with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
-        done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
-    tell(procedure, done, output)
+    with output.set_ups():
+        with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
+            done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
+        tell(procedure, done, output)
 
 
 def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
