@@ -102,7 +102,7 @@ def test_every_model_puts_the_samples_in_the_order_of_the_thesis(model: str) -> 
 @pytest.mark.parametrize("model", sorted(MODELS.keys() - {"axisymmetric", "solid"}))
 def test_forces_are_proportional_to_the_load_and_in_their_ratio(model: str) -> None:
     one, four = (response(SINGLE, Load(force=force, sensed=get_sample("3")), model) for force in (1.0, 4.0))
-    assert four.force_total == pytest.approx(4.0, rel=1e-12)
+    assert four.force_total == pytest.approx(4.0, rel=1e-11)  # a sum of poles rounds
     assert four.force_rigid == pytest.approx(4 * one.force_rigid, rel=1e-14)
     assert four.force_rigid / four.force_total == pytest.approx(four.force_ratio, rel=1e-14)
     assert four.stiffness == one.stiffness > 0

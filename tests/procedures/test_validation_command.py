@@ -46,7 +46,7 @@ def test_every_model_stands_beside_the_experiments_of_each_arrangement(palpate: 
     assert by["single", "physical", "experiment"]["kind"] == "input"
     surface = by["single", "physical", "surface"]
     assert surface["samples_percent"].keys() == SAMPLES.keys()
-    assert min(surface["samples_percent"].values()) > 20 and max(surface["samples_percent"].values()) < 36.2
+    assert min(surface["samples_percent"].values()) > 19.5 and max(surface["samples_percent"].values()) < 36.2
     solid_ = by["single", "physical", "solid"]
     assert solid_["mean_percent"] == pytest.approx(surface["mean_percent"], abs=0.5)  # one model, two meshes
 
@@ -76,7 +76,7 @@ def test_a_ratio_comes_with_the_distance_of_its_model_from_the_experiments(palpa
     (found,) = palpate(*ratio, "--json").object["validation"]
     assert (found["model"], found["kind"], round(found["rms_percent"])) == ("surface", "compared", 28)
     said = palpate(*ratio).out
-    assert " 28 % " in said and "validation of surface (physical set, single): mean +27.3 %" in said
+    assert " 28 % " in said and "validation of surface (physical set, single): mean +27.1 %" in said
     assert "the set as it stands" not in said
     changed = palpate(*ratio, "--model", "column", "--sensed-thickness", "2 mm", "--compliant-modulus", "33 kPa").out
     assert "that of the set as it stands, without --sensed-thickness, --compliant-modulus" in changed
@@ -93,7 +93,7 @@ def test_prices_come_with_the_distance_of_each_model_from_the_experiments(palpat
     priced = {(price["design"], price["model"]) for price in found["prices"]}
     assert {(each["design"], each["model"]) for each in found["validation"]} == priced
     said = palpate("accuracy", "models", "--design", "single").out
-    assert re.search(r"surface +49 nodes of solid .* 28 % ", said) and re.search(r"experiment .* input ", said)
+    assert re.search(r"surface +137 poles of solid .* 28 % ", said) and re.search(r"experiment .* input ", said)
 
 
 # --- what if -------------------------------------------------------------------------------------------
