@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import socket
 import stat
 import sys
 import threading
@@ -90,6 +91,14 @@ def foreground() -> Iterator[None]:
     yield
     for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def closed_port() -> int:
+    """A TCP port of 127.0.0.1 at which nothing answers."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+    return port
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import re
-import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -23,13 +22,6 @@ from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.procedures.testing.wire import Wire, impatient, listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
-
-
-@pytest.fixture
-def closed_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-    return port
 
 
 def receive(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, change: Callable[[bytes], bytes]) -> None:

@@ -84,10 +84,10 @@ def test_a_record_knows_its_contract_and_people_its_registers(with_oven: Scene) 
     assert "Acme OV-60, an oven around the sensor" in registers(contracts)
 
 
-def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: Scene) -> None:
+def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: Scene, closed_port: int) -> None:
     with SimulatedBench(with_oven) as sim:
         tables: dict[str, Any] = tomllib.loads(sim.description.to_toml())
-        tables["link"]["oven"]["port"] = 1
+        tables["link"]["oven"]["port"] = closed_port
         absent = check(tables, BenchDescription, "here")
         with pytest.raises(BenchError, match="nothing answers at"):
             Bench(absent, sim.clock, sim.operator).__enter__()
@@ -96,7 +96,7 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
         with Bench(check(tables, BenchDescription, "here"), sim.clock, person) as bench:
             assert bench.maybe(Chamber) is None
             assert bench.role(Positioner) is bench.device("positioner")
-            assert bench.cautions[0].startswith("oven is not used: nothing answers at 127.0.0.1:1")
+            assert bench.cautions[0].startswith(f"oven is not used: nothing answers at 127.0.0.1:{closed_port}")
             with pytest.raises(BenchError, match="has no chamber; add a"):
                 bench.role(Chamber)
             with pytest.raises(UnknownName, match="unknown device of this bench 'oven'"):

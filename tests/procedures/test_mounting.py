@@ -83,10 +83,11 @@ def test_nobody_has_to_confirm_the_work_of_a_device(
     assert found.startswith(mounting)
 
 
-def test_a_changer_that_is_absent_mounts_nothing(palpate: Palpate, headless: str) -> None:
+def test_a_changer_that_is_absent_mounts_nothing(palpate: Palpate, headless: str, closed_port: int) -> None:
     tables = tomllib.loads(Path(headless).read_text(encoding="utf-8"))
     changer = {"kind": "sample_changer", "link": "changer", "unit": 1, "optional": True}
-    tables |= {"link": {"changer": {"kind": "modbus-tcp", "host": "127.0.0.1", "port": 1}}, "device": {"ring": changer}}
+    link = {"kind": "modbus-tcp", "host": "127.0.0.1", "port": closed_port}
+    tables |= {"link": {"changer": link}, "device": {"ring": changer}}
     Path(headless).write_text(tomli_w.dumps(tables), encoding="utf-8")
     said = palpate(*SWEEP, "--bench", headless)
     assert (said.status, said.complaint.split(" and")[0]) == (2, "a person mounts the samples on this bench")
