@@ -102,7 +102,7 @@ def claims(number: int, drawn: RoundParameters, curves: Sequence[Curve]) -> Iter
     last, finest = (curve.force_ratios(moduli)[:, 0] for curve in curves[-2:])
     volts_last, volts = (curve.voltages(moduli)[:, :, 0] for curve in curves[-2:])
     left = LEFT_CLOSED if closed else LEFT
-    rounded, _ = axisymmetric.rounding(curves, drawn, moduli)
+    rounded, rounded_volts = axisymmetric.rounding(curves, drawn, moduli)
     for count in range(2, len(curves)):
         bounds, told = axisymmetric.estimates(curves[:count], drawn, moduli)
         errors = np.abs(curves[count - 1].force_ratios(moduli)[:, 0] - finest) + left * np.abs(finest - last)
@@ -110,6 +110,7 @@ def claims(number: int, drawn: RoundParameters, curves: Sequence[Curve]) -> Iter
         off = (np.abs(curves[count - 1].voltages(moduli)[:, :, 0] - volts) + left * np.abs(volts - volts_last)).max(
             axis=1, initial=0.0
         )
+        off = np.maximum(off - rounded_volts, 0.0)
         around = np.array([errors[max(0, k - HALF_DECADE) : k + HALF_DECADE + 1].max() for k in range(len(errors))])
         counted = errors > NEGLIGIBLE
         felt = off > NEGLIGIBLE * np.abs(volts).max(axis=1, initial=0.0)
