@@ -181,10 +181,10 @@ def _exact(
     if model == "axisymmetric":
         from palpate.instrument.models.axisymmetric import model as axisymmetric
 
-        return axisymmetric.poles_to(round_parameters(design, load), moduli, asked)
+        return axisymmetric.ladder(round_parameters(design, load)).poles_to(moduli, asked)
     from palpate.instrument.models.solid import model as solid
 
-    return solid.poles_to(solid_parameters(design, replace(load, force=1.0)), moduli, asked)
+    return solid.ladder(solid_parameters(design, replace(load, force=1.0))).poles_to(moduli, asked)
 
 
 def curve_through(moduli: ArrayLike, ratios: ArrayLike, model: str, error: float = 0.0) -> RatioCurve:

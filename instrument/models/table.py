@@ -128,7 +128,7 @@ def _axisymmetric(design: Design, loads: Sequence[Load], tolerance: float | None
     from palpate.instrument.models.axisymmetric import model as axisymmetric
 
     asked = AXISYMMETRIC_TOLERANCE if tolerance is None else tolerance
-    found = axisymmetric.solve_at(round_parameters(design, loads[0]), _moduli(loads), asked)
+    found = axisymmetric.ladder(round_parameters(design, loads[0])).solve_at(_moduli(loads), asked)
     return [_round_response("axisymmetric", design, load, *each) for load, each in zip(loads, found, strict=True)]
 
 
@@ -137,7 +137,8 @@ def _solid(design: Design, loads: Sequence[Load], tolerance: float | None) -> li
 
     asked = SOLID_TOLERANCE if tolerance is None else tolerance
     # Forces and stresses are proportional to the load: those of 1 N are kept for the next call.
-    found = solid.solve_at(solid_parameters(design, replace(loads[0], force=1.0)), _moduli(loads), asked)
+    parameters = solid_parameters(design, replace(loads[0], force=1.0))
+    found = solid.ladder(parameters).solve_at(_moduli(loads), asked)
     return [_solid_response("solid", design, load, *each) for load, each in zip(loads, found, strict=True)]
 
 

@@ -96,16 +96,19 @@ def _apart(ratios: Values, truth: Values, uncertainties: Values) -> Values:
 
 
 def _estimate(meshes: Sequence[Mesh], results: Sequence[Solved]) -> float | None:
-    """Error estimate that `solve_to` would give for the last of some refinements; None: it would not stop there."""
+    """Error estimate that a model would give for the last of some refinements; None: it would not stop there."""
     if len(results) < 2:
         return None
     curves = [result.curve for result in results if result.curve is not None]
     if len(curves) < len(results):
         return None
     parameters = meshes[0].parameters
+    moduli = np.array([parameters.sensed_modulus])
     if isinstance(parameters, RoundParameters):
-        return axisymmetric.error_estimate(curves, parameters).force_ratio
-    return solid.error_estimate(curves, parameters).force_ratio
+        bounds, _ = axisymmetric.estimates(curves, parameters, moduli)
+    else:
+        bounds, _ = solid.estimates(curves, parameters, moduli)
+    return float(bounds[0])
 
 
 def _ratios(mesh: Mesh, solved: Results, moduli: Sequence[float]) -> Values:

@@ -114,7 +114,7 @@ def _cold() -> Iterator[Row]:
         with _cold_store():
             start = time.process_time()
             try:
-                poles, error = model.poles_to(sensor, MODULI, tolerance)  # type: ignore[arg-type]
+                poles, error = model.ladder(sensor).poles_to(MODULI, tolerance)  # type: ignore[arg-type]
             except RangeError as refused:
                 yield Row(figure, str(refused), f"<= {goal} s", False)
                 continue

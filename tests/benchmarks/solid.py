@@ -99,7 +99,7 @@ def _cost(name: str, resolution: Resolution, error: float, seconds: float, memor
 def _estimate(name: str, refinement: int) -> Row:
     sensor = solid_parameters(get_design(name), PHYSICAL.load(1e5))
     curves = [_alone(name, solid.resolution_of(number))[0] for number in range(refinement + 1)]
-    bounds, _ = solid.estimates(curves, sensor, RATIOS * sensor.compliant_modulus)
+    bounds, _ = solid.estimates([each.poles for each in curves], sensor, RATIOS * sensor.compliant_modulus)
     return Row(
         f"solid: {name}, error estimate of refinement {refinement}, cold, with all meshes before",
         f"{sum(sum(each.seconds) for each in curves):.1f} s, {bounds.max():.1e} at most, {np.median(bounds):.1e} in the"
@@ -131,12 +131,12 @@ def _errors_over_estimates(sensor: SolidParameters) -> list[float]:
     """The greatest over all moduli, for refinements 1 and 2 of a disc, which the round model knows; 1 of others."""
     own = replace(sensor, film=PVDF.round()) if sensor.outline == "round" else sensor
     moduli = RATIOS * own.compliant_modulus
-    curves = [solid.curve(own, refinement) for refinement in (0, 1, 2)]
+    curves = [solid.curve(own, refinement).poles for refinement in (0, 1, 2)]
     # Of squares no other model knows better: a finer mesh has a third of the error or less.
-    known: Curve = axisymmetric.curve(disc(own), 3) if own.outline == "round" else curves[2].poles
+    known: Curve = axisymmetric.curve(disc(own), 3) if own.outline == "round" else curves[2]
     shares = []
     for count in (2, 3) if own.outline == "round" else (2,):
-        errors = np.abs(curves[count - 1].poles.force_ratios(moduli) - known.force_ratios(moduli)).max(axis=1)
+        errors = np.abs(curves[count - 1].force_ratios(moduli) - known.force_ratios(moduli)).max(axis=1)
         bounds, _ = solid.estimates(curves[:count], own, moduli)
         shares.append(float((errors / bounds)[errors > NEGLIGIBLE].max(initial=0.0)))
     return shares

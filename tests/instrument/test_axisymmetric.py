@@ -77,8 +77,7 @@ def test_where_the_ratios_of_two_meshes_cross_the_estimate_is_above_the_error() 
 
     modulus = np.exp([brentq(change, np.log(24e3), np.log(24e4))])
     error = abs(fine.force_ratios(modulus) - finest.force_ratios(modulus))[0, 0]
-    sensor = replace(CASE_A, sensed_modulus=float(modulus[0]))
-    estimate = axisymmetric.error_estimate([coarse, fine], sensor).force_ratio
+    (estimate,), _ = axisymmetric.estimates([coarse, fine], CASE_A, modulus)
     assert abs(change(np.log(modulus[0]))) < error / 100
     assert error < estimate < 100 * error
 

@@ -32,10 +32,10 @@ def test_solid_meshes_that_hardly_differ_and_all_err_are_not_trusted(number: int
     known = axisymmetric.curve(disc(sensor), 3)
     modulus = np.array([sensor.sensed_modulus])
     for count in (2, 3):
-        bounds = solid.error_estimate(curves[:count], sensor)
-        assert 0 < abs(curves[count - 1].force_ratios(modulus) - known.force_ratios(modulus)) < bounds.force_ratio
+        ratio, voltage = solid.estimates(curves[:count], sensor, modulus)
+        assert 0 < abs(curves[count - 1].force_ratios(modulus) - known.force_ratios(modulus)) < ratio
         apart = np.abs(curves[count - 1].voltages(modulus) - known.voltages(modulus))
-        assert apart.max(initial=0.0) <= bounds.voltage
+        assert apart.max(initial=0.0) <= voltage
 
 
 def test_gap_and_object_of_the_designs_are_not_narrow() -> None:
@@ -49,8 +49,9 @@ def test_under_a_point_load_what_has_no_end_does_not_count() -> None:
     sensor = SolidParameters(load_at=(6e-3, 5e-3), support="rigid")
     curves = [solid.curve_on(sensor, Resolution(1, 0.2, 1, degree)).poles for degree in (2, 3)]
     away = [replace(each, clamped=1e3 * (1 + k) * each.clamped) for k, each in enumerate(curves)]
-    assert solid.error_estimate(away, sensor) == solid.error_estimate(curves, sensor)
-    assert solid.error_estimate(away, replace(sensor, load_at=None)) != solid.error_estimate(curves, sensor)
+    spread, at = replace(sensor, load_at=None), np.array([sensor.sensed_modulus])
+    assert solid.estimates(away, sensor, at) == solid.estimates(curves, sensor, at)
+    assert solid.estimates(away, spread, at)[0] > solid.estimates(curves, spread, at)[0]
 
 
 @pytest.mark.slow
@@ -77,5 +78,6 @@ def test_the_voltages_of_a_nearly_incompressible_sensor_are_known_to_a_hundredth
     """Its rounding is told by the same mesh in another unit of length, in which all voltages are others."""
     sensor = RoundParameters(compliant_poisson=0.4999)
     curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2)]
-    (voltages,) = curves[-1].voltages(np.array([sensor.sensed_modulus]))
-    assert 0 < axisymmetric.error_estimate(curves, sensor).voltage < 0.01 * np.abs(voltages).max()
+    modulus = np.array([sensor.sensed_modulus])
+    _, bound = axisymmetric.estimates(curves, sensor, modulus)
+    assert 0 < bound < 0.01 * np.abs(curves[-1].voltages(modulus)).max()

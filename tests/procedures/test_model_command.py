@@ -6,6 +6,7 @@ import functools
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -44,15 +45,16 @@ def solve_nothing(monkeypatch: pytest.MonkeyPatch, seen: list[tuple[RoundParamet
     """The finite-element models answer for one sensor of so many teeth; `seen` gets what they are asked."""
     for module in (axisymmetric, solid):
 
-        def solve_at(
-            parameters: Any, moduli: Any, tolerance: float, module: Any = module
-        ) -> list[tuple[object, float]]:
-            seen.append((parameters, tolerance))
-            teeth = {name: getattr(parameters, name) for name in LATTICE if hasattr(parameters, name)}
-            found = coarsest(module, type(parameters)(support="rigid", interface="frictionless", **teeth))
-            return [(found, 1e-9)] * len(moduli)
+        def ladder(parameters: Any, module: Any = module) -> SimpleNamespace:
+            def solve_at(moduli: Any, tolerance: float) -> list[tuple[object, float]]:
+                seen.append((parameters, tolerance))
+                teeth = {name: getattr(parameters, name) for name in LATTICE if hasattr(parameters, name)}
+                found = coarsest(module, type(parameters)(support="rigid", interface="frictionless", **teeth))
+                return [(found, 1e-9)] * len(moduli)
 
-        monkeypatch.setattr(module, "solve_at", solve_at)
+            return SimpleNamespace(solve_at=solve_at)
+
+        monkeypatch.setattr(module, "ladder", ladder)
 
 
 # --- answers -------------------------------------------------------------------------------------------

@@ -10,8 +10,7 @@ to 10 times a refinement.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +18,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements import error_estimate as between
-from palpate.instrument.models.finite_elements import ladder
-from palpate.instrument.models.finite_elements.error_estimate import Bounds
+from palpate.instrument.models.finite_elements.ladder import Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import CLOSED, SHARED_LENGTHS, RoundParameters
 
@@ -72,53 +70,22 @@ class Solution:
 
 
 def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[Solution, float]:
-    """`solve_at` the parameters' own modulus of the object."""
-    (found,) = solve_at(parameters, np.array([parameters.sensed_modulus]), tolerance)
+    """`Ladder.solve_at` the parameters' own modulus of the object."""
+    (found,) = ladder(parameters).solve_at(np.array([parameters.sensed_modulus]), tolerance)
     return found
 
 
-def solve_at(parameters: RoundParameters, moduli: Array, tolerance: float) -> list[tuple[Solution, float]]:
-    """Refine until the error estimate of the force ratio meets `tolerance`. Returns solutions and estimates.
-
-    Args:
-        parameters: the sensor; its modulus of the object has no effect.
-        moduli: moduli of the object [Pa]. All together cost hardly more than one.
-        tolerance: greatest error of the force ratio.
-
-    Raises:
-        RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
-        EstimateError: a stiffness is not positive definite to working precision.
-    """
-    _check(tolerance)
-    return ladder.solve_at("axisymmetric", _meshes(parameters), _estimates(parameters), read, moduli, tolerance)
-
-
-def poles_to(parameters: RoundParameters, moduli: Array, tolerance: float) -> tuple[Curve, float]:
-    """The curve of the first mesh that meets a tolerance at all moduli, and its greatest error estimate there.
-
-    Raises:
-        RangeError: as in `solve_at`.
-        EstimateError: as in `solve_at`.
-    """
-    _check(tolerance)
-    return ladder.finest_to("axisymmetric", _meshes(parameters), _estimates(parameters), moduli, tolerance)
-
-
-def _check(tolerance: float) -> None:
-    if not (0 < tolerance < math.inf):
-        raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
-    if tolerance < ROUND_OFF:
-        raise RangeError(
-            f"tolerance {tolerance:g}: model 'axisymmetric' rounds its ratio by up to {ROUND_OFF:g}; give a larger one"
-        )
-
-
-def _meshes(parameters: RoundParameters) -> Iterator[Curve]:
-    return (curve(parameters, refinement) for refinement in REFINEMENTS)
-
-
-def _estimates(parameters: RoundParameters) -> ladder.Estimates[Curve]:
-    return lambda curves, moduli: estimates(curves, parameters, moduli)
+def ladder(parameters: RoundParameters) -> Ladder[Curve, Solution]:
+    """The meshes of all refinements; the parameters' modulus of the object has no effect."""
+    return Ladder(
+        "axisymmetric",
+        refinements=REFINEMENTS,
+        mesh=lambda refinement: curve(parameters, refinement),
+        poles=lambda mesh: mesh,
+        estimates=lambda curves, moduli: estimates(curves, parameters, moduli),
+        read=read,
+        rounding=ROUND_OFF,
+    )
 
 
 def estimates(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array) -> tuple[Array, Array]:
@@ -164,12 +131,6 @@ def may_round(parameters: RoundParameters) -> bool:
 
 def _gap(parameters: RoundParameters) -> float:
     return parameters.ring_inner_radius - parameters.tooth_radius
-
-
-def error_estimate(curves: Sequence[Curve], parameters: RoundParameters) -> Bounds:
-    """Bounds on the errors of the last of two or more refinements from the first on, at the parameters' modulus."""
-    ratio, voltage = estimates(curves, parameters, np.array([parameters.sensed_modulus]))
-    return Bounds(float(ratio[0]), float(voltage[0]))
 
 
 def solve(parameters: RoundParameters, refinement: int) -> Solution:

@@ -32,14 +32,6 @@ STEPS, REACH = 8, 4  # of the grid in a decade, and on either side
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
-    """Bounds on the errors of the last of some meshes: of the force ratio, and of any film's voltage [V]."""
-
-    force_ratio: float
-    voltage: float
-
-
-@dataclass(frozen=True, slots=True)
 class Manner:
     """How errors fall from mesh to mesh.
 
@@ -66,12 +58,6 @@ SPECIAL = Manner(product=1.0, first=2.0, later=1.0, falls=False, luck=0.1)
 RATES = (0.04, 0.9)  # by which a mesh's errors are believed to fall
 # Factor where tooth and ring meet in a closed gap, because the error only halves from mesh to mesh there.
 SLOW = 3.0
-
-
-def estimate(curves: Sequence[Curve], modulus: float, manner: Manner = PLAIN, safety: float = 1.0) -> Bounds:
-    """Bounds on the errors of the last of two or more meshes at one modulus of the object [Pa]; see `estimates`."""
-    ratio, voltage = estimates(curves, np.array([modulus]), manner, safety)
-    return Bounds(float(ratio[0]), float(voltage[0]))
 
 
 def estimates(

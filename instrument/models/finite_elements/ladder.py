@@ -1,88 +1,104 @@
-"""Refines a sensor's meshes until error estimates meet a tolerance, for many moduli of the object at once.
+"""A sensor's meshes from coarse to fine, of which the first whose error estimate meets a tolerance answers.
 
-solve_at("solid", meshes, estimates, read, moduli, tolerance=1e-3)
+ladder = Ladder("solid", (0, 1, 2), mesh, poles, estimates, read, rounding=1e-8)
+ladder.solve_at(np.array([24e3, 1e5]), tolerance=1e-3)    # solutions and error estimates
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
+from palpate.instrument.models.finite_elements.poles import Curve
+from palpate.instrument.quantity import check_tolerance
 
 Array = NDArray[np.float64]
-M = TypeVar("M")  # what is known of a mesh over the modulus
+M = TypeVar("M")  # what is known of a mesh over the modulus of the object
 S = TypeVar("S")  # answer of a mesh at one modulus
-Estimates = Callable[[Sequence[M], Array], tuple[Array, Array]]
-"""Bounds on the errors of force ratio and voltages of the last of two or more meshes, at each modulus."""
 
 
-def solve_at(
-    model: str,
-    meshes: Iterable[M],
-    estimates: Estimates[M],
-    read: Callable[[M, Array, Array], Sequence[S]],
-    moduli: Array,
-    tolerance: float,
-) -> list[tuple[S, float]]:
-    """For each modulus the answer of the first mesh that meets the tolerance there, and its error estimate.
+@dataclass(frozen=True, slots=True)
+class Ladder(Generic[M, S]):
+    """A model's meshes of one sensor, each finer than the one before.
 
-    No mesh is set up that no modulus needs.
-
-    Args:
+    Attributes:
         model: name of the model.
-        meshes: the meshes, each finer than the one before.
-        estimates: bounds on the errors.
-        read: function of mesh, moduli and bounds of voltages, which gives the answers.
-        moduli: moduli of the object [Pa].
-        tolerance: greatest error of the force ratio.
-
-    Raises:
-        RangeError: no mesh meets the tolerance.
+        refinements: numbers of the meshes.
+        mesh: function that sets up the mesh of a refinement; it is called for none that is not needed.
+        poles: function that gives the curve of a mesh.
+        estimates: function of the curves of two or more meshes from the first on, and of moduli of the object [Pa]. It
+            gives bounds on the errors of force ratio and voltages [V] of the last of these meshes, at each modulus.
+        read: function of a mesh, of moduli, and of these bounds on the errors of voltages. It gives the mesh's answer
+            at each modulus.
+        rounding: error of the force ratio by rounding; no smaller tolerance can be met.
     """
-    known: list[M] = []
-    found: dict[int, tuple[S, float]] = {}
-    left, best = np.arange(len(moduli)), np.full(len(moduli), np.inf)
-    for mesh in meshes:
-        known.append(mesh)
-        if len(known) == 1:
-            continue
-        ratio, voltage = estimates(known, moduli[left])
-        good = ratio <= tolerance
-        answers = read(mesh, moduli[left[good]], voltage[good])
-        found.update(zip(left[good].tolist(), zip(answers, ratio[good].tolist(), strict=True), strict=True))
-        left, best = left[~good], np.minimum(best[~good], ratio[~good])
-        if not len(left):
-            return [found[place] for place in range(len(moduli))]
-    raise _out_of_reach(model, tolerance, float(best.max()))
 
+    model: str
+    refinements: Sequence[int]
+    mesh: Callable[[int], M]
+    poles: Callable[[M], Curve]
+    estimates: Callable[[Sequence[Curve], Array], tuple[Array, Array]]
+    read: Callable[[M, Array, Array], Sequence[S]]
+    rounding: float
 
-def finest_to(
-    model: str, meshes: Iterable[M], estimates: Estimates[M], moduli: Array, tolerance: float
-) -> tuple[M, float]:
-    """The first mesh that meets the tolerance at all moduli, and its greatest error estimate there.
+    def solve_at(self, moduli: Array, tolerance: float) -> list[tuple[S, float]]:
+        """For each modulus the answer of the first mesh that meets the tolerance there, and its error estimate.
 
-    Raises:
-        RangeError: no mesh meets the tolerance.
-    """
-    known: list[M] = []
-    best = np.inf
-    for mesh in meshes:
-        known.append(mesh)
-        if len(known) == 1:
-            continue
-        greatest = float(estimates(known, moduli)[0].max())
-        if greatest <= tolerance:
-            return mesh, greatest
-        best = min(best, greatest)
-    raise _out_of_reach(model, tolerance, best)
+        Args:
+            moduli: moduli of the object [Pa]. All together cost hardly more than one.
+            tolerance: greatest error of the force ratio.
 
+        Raises:
+            RangeError: the tolerance is not above 0 or is above 0.5, or no mesh meets it.
+            EstimateError: a stiffness is not positive definite to working precision, or a mesh does not fit into
+                memory.
+        """
+        found: dict[int, tuple[S, float]] = {}
+        left, best = np.arange(len(moduli)), np.full(len(moduli), np.inf)
+        for mesh, curves in self._refined(tolerance):
+            ratio, voltage = self.estimates(curves, moduli[left])
+            good = ratio <= tolerance
+            answers = self.read(mesh, moduli[left[good]], voltage[good])
+            found.update(zip(left[good].tolist(), zip(answers, ratio[good].tolist(), strict=True), strict=True))
+            left, best = left[~good], np.minimum(best[~good], ratio[~good])
+            if not len(left):
+                return [found[place] for place in range(len(moduli))]
+        raise self._out_of_reach(tolerance, float(best.max()))
 
-def _out_of_reach(model: str, tolerance: float, best: float) -> RangeError:
-    return RangeError(
-        f"model {model!r} cannot meet tolerance {tolerance:g}: its least error here is {best:.1e}; give a larger"
-        " tolerance"
-    )
+    def poles_to(self, moduli: Array, tolerance: float) -> tuple[Curve, float]:
+        """The curve of the first mesh that meets the tolerance at all moduli, and its greatest error estimate there.
+
+        Arguments and errors are those of `solve_at`.
+        """
+        best = np.inf
+        for _, curves in self._refined(tolerance):
+            greatest = float(self.estimates(curves, moduli)[0].max())
+            if greatest <= tolerance:
+                return curves[-1], greatest
+            best = min(best, greatest)
+        raise self._out_of_reach(tolerance, best)
+
+    def _refined(self, tolerance: float) -> Iterator[tuple[M, Sequence[Curve]]]:
+        """Each mesh from the second on, with its own curve and those of all before."""
+        check_tolerance(tolerance, f"tolerance {tolerance:g}")
+        if tolerance < self.rounding:
+            raise RangeError(
+                f"tolerance {tolerance:g}: model {self.model!r} rounds its ratio by up to {self.rounding:g};"
+                " give a larger one"
+            )
+        curves: list[Curve] = []
+        for mesh in map(self.mesh, self.refinements):
+            curves.append(self.poles(mesh))
+            if len(curves) > 1:
+                yield mesh, curves
+
+    def _out_of_reach(self, tolerance: float, best: float) -> RangeError:
+        return RangeError(
+            f"model {self.model!r} cannot meet tolerance {tolerance:g}: its least error here is {best:.1e}; give a"
+            " larger tolerance"
+        )

@@ -11,7 +11,6 @@ from __future__ import annotations
 import bisect
 import functools
 import hashlib
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -27,7 +26,7 @@ from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.prices.price import Machine, Price, Reference
 from palpate.instrument.models.stored.version import CODE_VERSION, fixed
 from palpate.instrument.models.table import MODELS, Response
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.load import Load, through
@@ -193,10 +192,9 @@ def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
     """The cheapest model that meets a tolerance of the force ratio under each of some loads.
 
     Raises:
-        RangeError: the tolerance is not positive and finite, or no model meets it.
+        RangeError: the tolerance is not above 0 or is above 0.5, or no model meets it.
     """
-    if not (0 < tolerance < math.inf):
-        raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
+    check_tolerance(tolerance, f"tolerance {tolerance:g}")
     prices = stored()
     if prices.vouches(design, loads):
         moduli = [load.sensed.modulus for load in loads]
@@ -232,7 +230,7 @@ def answers_cheapest(design: Design, loads: Sequence[Load], tolerance: float | N
     Its error estimate is never below the priced error. A model is asked once for all its loads.
 
     Raises:
-        RangeError: the tolerance is not positive and finite, or no model meets it.
+        RangeError: the tolerance is not above 0 or is above 0.5, or no model meets it.
         EstimateError: a linear system cannot be solved accurately.
     """
     asked = AUTO_TOLERANCE if tolerance is None else tolerance

@@ -10,18 +10,16 @@ of them. Contact holds in both directions (no lift-off). Symmetry planes of sens
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.finite_elements import ladder
-from palpate.instrument.models.finite_elements.error_estimate import Bounds
-from palpate.instrument.models.finite_elements.error_estimate import estimates as from_curves
+from palpate.instrument.models.finite_elements import error_estimate as between
 from palpate.instrument.models.finite_elements.kept import keep
+from palpate.instrument.models.finite_elements.ladder import Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
@@ -197,54 +195,24 @@ def point_loads(
 
 
 def solve_to(parameters: SolidParameters, tolerance: float) -> tuple[SolidSolution, float]:
-    """`solve_at` the parameters' own modulus of the object."""
-    (found,) = solve_at(parameters, np.array([parameters.sensed_modulus]), tolerance)
+    """`Ladder.solve_at` the parameters' own modulus of the object, under their force."""
+    (found,) = ladder(parameters).solve_at(np.array([parameters.sensed_modulus]), tolerance)
     return found
 
 
-def solve_at(parameters: SolidParameters, moduli: Array, tolerance: float) -> list[tuple[SolidSolution, float]]:
-    """Refine until the error estimate of the force ratio meets `tolerance`. Returns solutions and estimates.
-
-    Args:
-        parameters: the sensor; its modulus of the object has no effect.
-        moduli: moduli of the object [Pa]. All together cost hardly more than one.
-        tolerance: greatest error of the force ratio.
-
-    Raises:
-        RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
-        EstimateError: the stiffness is singular to working precision.
+def ladder(parameters: SolidParameters) -> Ladder[SolidCurve, SolidSolution]:
+    """The meshes of all refinements, with answers under the parameters' force; their modulus of the object has no
+    effect.
     """
-    _check(tolerance)
-
-    def own(mesh: SolidCurve, moduli: Array, voltage_errors: Array) -> list[SolidSolution]:
-        return read(mesh, parameters, moduli, voltage_errors)
-
-    return ladder.solve_at("solid", _meshes(parameters), _estimates(parameters), own, moduli, tolerance)
-
-
-def poles_to(parameters: SolidParameters, moduli: Array, tolerance: float) -> tuple[Curve, float]:
-    """The curve of the first mesh that meets a tolerance at all moduli, and its greatest error estimate there.
-
-    Raises:
-        RangeError: as in `solve_at`.
-        EstimateError: as in `solve_at`.
-    """
-    _check(tolerance)
-    found, error = ladder.finest_to("solid", _meshes(parameters), _estimates(parameters), moduli, tolerance)
-    return found.poles, error
-
-
-def _check(tolerance: float) -> None:
-    if not (0 < tolerance < math.inf):
-        raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
-    if tolerance < ROUND_OFF:
-        raise RangeError(
-            f"tolerance {tolerance:g}: model 'solid' rounds its ratio by up to {ROUND_OFF:g}; give a larger one"
-        )
-
-
-def _meshes(parameters: SolidParameters) -> Iterator[SolidCurve]:
-    return (curve(parameters, refinement) for refinement in REFINEMENTS)
+    return Ladder(
+        "solid",
+        refinements=REFINEMENTS,
+        mesh=lambda refinement: curve(parameters, refinement),
+        poles=lambda mesh: mesh.poles,
+        estimates=lambda curves, moduli: estimates(curves, parameters, moduli),
+        read=lambda mesh, moduli, voltage_errors: read(mesh, parameters, moduli, voltage_errors),
+        rounding=ROUND_OFF,
+    )
 
 
 def curve(parameters: SolidParameters, refinement: int) -> SolidCurve:
@@ -257,35 +225,21 @@ def curve(parameters: SolidParameters, refinement: int) -> SolidCurve:
     return curve_on(parameters, resolution_of(refinement))
 
 
-def estimates(meshes: Sequence[SolidCurve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
+def estimates(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
     """Bounds on the errors of force ratio and voltages under 1 N [V] of the last of some meshes, at each modulus.
 
     Args:
-        meshes: all refinements from the first on, two or more.
+        curves: all refinements from the first on, two or more.
         parameters: the sensor; its modulus of the object has no effect.
         moduli: moduli of the object [Pa].
     """
-    return _bounds([mesh.poles for mesh in meshes], parameters, moduli)
-
-
-def error_estimate(curves: Sequence[Curve], parameters: SolidParameters) -> Bounds:
-    """Bounds on the errors of the last of two or more refinements from the first on, at the parameters' modulus."""
-    ratio, voltage = _bounds(curves, parameters, np.array([parameters.sensed_modulus]))
-    return Bounds(float(ratio[0]), float(voltage[0]))
-
-
-def _bounds(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
     last = curves[-2:]
     if parameters.load_at is not None:
         # Beneath a point load the energy has no end. What of it passes through the contact has one.
         last = [replace(each, clamped=np.zeros_like(each.clamped)) for each in last]
-    ratio, voltage = from_curves(last, moduli)
+    ratio, voltage = between.estimates(last, moduli)
     safety = SAFETY[min(len(curves), max(SAFETY))] * (NARROW_SAFETY if is_narrow(parameters) else 1.0)
     return safety * ratio + ROUND_OFF, VOLTAGE_SAFETY * safety * voltage
-
-
-def _estimates(parameters: SolidParameters) -> ladder.Estimates[SolidCurve]:
-    return lambda meshes, moduli: estimates(meshes, parameters, moduli)
 
 
 def is_narrow(parameters: SolidParameters) -> bool:

@@ -109,11 +109,10 @@ class Surface:
 
     def estimates(self, moduli: Array) -> tuple[Array, Array]:
         """Bounds on the errors of force ratio and voltages under 1 N [V], at moduli of the object [Pa]."""
+        curves = [mesh.poles for mesh in self.meshes]
         if isinstance(self.parameters, RoundParameters):
-            curves = [mesh.curve for mesh in self.meshes if isinstance(mesh, RoundMesh)]
             return axisymmetric.estimates(curves, self.parameters, moduli)
-        known = [mesh.curve for mesh in self.meshes if isinstance(mesh, SolidMesh)]
-        return solid.estimates(known, self.parameters, moduli)
+        return solid.estimates(curves, self.parameters, moduli)
 
     def solve_at(self, moduli: Array) -> list[tuple[Solution, float]]:
         """Solutions under 1 N and their error estimates, at moduli of the object [Pa]."""
