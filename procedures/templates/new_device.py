@@ -62,7 +62,6 @@ def new_device(name: str, bus: str, kind: str, folder: Path) -> list[Path]:
     parts = tomllib.loads(template(f"device/{on.form}.toml.txt"))
     vendor, product = code[:4], code[4:8]
     terms = {
-        "what": "a device",
         "group": GROUP,
         "entry": project_of(name),
         "object": "KIND",

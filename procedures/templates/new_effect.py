@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.templates.new_files import check_module, check_name, template, write_files
+from palpate.procedures.templates.new_files import check_name, write_package
 from palpate.procedures.virtual.effects import GROUP, effect_names
 
 
@@ -22,14 +22,7 @@ def new_effect(name: str, folder: Path) -> list[Path]:
     check_name("effect", name, effect_names())
     if any(word[0].isdigit() for word in name.split("_")):  # scenes know it by its class, which has no underscores
         raise UsageError(f"{name!r}: a word of an effect's name begins with a letter; write {_joined(name)!r}")
-    check_module(name)
-    files = {
-        "pyproject.toml": template("pyproject.toml.txt").replace("${object}", "${Class}"),
-        "{}.py": template("effect/effect.py.txt"),
-        "tests/test_{}.py": template("effect/test.py.txt"),
-    }
-    terms = {"what": "an effect", "group": GROUP, "entry": name}
-    return write_files("effect", name, files, folder, terms)
+    return write_package("effect", name, folder, GROUP, name)
 
 
 def _joined(name: str) -> str:

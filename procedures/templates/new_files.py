@@ -60,7 +60,8 @@ def write_files(kind: str, name: str, files: Mapping[str, str], folder: Path, te
     title, class_name = " ".join(name.split("_")), class_of(name)
     if any(re.search(rf"\b{class_name}\b", Template(text).safe_substitute(terms)) for text in files.values()):
         raise UsageError(f"{name!r}: a class {class_name} is used in its files already; choose another name")
-    own = {"name": name, "Class": class_name, "title": title, "Title": title.capitalize(), "project": project_of(name)}
+    own = {"kind": kind, "name": name, "project": project_of(name)}
+    own |= {"Class": class_name, "title": title, "Title": title.capitalize()}
     for place, text in files.items():
         path = tree / place.format(name)
         try:
@@ -69,6 +70,30 @@ def write_files(kind: str, name: str, files: Mapping[str, str], folder: Path, te
         except OSError as error:
             raise RecordError(f"{path}: cannot be written: {reason(error)}; give another folder with --to") from None
     return [tree / place.format(name) for place in files]
+
+
+def write_package(kind: str, name: str, folder: Path, group: str, entry: str) -> list[Path]:
+    """Write a package whose module holds one class, the object of its entry point, into a new folder of its name.
+
+    Args:
+        kind: what the class is; the folder of its templates.
+        name: name of the module, which `check_name` has checked.
+        folder: where the package's folder goes.
+        group, entry: its entry point.
+
+    Returns:
+        Its pyproject.toml, module and test.
+
+    Raises:
+        UsageError: a module or folder of that name exists; nothing is written. RecordError: a file cannot be written.
+    """
+    check_module(name)
+    files = {
+        "pyproject.toml": template("pyproject.toml.txt").replace("${object}", "${Class}"),
+        "{}.py": template(f"{kind}/{kind}.py.txt"),
+        "tests/test_{}.py": template(f"{kind}/test.py.txt"),
+    }
+    return write_files(kind, name, files, folder, {"group": group, "entry": entry})
 
 
 def template(name: str) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from palpate.instrument.additions import additions
 from palpate.procedures.engine.known import GROUP, SHIPPED
-from palpate.procedures.templates.new_files import check_module, check_name, project_of, template, write_files
+from palpate.procedures.templates.new_files import check_name, project_of, write_package
 
 
 def new_procedure(name: str, folder: Path) -> list[Path]:
@@ -20,12 +20,4 @@ def new_procedure(name: str, folder: Path) -> list[Path]:
         RecordError: a file cannot be written.
     """
     check_name("procedure", name, (*SHIPPED, *additions(GROUP)))
-    check_module(name)
-    files = {
-        "pyproject.toml": template("pyproject.toml.txt").replace("${object}", "${Class}"),
-        "{}.py": template("procedure/procedure.py.txt"),
-        "tests/test_{}.py": template("procedure/test.py.txt"),
-    }
-    return write_files(
-        "procedure", name, files, folder, {"what": "a procedure", "group": GROUP, "entry": project_of(name)}
-    )
+    return write_package("procedure", name, folder, GROUP, project_of(name))

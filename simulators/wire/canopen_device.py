@@ -39,11 +39,14 @@ class CanopenDevice:
     contract: ClassVar[Contract]
     wire: Wire | None = None  # None until the node is attached to a network
     speed = 1.0  # speed of this clock relative to the clients' clock
+    rig: Any  # that of its place, once it stands on a bench
 
     @classmethod
     def at(cls, place: Place) -> Self:
         """Make the node for its place on a bench; a node whose constructor takes more arguments overrides this."""
-        return cls(place.clock, place.unit, place.serial)
+        made = cls(place.clock, place.unit, place.serial)
+        made.rig = place.rig
+        return made
 
     def __init__(self, clock: VirtualClock, node_id: int, serial: int) -> None:
         self.id = node_id

@@ -55,11 +55,14 @@ class SimulatedDevice:
     contract: ClassVar[Contract]
     readings: ClassVar[tuple[str, ...]] = ()  # names of displayed fields, which the fault `stuck_display` can freeze
     speed = 1.0  # speed of this clock relative to the clients' clock, in whose seconds a watchdog counts
+    rig: Any  # that of its place, once it stands on a bench
 
     @classmethod
     def at(cls, place: Place) -> Self:
         """Make the device for its place on a bench; a device whose constructor takes more arguments overrides this."""
-        return cls(place.clock, place.serial)
+        made = cls(place.clock, place.serial)
+        made.rig = place.rig
+        return made
 
     def __init__(self, clock: VirtualClock, serial: str) -> None:
         self.clock = clock

@@ -14,6 +14,7 @@ import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import Exciter, LoadIndicator, SensorNode
 from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError, ConfigError, RangeError, SafetyError
 from palpate.procedures.lab.lab import Target
@@ -82,27 +83,23 @@ def test_a_failed_test_tells_what_a_drive_said_with_its_own_names() -> None:
     assert "sensor node 2" not in told
 
 
-def test_an_indicator_reads_the_loads_of_a_sweep(
-    ideal: Scene, usual: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with installed("gauge"):
-        scene = ideal.with_devices({"gauge": {"kind": "acme-gauge", "role": "load_indicator"}})
+@pytest.mark.parametrize(
+    ("package", "role", "usual_device", "measures"),
+    [
+        ("gauge", LoadIndicator, "strain_indicator", "read"),
+        pytest.param("logger", SensorNode, "sensor_node_1", "arm", marks=pytest.mark.slow),
+    ],
+)
+def test_a_device_to_which_the_scene_gives_a_role_measures_in_a_sweep_and_the_usual_one_does_not(
+    package: str, role: type[LoadIndicator | SensorNode], usual_device: str, measures: str, ideal: Scene, usual: float,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    with installed(package):
+        kind = device_kind(f"acme-{package}")
+        scene = ideal.with_devices({package: {"kind": kind.name, "role": kind.roles[0]}})
         with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-            assert bench.role(LoadIndicator) is bench.device("gauge")
-            monkeypatch.setattr(bench.device("strain_indicator"), "read", pytest.fail)
-            found = ratio(sweep(bench, tmp_path / "run", **SMALL))
-    assert found == pytest.approx(usual, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_a_logger_samples_the_films_of_a_sweep(
-    ideal: Scene, usual: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with installed("logger"):
-        scene = ideal.with_devices({"logger": {"kind": "acme-logger", "role": "sensor_node"}})
-        with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-            assert bench.all(SensorNode) == [bench.device("logger")]
-            monkeypatch.setattr(bench.device("sensor_node_1"), "arm", pytest.fail)
+            assert bench.all(role) == [bench.device(package)]
+            monkeypatch.setattr(bench.device(usual_device), measures, pytest.fail)
             found = ratio(sweep(bench, tmp_path / "run", **SMALL))
     assert found == pytest.approx(usual, rel=1e-3)
 

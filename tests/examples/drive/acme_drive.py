@@ -1,6 +1,6 @@
 """Acme TD-1, a torque drive with a function generator, CANopen: objects after CiA 402, 2100h ff. as in its manual."""
 
-from typing import Any, Self
+from typing import Any
 
 from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.roles import Exciter
@@ -10,7 +10,6 @@ from palpate.instrument.errors import SafetyError
 from palpate.simulators.linear.periodic import sine
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
-from palpate.simulators.wire.device import Place
 
 CONTRACT = Contract("acme-drive", "torque drive", "canopen", Identity("0x00000ACE", "0x00070D01", "0x00010000"), (
     Field("device_type", sdo(0x1000), "uint32", "CiA 402, drive", default=0x0002_0192),
@@ -69,12 +68,6 @@ class SimulatedDrive(SimulatedNode):
     contract = CONTRACT
     rig: Rig
     fault = False
-
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        made = cls(place.clock, place.unit, place.serial)
-        made.rig = place.rig
-        return made
 
     def write(self, field: Field, value: float) -> None:
         super().write(field, value)

@@ -1,7 +1,5 @@
 """Acme GA-5, a signal generator and power amplifier in one, Modbus TCP: registers as in its manual; no watchdog."""
 
-from typing import Self
-
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.roles import Exciter
 from palpate.instrument.bench.kinds import DeviceKind
@@ -9,7 +7,7 @@ from palpate.instrument.contracts.contract import Contract, Field, Identity, pro
 from palpate.instrument.errors import SafetyError
 from palpate.simulators.linear.periodic import sine
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import DEVICE_FAILURE, Place, Refused, SimulatedDevice
+from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedDevice
 
 CONTRACT = Contract("acme-exciter", "exciter", "modbus", Identity("Acme", "GA-5", "1.0"), (
     probe(0x00),
@@ -49,12 +47,6 @@ class AcmeExciter(ModbusDevice, Exciter):
 class SimulatedExciter(SimulatedDevice):
     contract = CONTRACT
     rig: Rig
-
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        made = cls(place.clock, place.serial)
-        made.rig = place.rig
-        return made
 
     def write(self, values: dict[str, float]) -> None:
         if values.get("output") and self.settings["tripped"]:

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import Place, SimulatedDevice
+from palpate.simulators.wire.device import SimulatedDevice
 
 CONTRACT = Contract("acme-gauge", "force gauge", "modbus", Identity("Acme", "FG-20", "1.0"), (
     probe(0x00),
@@ -58,12 +57,6 @@ class SimulatedGauge(SimulatedDevice):
     contract = CONTRACT
     readings = ("shown",)
     rig: Rig
-
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        made = cls(place.clock, place.serial)
-        made.rig = place.rig
-        return made
 
     def read(self, name: str) -> float:
         now, window_ns = self.clock.now_ns(), round(self.settings["window"] * 1e9)

@@ -1,7 +1,6 @@
 """Acme DL-4, a data logger of four channels, Modbus TCP: it records into its memory, which is read in blocks."""
 
 from collections.abc import Sequence
-from typing import Self
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from palpate.instrument.contracts.contract import Contract, Field, Identity, pro
 from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import Place, SimulatedDevice
+from palpate.simulators.wire.device import SimulatedDevice
 
 CHANNELS, BLOCK = 4, 24
 FULL, RANGES = 32767, {"10 V": 10.0, "1 V": 1.0}
@@ -69,12 +68,6 @@ class SimulatedLogger(SimulatedDevice):
     contract = CONTRACT
     rig: Rig
     began_ns = 0
-
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        made = cls(place.clock, place.serial)
-        made.rig = place.rig
-        return made
 
     def write(self, values: dict[str, float]) -> None:
         super().write(values)
