@@ -7,44 +7,45 @@ frame that was written by hand (`tests/golden`).
 
 from __future__ import annotations
 
-import hashlib
-import itertools
-import json
 import math
 import struct
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Literal
 
-from palpate.instrument.contracts.field import NUL, SIZE, STRUCT, Access, Field, Value, sdo
+from palpate.instrument.contracts.declared import check_contract
+from palpate.instrument.contracts.digest import digest
+from palpate.instrument.contracts.field import PROBE, Access, Field, Scaling, Value, probe, sdo
+from palpate.instrument.contracts.manners import USUAL, Command, Condition, Identity, Manners, Mark
 from palpate.instrument.contracts.pdo import Pdo
-from palpate.instrument.errors import ConfigError, RangeError, UnknownName
+from palpate.instrument.contracts.wire_types import NUL, Codec, codec, swapped
+from palpate.instrument.errors import RangeError, UnknownName
 
-LARGEST_PDO = 8  # bytes
-__all__ = ["PROBE", "Access", "Contract", "Field", "Identity", "Pdo", "Value", "probe", "sdo"]
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """Identity that a device reports (Modbus function 43/14, CANopen object 0x1018)."""
-
-    vendor: str
-    product: str
-    revision: str
+__all__ = [
+    "PROBE", "Access", "Command", "Condition", "Contract", "Field", "Identity", "Manners", "Mark", "Pdo", "Scaling",
+    "Value", "probe", "sdo",
+]  # fmt: skip
+NOTHING: Mapping[str, float] = {}
 
 
 @dataclass(frozen=True)
 class Contract:
     """All fields of one kind of device.
 
-    Modbus contracts address 16-bit holding registers, big-endian, most significant word first;
-    CANopen contracts address objects, little-endian.
+    Modbus contracts address 16-bit registers, coils and discrete inputs; CANopen contracts address objects, which are
+    little-endian.
 
     Attributes:
+        identity: vendor, product and revision: as the device reports them if `known_by` is `identity`, else for people.
         pdos: process data that a node sends; the first one has its COB-ID and its transmission type in 1800h.
         receives: process data that a node takes; the first one has its COB-ID in 1400h.
         about: for people: whose map it is, and what it imitates.
+        known_by: how the right device is told from others: by its `identity` object, by `marks`, or by nothing, so that
+            a person must confirm it.
+        marks: what its fields read on each such device; all of them must fit.
+        serial: field that holds its serial number; "": it is in its identity object, or nowhere.
+        commands: orders that it takes.
+        manners: limits on its bus.
     """
 
     name: str
@@ -55,48 +56,21 @@ class Contract:
     pdos: tuple[Pdo, ...] = ()
     about: str = field(default="", compare=False)
     receives: tuple[Pdo, ...] = ()
+    known_by: Literal["identity", "marks", "nothing"] = "identity"
+    marks: tuple[Mark, ...] = ()
+    serial: str = ""
+    commands: tuple[Command, ...] = ()
+    manners: Manners = USUAL
     _by_name: dict[str, Field] = field(init=False, repr=False, compare=False)
-    _codec: dict[str, struct.Struct] = field(init=False, repr=False, compare=False)
+    _codec: dict[str, Codec] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check that the fields are possible on this bus and do not overlap. Raises ConfigError."""
-        for f in self.fields:
-            if self.bus == "modbus" and (f.size % 2 or not f.size):
-                wide = ", ".join([*(name for name, size in SIZE.items() if size % 2 == 0), "text of an even length"])
-                raise ConfigError(
-                    f"{self.title}: {f.name} is of type {f.type}, which fills no whole 16-bit registers; valid: {wide}"
-                )
-        for first, second in itertools.pairwise(sorted(self.fields, key=lambda f: f.address)):
-            if first.address + (first.size // 2 if self.bus == "modbus" else 1) > second.address:
-                raise ConfigError(f"{self.title}: {first.name} and {second.name} overlap at 0x{second.address:x}")
-        if twice := [name for name, count in Counter(f.name for f in self.fields).items() if count > 1]:
-            raise ConfigError(f"{self.title}: several fields have the name {', '.join(twice)}; each needs its own")
-        self._check_pdos()
-        order = ">" if self.bus == "modbus" else "<"
-        object.__setattr__(self, "_by_name", {f.name: f for f in self.fields})
-        object.__setattr__(
-            self,
-            "_codec",
-            {f.name: struct.Struct(order + STRUCT[f.type]) for f in self.fields if f.type != "text"},
-        )
-
-    def _check_pdos(self) -> None:
-        """Raises ConfigError: a PDO cannot be sent on a CAN bus, or cannot hold one of its fields."""
-        fields = {f.name: f for f in self.fields}
-        if self.bus != "canopen" and (self.pdos or self.receives):
-            raise ConfigError(f"{self.title}: has PDOs, which are for CANopen only; leave them out")
-        for pdo, wrong in (*((each, "wo") for each in self.pdos), *((each, "ro") for each in self.receives)):
-            for name in pdo.fields:
-                if name not in fields or fields[name].type == "text" or fields[name].access == wrong:
-                    raise ConfigError(
-                        f"{self.title}: PDO {pdo.name} cannot hold {name}: it must be a number field of the contract "
-                        f"that can be {'read' if wrong == 'wo' else 'written'}"
-                    )
-            if not 0 < (size := sum(fields[name].size for name in pdo.fields)) <= LARGEST_PDO:
-                raise ConfigError(f"{self.title}: PDO {pdo.name} has {size} bytes; give 1 to {LARGEST_PDO}")
-        names = Counter(pdo.name for pdo in (*self.pdos, *self.receives))
-        if twice := [name for name, count in names.items() if count > 1]:
-            raise ConfigError(f"{self.title}: several PDOs have the name {twice[0]}; each needs its own")
+        """Check that the declaration is possible on this bus. Raises ConfigError."""
+        by_name = {f.name: f for f in self.fields}
+        order: Literal[">", "<"] = ">" if self.bus == "modbus" else "<"
+        object.__setattr__(self, "_by_name", by_name)
+        object.__setattr__(self, "_codec", {f.name: codec(f.type, order) for f in self.fields if f.type != "text"})
+        check_contract(self, by_name)
 
     def __getitem__(self, name: str) -> Field:
         try:
@@ -124,7 +98,7 @@ class Contract:
                 raise RangeError(f"{self.title}: {f.name} = {value!r} is no choice; valid: {', '.join(f.choices)}")
             return f.choices[value]
         if not self.allows(name, value):
-            raise RangeError(f"{self.title}: {self._beyond(f, value)}")
+            raise RangeError(f"{self.title}: {f.beyond(value)}")
         return f.to_raw(value)
 
     def misread(self, name: str, value: float) -> str:
@@ -137,49 +111,95 @@ class Contract:
         bounded = f.choices or f.minimum is not None or f.maximum is not None
         if self.allows(name, value) or (math.isnan(value) and not bounded):
             return ""
-        return self._beyond(f, value)
-
-    def _beyond(self, f: Field, value: float) -> str:
-        given = f"{f.name} = {value:g} {f.unit}".rstrip()
-        if f.choices:
-            return f"{given} is no choice; valid: {_listed(f.choices)}"
-        low, high = f.limits
-        return f"{given} is outside {low:g} to {high:g} {f.unit}".rstrip()
+        return f.beyond(value)
 
     def described(self, name: str, value: Value) -> str:
         """Text of a setting with its unit and its limits or choices, for messages."""
-        f = self[name]
-        if f.type == "text":
-            return f"{name} = {value!r} (text of up to {f.length} bytes)"
-        limits = ", ".join(f.choices) if f.choices else "{:g} to {:g}".format(*f.limits)
-        return f"{name} = {value} {f.unit}".rstrip() + f" ({limits})"
+        return self[name].described(value)
 
     def allows(self, name: str, value: float) -> bool:
         """Whether a physical value, rounded to the field's resolution, is within limits and choices. NaN never is."""
         f = self[name]
-        if not math.isfinite(value / f.scale):
+        if not math.isfinite((value - f.offset) / f.scale):
             return False
         low, high = (f.to_raw(limit) if math.isfinite(limit) else limit for limit in f.limits)
         return low <= f.to_raw(value) <= high and (not f.choices or value in f.choices.values())
 
-    def pack(self, name: str, value: float) -> bytes:
-        """Wire bytes of a reading, without a check of limits. Raises struct.error: the value does not fit the type."""
-        return self._codec[name].pack(self._by_name[name].to_raw(value))
-
-    def encode(self, name: str, value: Value) -> bytes:
-        """Wire bytes of `value`. Raises RangeError as `raw` does, and for a text as `encode_text` does."""
-        if self[name].type == "text":
-            return self.encode_text(name, str(value))
-        raw = self.raw(name, value)
-        return self._codec[name].pack(raw)
-
-    def decode(self, name: str, data: bytes) -> float:
-        """Physical value of wire bytes; NaN stays NaN. Raises struct.error: the length is wrong."""
-        raw: float = self._codec[name].unpack(data)[0]
+    def pack(self, name: str, value: float, beside: Mapping[str, float] = NOTHING) -> bytes:
+        """Wire bytes of a reading, without a check of limits; see `decode`. Raises struct.error: it does not fit."""
         f = self._by_name[name]
-        if f.scale >= 1.0:
-            return raw * f.scale
-        return raw / (1.0 / f.scale)  # multiplying would not be exact: 25000 * 1e-6 < 0.025
+        if f.missing and math.isnan(value):
+            return self._packed(f, f.missing[0])
+        if f.beside:
+            value = (abs(value) if f.sign else value) / self._factor(f, beside)
+        return self._packed(f, f.to_raw(value))
+
+    def _packed(self, f: Field, raw: float) -> bytes:
+        data = self._codec[f.name].pack(raw if f.part is None else int(raw) << f.part[0])
+        return self._ordered(f, data)
+
+    @staticmethod
+    def _ordered(f: Field, data: bytes) -> bytes:
+        """Bytes as they are on the wire from those of the usual order, or back."""
+        if f.words == f.octets == "big":
+            return data
+        return swapped(data, words=f.words == "little" and f.type != "text", octets=f.octets == "little")
+
+    def encode(self, name: str, value: Value, beside: Mapping[str, float] = NOTHING) -> bytes:
+        """Wire bytes of `value`; see `decode`. Raises RangeError as `raw` does; for a text as `encode_text` does."""
+        f = self[name]
+        if f.type == "text":
+            return self.encode_text(name, str(value))
+        if f.beside and not isinstance(value, str):
+            self.raw(name, value)  # the limits are those of the physical value
+            return self.pack(name, value, beside)
+        try:
+            return self._packed(f, self.raw(name, value))
+        except struct.error:
+            raise RangeError(
+                f"{self.title}: {name} = {value:g} {f.unit}".rstrip() + f" does not fit a {f.type}"
+            ) from None
+
+    def decode(self, name: str, data: bytes, beside: Mapping[str, float] = NOTHING) -> float:
+        """Physical value of wire bytes; NaN stays NaN, and says that the device has no reading.
+
+        Args:
+            name: name of the field.
+            data: its bytes; of a part of a register, those of the register.
+            beside: values of the fields that tell its scale and its sign (`Field.beside`), if there are any.
+
+        Raises:
+            struct.error: the length is wrong.
+            KeyError: `beside` lacks a value, or the device names a scale that the contract does not know.
+        """
+        f = self._by_name[name]
+        raw: float = self._codec[name].unpack(self._ordered(f, data))[0]
+        if f.part is not None:
+            raw = int(raw) >> f.part[0] & (1 << f.part[1]) - 1
+        if f.missing and raw in f.missing:
+            return math.nan
+        # multiplying by a small scale would not be exact: 25000 * 1e-6 < 0.025
+        value = raw * f.scale if f.scale >= 1.0 else raw / (1.0 / f.scale)
+        if f.offset:
+            value += f.offset
+        return self._scaled(f, value, beside) if f.beside else value
+
+    def _scaled(self, f: Field, value: float, beside: Mapping[str, float]) -> float:
+        if f.scaling is not None and f.scaling.by == "decimals":
+            value /= 10.0 ** beside[f.scaling.told_by]  # dividing is exact where multiplying is not
+        elif f.scaling is not None:
+            value *= self._factor(f, beside)
+        if f.sign is not None and f.sign[1] in self.set_bits(f.sign[0], beside[f.sign[0]]):
+            return -value
+        return value
+
+    def _factor(self, f: Field, beside: Mapping[str, float]) -> float:
+        return 1.0 if f.scaling is None else f.scaling.factor(beside[f.scaling.told_by])
+
+    def step(self, name: str, beside: Mapping[str, float] = NOTHING) -> float:
+        """Step of an integer field, in its unit; see `decode`."""
+        f = self[name]
+        return f.scale * self._factor(f, beside)
 
     def encode_text(self, name: str, text: str) -> bytes:
         """Wire bytes of a text. Raises RangeError: the text is longer than the field, or cannot be printed."""
@@ -191,19 +211,18 @@ class Contract:
             raise RangeError(
                 f"{self.title}: {name} = {text!r} takes {len(data)} bytes of UTF-8, {f.length} are allowed; shorten it"
             )
-        return data.ljust(f.length, NUL.encode())
+        return self._ordered(f, data.ljust(f.length, NUL.encode()))
 
     def decode_text(self, name: str, data: bytes) -> str:
         """Text of wire bytes. Raises ValueError: they are not the bytes of such a text."""
-        text = data.decode().rstrip(NUL)
+        text = self._ordered(self[name], data).decode().rstrip(NUL)
         if not text.isprintable():
             raise ValueError(f"{text!r} holds characters that cannot be printed")
         return text
 
     def set_bits(self, name: str, value: float) -> frozenset[str]:
         """Names of the bits that are set in a status word. A bit without a name is called by its number, as `bit 9`."""
-        names = {number: bit for bit, number in self[name].bits.items()}
-        word = int(value)
+        names, word = {number: bit for bit, number in self[name].bits.items()}, int(value)
         return frozenset(names.get(n, f"bit {n}") for n in range(word.bit_length()) if word >> n & 1)
 
     def choice(self, name: str, value: float) -> str:
@@ -214,7 +233,7 @@ class Contract:
         """Name and value of a field, from its wire bytes, as text for people."""
         f = self[name]
         if f.type == "text":
-            return f"{name} = {data.decode('utf-8', 'replace').rstrip(NUL)!r}"
+            return f"{name} = {self._ordered(f, data).decode('utf-8', 'replace').rstrip(NUL)!r}"
         if len(data) != f.size:
             return f"{name} = {data.hex(' ')}"
         value = self.decode(name, data)
@@ -228,7 +247,7 @@ class Contract:
         """First register and number of registers that hold the named fields (Modbus)."""
         fields = [self[n] for n in names]
         start = min(f.address for f in fields)
-        end = max(f.address + f.size // 2 for f in fields)
+        end = max(f.address + f.width for f in fields)
         return start, end - start
 
     def layout(self, names: tuple[str, ...]) -> tuple[int, int, list[slice]]:
@@ -241,29 +260,29 @@ class Contract:
         """These fields and one number field beside them that can be read with them, if there is one (Modbus)."""
         start, count = self.block(names)
         readable = [f for f in self.fields if f.access != "wo" and f.type != "text"]
-        beside = [f.name for f in readable if start + count == f.address or f.address + f.size // 2 == start]
+        beside = [f.name for f in readable if start + count == f.address or f.address + f.width == start]
         return (*names, *beside[-1:])
 
     def sent(self, name: str) -> Pdo:
-        """The process data of that name that a node sends. Raises UnknownName."""
+        """Process data that a node sends. Raises UnknownName."""
         return self._pdo(name, self.pdos, "sends")
 
     def taken(self, name: str) -> Pdo:
-        """The process data of that name that a node takes. Raises UnknownName."""
+        """Process data that a node takes. Raises UnknownName."""
         return self._pdo(name, self.receives, "takes")
 
     def _pdo(self, name: str, among: Sequence[Pdo], does: str) -> Pdo:
-        for pdo in among:
-            if pdo.name == name:
-                return pdo
-        raise UnknownName(f"PDO that the {self.title} {does}", name, [pdo.name for pdo in among])
+        found = {pdo.name: pdo for pdo in among}
+        if name not in found:
+            raise UnknownName(f"PDO that the {self.title} {does}", name, found)
+        return found[name]
 
     def packed(self, pdo: Pdo, values: Mapping[str, Value]) -> bytes:
         """Data of a PDO. Raises RangeError as `raw` does, and where a field has no value."""
         if values.keys() != set(pdo.fields):
+            given = ", ".join(values) or "nothing"
             raise RangeError(
-                f"{self.title}: PDO {pdo.name} holds {', '.join(pdo.fields)}, not {', '.join(values) or 'nothing'}; "
-                "give each of them a value"
+                f"{self.title}: PDO {pdo.name} holds {', '.join(pdo.fields)}, not {given}; give all of them"
             )
         return b"".join(self.encode(name, values[name]) for name in pdo.fields)
 
@@ -279,30 +298,4 @@ class Contract:
 
     def digest(self) -> str:
         """SHA-256 of the whole declaration. Each run keeps it."""
-        declared = {
-            "name": self.name,
-            "bus": self.bus,
-            "identity": asdict(self.identity),
-            "fields": [
-                {k: dict(v) if isinstance(v, Mapping) else v for k, v in _slots(f).items()} for f in self.fields
-            ],
-            "pdos": [asdict(p) for p in self.pdos],
-            **({"receives": [asdict(p) for p in self.receives]} if self.receives else {}),
-        }
-        return hashlib.sha256(json.dumps(declared, sort_keys=True).encode()).hexdigest()
-
-
-def _slots(f: Field) -> dict[str, object]:
-    return {name: getattr(f, name) for name in Field.__slots__}
-
-
-def _listed(choices: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} ({raw})" for name, raw in choices.items())
-
-
-PROBE = 0x12345678
-
-
-def probe(address: int) -> Field:
-    """The word-order probe that every device carries: reads 0x12345678 in the contract's order."""
-    return Field("probe", address, "uint32", "word-order probe, always 0x12345678 = 305419896", default=float(PROBE))
+        return digest(self)

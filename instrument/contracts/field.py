@@ -1,4 +1,4 @@
-"""One register or object of a device: its type, scale, limits, choices and bits."""
+"""One register, coil or object of a device: its type, place, scale, limits, choices and bits."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from palpate.instrument.contracts.wire_types import SIZE, Type, codec
 from palpate.instrument.errors import ConfigError
 
-Type = Literal["uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "text"]
 Access = Literal["ro", "rw", "wo"]
 Value = float | str
+Table = Literal["holding", "input", "coil", "discrete"]
+Order = Literal["big", "little"]
 
-TYPES, ACCESSES = get_args(Type), get_args(Access)
+TYPES, ACCESSES, TABLES, ORDERS = get_args(Type), get_args(Access), get_args(Table), get_args(Order)
 
-STRUCT: dict[str, str] = {
-    "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f",
-}  # fmt: skip
-SIZE = {name: struct.calcsize(code) for name, code in STRUCT.items()}
-NUL = "\0"  # the character that fills a text up to the length of its field
+READS: dict[Table, int] = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}  # function codes of Modbus
+WRITES: dict[Table, tuple[int, ...]] = {"coil": (5, 15), "discrete": (), "holding": (16, 6), "input": ()}
+ONE_REGISTER = 6  # function code that writes one register
+BITS = ("coil", "discrete")  # tables of single bits
+WORD = 16  # bits of a register
 
 
 def sdo(index: int, subindex: int = 0) -> int:
@@ -29,12 +31,47 @@ def sdo(index: int, subindex: int = 0) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
-    """One register (or run of registers) or one CANopen object.
+class Scaling:
+    """A scale that the device itself tells by another field, such as its number of decimals.
 
-    `physical value = scale * raw value`, in `unit`; `minimum` and `maximum` are physical.
+    Attributes:
+        told_by: name of the other field, which nobody may write.
+        by: `decimals`: the scale is divided by ten to the power of its value; `factor`: it is multiplied by its value;
+            `table`: it is multiplied by what `table` gives for its value.
+        table: factor by value of the other field.
+    """
+
+    told_by: str
+    by: Literal["decimals", "factor", "table"] = "decimals"
+    table: Mapping[int, float] = field(default_factory=dict)
+
+    def factor(self, value: float) -> float:
+        """What the scale is multiplied by, for a value of the other field. Raises KeyError: the table lacks it."""
+        if self.by == "table":
+            return self.table[int(value)]
+        return 10.0**-value if self.by == "decimals" else value
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One register (or run of registers), one coil, or one CANopen object.
+
+    `physical value = scale * raw value + offset`, in `unit`; `minimum` and `maximum` are physical.
     `choices` names the raw values of a setting, `bits` the bit numbers of a status word. A text on Modbus takes
     `length` bytes, two a register: UTF-8, filled up with NUL (as SunSpec has it); on CANopen it is as long as it is.
+
+    Attributes:
+        table: table of a Modbus device that holds it.
+        function: function code that writes it; 0: the usual one of its table (16 or 5).
+        words: whether the most significant register comes first (`big`) or last; Modbus only.
+        octets: whether the most significant byte of a register comes first (`big`) or last; Modbus only.
+        part: first bit and number of bits, if it shares its register with other fields; Modbus only.
+        scaling: the field that tells its scale, if that is not fixed.
+        sign: field and bit that tell whether it is negative, if its own register holds the magnitude.
+        unit_in: field whose choice must be `unit`, if the device can show other units, too.
+        missing: raw values which say that there is no reading.
+        endures: number of writes that its memory endures; 0: any number.
+        source: document and page that tell of it.
     """
 
     name: str
@@ -50,30 +87,83 @@ class Field:
     choices: Mapping[str, int] = field(default_factory=dict)
     bits: Mapping[str, int] = field(default_factory=dict)
     length: int = 0
+    offset: float = 0.0
+    table: Table = "holding"
+    function: int = 0
+    words: Order = "big"
+    octets: Order = "big"
+    part: tuple[int, int] | None = None
+    scaling: Scaling | None = None
+    sign: tuple[str, str] | None = None
+    unit_in: str = ""
+    missing: tuple[int, ...] = ()
+    endures: int = 0
+    source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         """Check that the declaration makes sense. Raises ConfigError."""
-        if self.type not in TYPES:
-            raise ConfigError(f"field {self.name}: no type {self.type!r}; valid: {', '.join(TYPES)}")
-        if self.access not in ACCESSES:
-            raise ConfigError(f"field {self.name}: no access {self.access!r}; valid: {', '.join(ACCESSES)}")
-        if not (math.isfinite(self.scale) and self.scale > 0):
-            raise ConfigError(f"field {self.name}: scale {self.scale:g} is not finite and above 0")
+        for what, given, valid in (
+            ("type", self.type, TYPES), ("access", self.access, ACCESSES), ("table", self.table, TABLES),
+            ("order of words", self.words, ORDERS), ("order of octets", self.octets, ORDERS),
+        ):  # fmt: skip
+            if given not in valid:
+                raise ConfigError(f"field {self.name}: no {what} {given!r}; valid: {', '.join(valid)}")
+        if not (math.isfinite(self.scale) and self.scale > 0 and math.isfinite(self.offset)):
+            raise ConfigError(
+                f"field {self.name}: scale {self.scale:g} is not finite and above 0, or offset {self.offset:g} is not"
+            )
+        if self.endures < 0:
+            raise ConfigError(f"field {self.name}: endures = {self.endures} writes; give 0 (any number) or more")
+        self._check_table()
         if self.type == "text":
             return
+        self._check_part()
         limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
-        wrong = [
-            value for value in (*limits, *(self.scale * raw for raw in self.choices.values())) if not self._holds(value)
-        ]
+        named = [self.scale * raw + self.offset for raw in (*self.choices.values(), *self.missing)]
+        wrong = [value for value in (*limits, *named) if not self._holds(value)]
         if wrong or limits != sorted(limits):
             raise ConfigError(f"field {self.name}: {wrong or limits} cannot be limits or choices of a {self.type}")
         if any(not 0 <= number < 8 * self.size for number in self.bits.values()) or (self.bits and self.type[0] != "u"):
             raise ConfigError(f"field {self.name}: a {self.type} has no bits {dict(self.bits)}")
+        if self.sign and self.type[0] != "u":
+            raise ConfigError(
+                f"field {self.name}: its sign is in {self.sign[0]}, but a {self.type} has a sign of its own; give it "
+                "an unsigned type"
+            )
+
+    def _check_table(self) -> None:
+        """Raises ConfigError: its table cannot hold it, or cannot be written with its function."""
+        valid = WRITES[self.table]
+        if self.access != "ro" and not valid:
+            raise ConfigError(f"field {self.name}: access {self.access!r}, but the table {self.table!r} is read-only")
+        if self.function and (self.access == "ro" or self.function not in valid):
+            raise ConfigError(
+                f"field {self.name}: is written with function {self.function}; valid for its access and table: "
+                f"{'none' if self.access == 'ro' else ', '.join(map(str, valid))}"
+            )
+        if self.function == ONE_REGISTER and self.size != 2:
+            raise ConfigError(f"field {self.name}: function 6 writes one register, {self.name} has {self.size} bytes")
+        if self.table in BITS and self.type != "bool":
+            raise ConfigError(f"field {self.name}: table {self.table!r} cannot hold a {self.type}; it holds bool")
+
+    def _check_part(self) -> None:
+        """Raises ConfigError: it cannot be a part of a register."""
+        if self.part is None:
+            return
+        first, count = self.part
+        if self.type != "uint16" or first < 0 or count < 1 or first + count > WORD:
+            raise ConfigError(
+                f"field {self.name}: part = {list(self.part)} (first bit, number of bits) must lie within the {WORD} "
+                "bits of a uint16"
+            )
 
     def _holds(self, value: float) -> bool:
         """Whether the type can hold a physical value."""
+        raw = self.to_raw(value) if math.isfinite(value) else value
+        if self.part is not None:
+            return 0 <= raw < 1 << self.part[1]
         try:
-            struct.pack(STRUCT[self.type], self.to_raw(value))
+            codec(self.type, ">").pack(raw)
         except (struct.error, OverflowError, ValueError):
             return False
         return math.isfinite(value)
@@ -82,6 +172,16 @@ class Field:
     def size(self) -> int:
         """Number of bytes on the wire."""
         return self.length if self.type == "text" else SIZE[self.type]
+
+    @property
+    def width(self) -> int:
+        """Number of Modbus addresses that it takes."""
+        return 1 if self.table in BITS else self.size // 2
+
+    @property
+    def writes(self) -> int:
+        """Function code of Modbus that writes it."""
+        return self.function or WRITES[self.table][0]
 
     @property
     def index(self) -> int:
@@ -96,6 +196,37 @@ class Field:
         """Least and greatest physical value; infinite where there is no limit."""
         return (-math.inf if self.minimum is None else self.minimum, math.inf if self.maximum is None else self.maximum)
 
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Names of the fields that tell its scale and its sign, without which its bytes mean nothing."""
+        scale = (self.scaling.told_by,) if self.scaling else ()
+        return (*scale, *((self.sign[0],) if self.sign else ()))
+
     def to_raw(self, value: float) -> float:
         """Raw value of a physical value, not checked; a whole number except for floats."""
-        return value if self.type == "float32" else round(value / self.scale)
+        raw = (value - self.offset) / self.scale
+        return raw if self.type.startswith("float") else round(raw)
+
+    def beyond(self, value: float) -> str:
+        """Text that says that a value is outside the limits or no choice."""
+        given = f"{self.name} = {value:g} {self.unit}".rstrip()
+        if self.choices:
+            listed = ", ".join(f"{name} ({raw})" for name, raw in self.choices.items())
+            return f"{given} is no choice; valid: {listed}"
+        low, high = self.limits
+        return f"{given} is outside {low:g} to {high:g} {self.unit}".rstrip()
+
+    def described(self, value: Value) -> str:
+        """Text of a setting with its unit and its limits or choices, for messages."""
+        if self.type == "text":
+            return f"{self.name} = {value!r} (text of up to {self.length} bytes)"
+        limits = ", ".join(self.choices) if self.choices else "{:g} to {:g}".format(*self.limits)
+        return f"{self.name} = {value} {self.unit}".rstrip() + f" ({limits})"
+
+
+PROBE = 0x12345678
+
+
+def probe(address: int) -> Field:
+    """The word-order probe that every device carries: reads 0x12345678 in the contract's order."""
+    return Field("probe", address, "uint32", "word-order probe, always 0x12345678 = 305419896", default=float(PROBE))

@@ -1,0 +1,66 @@
+"""Types of numbers on the wire, and how their bytes are made."""
+
+from __future__ import annotations
+
+import struct
+from functools import cache
+from typing import Any, Literal, Protocol
+
+Type = Literal[
+    "bool", "uint8", "int8", "uint16", "int16", "uint24", "int24", "uint32", "int32", "uint64", "int64", "float32",
+    "float64", "text",
+]  # fmt: skip
+Endian = Literal[">", "<"]
+
+STRUCT: dict[str, str] = {
+    "bool": "B", "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "uint64": "Q",
+    "int64": "q", "float32": "f", "float64": "d",
+}  # fmt: skip
+THREE_BYTES = {"uint24": False, "int24": True}  # whether it is signed; `struct` has no code for these
+SIZE = {name: struct.calcsize(code) for name, code in STRUCT.items()} | dict.fromkeys(THREE_BYTES, 3)
+NUL = "\0"  # the character that fills a text up to the length of its field
+
+
+class Codec(Protocol):
+    """Makes the bytes of one number, as `struct.Struct` does."""
+
+    def pack(self, raw: Any, /) -> bytes:
+        """Raises struct.error: the number does not fit."""
+
+    def unpack(self, data: bytes, /) -> tuple[Any, ...]:
+        """Raises struct.error: the length is wrong."""
+
+
+class _ThreeBytes:
+    """An integer of 24 bits."""
+
+    def __init__(self, endian: Endian, signed: bool) -> None:
+        self._order: Literal["big", "little"] = "big" if endian == ">" else "little"
+        self._signed = signed
+
+    def pack(self, raw: float, /) -> bytes:
+        try:
+            return int(raw).to_bytes(3, self._order, signed=self._signed)
+        except OverflowError as error:
+            raise struct.error(str(error)) from None
+
+    def unpack(self, data: bytes, /) -> tuple[int]:
+        if len(data) != 3:
+            raise struct.error(f"an integer of 24 bits has 3 bytes, not {len(data)}")
+        return (int.from_bytes(data, self._order, signed=self._signed),)
+
+
+@cache
+def codec(type_: Type, endian: Endian) -> Codec:
+    """What packs and unpacks numbers of a type, which is not `text`."""
+    if type_ in THREE_BYTES:
+        return _ThreeBytes(endian, THREE_BYTES[type_])
+    return struct.Struct(endian + STRUCT[type_])
+
+
+def swapped(data: bytes, words: bool, octets: bool) -> bytes:
+    """Bytes of some registers with their words in reverse, or the two bytes of each register exchanged, or both."""
+    registers = [data[at : at + 2] for at in range(0, len(data), 2)]
+    if words:
+        registers.reverse()
+    return b"".join(each[::-1] for each in registers) if octets else b"".join(registers)

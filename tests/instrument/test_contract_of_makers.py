@@ -1,0 +1,275 @@
+"""What devices that can be bought say: orders of bytes, parts of registers, scales in other registers, handshakes."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, get_args
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.instrument.contracts.contract import (
+    Command,
+    Condition,
+    Contract,
+    Field,
+    Identity,
+    Manners,
+    Mark,
+    Scaling,
+    sdo,
+)
+from palpate.instrument.contracts.field import Order
+from palpate.instrument.contracts.wire_types import SIZE
+from palpate.instrument.errors import ConfigError
+
+NOBODY = Identity("Maker", "Thing", "1.0")
+ORDERS = get_args(Order)
+
+
+def contract(*fields: Field, bus: Any = "modbus", **more: Any) -> Contract:
+    return Contract("thing", "thing", bus, NOBODY, fields, **more)
+
+
+def one(**given: Any) -> Contract:
+    return contract(Field(**{"name": "value", "address": 0x10, "type": "int32", "meaning": "value"} | given))
+
+
+# --- bytes ---------------------------------------------------------------------------------------------
+
+
+# 12.5 is 4148 0000h as a float, 1234567890 is 4996 02D2h: worked out by hand
+@pytest.mark.parametrize(
+    ("words", "octets", "frame"),
+    [
+        ("big", "big", "49 96 02 D2"),
+        ("little", "big", "02 D2 49 96"),
+        ("big", "little", "96 49 D2 02"),
+        ("little", "little", "D2 02 96 49"),
+    ],
+)
+def test_four_orders_of_the_bytes_of_a_long(words: Order, octets: Order, frame: str) -> None:
+    thing = one(words=words, octets=octets, access="rw")
+    assert thing.encode("value", 1234567890) == bytes.fromhex(frame)
+    assert thing.decode("value", bytes.fromhex(frame)) == 1234567890
+
+
+@given(
+    st.sampled_from([name for name, size in SIZE.items() if size % 2 == 0]),
+    st.sampled_from(ORDERS), st.sampled_from(ORDERS), st.data(),
+)  # fmt: skip
+def test_every_type_comes_back_in_every_order(type_: Any, words: Order, octets: Order, data: st.DataObject) -> None:
+    thing = one(type=type_, words=words, octets=octets)
+    frame = data.draw(st.binary(min_size=SIZE[type_], max_size=SIZE[type_]))
+    value = thing.decode("value", frame)
+    if math.isfinite(value) and abs(value) < 2**53:
+        assert thing.pack("value", value) == frame
+
+
+# Baumer's manual: FEC780h is -80000 digits, which is -800.00 of a unit with two decimals
+def test_a_long_of_three_bytes_keeps_its_sign() -> None:
+    node = contract(Field("value", sdo(0x8130, 1), "int24", "value", scale=0.01), bus="canopen")
+    assert node.decode("value", bytes.fromhex("80 C7 FE")) == -800.0
+    assert node.pack("value", -800.0) == bytes.fromhex("80 C7 FE")
+    with pytest.raises(struct.error):
+        node.pack("value", 2**23 * 0.01)
+    with pytest.raises(struct.error):
+        node.decode("value", b"\0\0")
+
+
+def test_text_may_have_the_bytes_of_each_register_exchanged() -> None:
+    thing = one(type="text", length=4, octets="little")
+    assert thing.decode_text("value", bytes.fromhex("42 41 44 43")) == "ABCD"
+    assert thing.encode_text("value", "AB") == bytes.fromhex("42 41 00 00")
+
+
+def test_parts_of_one_register_are_read_apart() -> None:
+    thing = contract(
+        Field("unit", 2, "uint16", "unit", part=(8, 8), choices={"kg": 0, "N": 5}, access="rw"),
+        Field("polarity", 2, "uint16", "polarity", part=(0, 8), choices={"bipolar": 0, "unipolar": 1}, access="rw"),
+    )
+    frame = bytes.fromhex("05 01")
+    assert [thing.decode(name, frame) for name in ("unit", "polarity")] == [5, 1]
+    assert thing.encode("unit", "N") == bytes.fromhex("05 00")
+    assert thing.encode("polarity", "unipolar") == bytes.fromhex("00 01")
+    with pytest.raises(ConfigError, match="cannot be limits or choices"):
+        Field("unit", 2, "uint16", "unit", part=(8, 4), choices={"high": 16})
+
+
+def test_an_offset_is_added() -> None:
+    thing = one(type="int16", scale=0.1, offset=-40.0, unit="degC", minimum=-40, maximum=100)
+    assert thing.decode("value", bytes.fromhex("01 F4")) == 10.0
+    assert thing.pack("value", 10.0) == bytes.fromhex("01 F4")
+
+
+# --- scale, sign and unit in other registers -----------------------------------------------------------
+
+WEIGHT = contract(
+    Field("status", 6, "uint16", "status", bits={"negative": 7, "stable": 11}),
+    Field("gross", 7, "uint32", "weight", "N", sign=("status", "negative"), scaling=Scaling("decimals")),
+    Field("decimals", 13, "uint16", "decimals", minimum=0, maximum=4),
+)
+
+
+@pytest.mark.parametrize(("status", "value"), [(0x0800, 12.34), (0x0880, -12.34)])
+def test_sign_and_decimals_come_from_other_registers(status: int, value: float) -> None:
+    beside = {"status": status, "decimals": 2}
+    assert WEIGHT["gross"].beside == ("decimals", "status")
+    assert WEIGHT.decode("gross", bytes.fromhex("00 00 04 D2"), beside) == value
+    assert WEIGHT.pack("gross", value, beside) == bytes.fromhex("00 00 04 D2")
+    assert WEIGHT.step("gross", beside) == 0.01
+
+
+@pytest.mark.parametrize(
+    ("scaling", "told", "factor"),
+    [
+        (Scaling("scale", "decimals"), 3, 0.001),
+        (Scaling("scale", "factor"), 80.0, 80.0),
+        (Scaling("scale", "table", {0: 100.0, 7: 0.05}), 7, 0.05),
+    ],
+)
+def test_a_scale_may_be_decimals_a_factor_or_a_table(scaling: Scaling, told: float, factor: float) -> None:
+    scale = Field("scale", 1, "float32" if scaling.by == "factor" else "uint16", "scale")
+    thing = contract(Field("value", 0x10, "int16", "value", scaling=scaling), scale)
+    assert thing.decode("value", bytes.fromhex("00 64"), {"scale": told}) == pytest.approx(100 * factor, rel=1e-15)
+    assert thing.pack("value", 100 * factor, {"scale": told}) == bytes.fromhex("00 64")
+
+
+def test_a_scale_that_the_table_lacks_is_an_error_and_no_guess() -> None:
+    thing = contract(
+        Field("value", 0x10, "int16", "value", scaling=Scaling("scale", "table", {0: 1.0})),
+        Field("scale", 1, "uint16", "scale"),
+    )
+    with pytest.raises(KeyError):
+        thing.decode("value", b"\0\1", {"scale": 3})
+
+
+def test_a_value_that_says_that_there_is_none_is_not_a_number() -> None:
+    thing = one(missing=(99999,))
+    assert math.isnan(thing.decode("value", (99999).to_bytes(4, "big")))
+    assert thing.misread("value", math.nan) == ""
+    assert thing.pack("value", math.nan) == (99999).to_bytes(4, "big")
+
+
+# --- what is refused where it is declared --------------------------------------------------------------
+
+SCALED = Field("value", 0x10, "int16", "value", scaling=Scaling("scale"))
+ORDER = Field("order", 0x20, "uint16", "order", access="rw")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"table": "input", "access": "rw"}, "access 'rw', but the table 'input' is read-only"),
+        ({"table": "coil"}, "table 'coil' cannot hold a int32"),
+        ({"table": "file"}, "no table 'file'; valid: holding"),
+        ({"function": 6, "access": "rw"}, "function 6 writes one register, value has 4 bytes"),
+        ({"function": 16}, "is written with function 16; valid for its access and table: none"),
+        ({"function": 5, "access": "rw"}, "is written with function 5; valid for its access and table: 16, 6"),
+        ({"words": "mixed"}, "no order of words 'mixed'; valid: big, little"),
+        ({"type": "uint16", "part": (10, 8)}, "must lie within the 16 bits of a uint16"),
+        ({"part": (0, 8)}, "must lie within the 16 bits of a uint16"),
+        ({"offset": math.inf}, "or offset inf is not"),
+        ({"sign": ("status", "negative")}, "a int32 has a sign of its own"),
+        ({"missing": (2**31,)}, "cannot be limits or choices of a int32"),
+        ({"endures": -1}, "endures = -1 writes"),
+    ],
+)  # fmt: skip
+def test_a_field_that_no_device_has_is_refused(given: Mapping[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        one(**given)
+
+
+@pytest.mark.parametrize(
+    ("fields", "more", "message"),
+    [
+        ((SCALED,), {}, "its scale is in 'scale', which is no number field"),
+        ((SCALED, Field("scale", 1, "uint16", "scale", access="rw")), {}, "has access 'rw'; it must be 'ro'"),
+        ((replace(SCALED, scaling=Scaling("value")),), {}, "whose own scale is not fixed"),
+        ((replace(SCALED, scaling=Scaling("scale", "table")), Field("scale", 1, "uint16", "s")), {}, "give a table"),
+        ((Field("value", 0xFFFF, "int32", "value"),), {}, "ends at address 65536; the addresses go from 0 to 65535"),
+        ((Field("value", 1, "uint32", "v", sign=("s", "n")), Field("s", 5, "uint16", "s")), {}, "valid bits: none"),
+        ((Field("value", 1, "int16", "v", "N", unit_in="u"), Field("u", 5, "uint16", "u", choices={"kg": 0})), {},
+         "u cannot tell its unit 'N', only kg"),
+        ((ORDER,), {"commands": (Command("go", "speed", 1),)}, "command go: 'speed' cannot be written; valid: order"),
+        ((ORDER,), {"commands": (Command("go", "order", 70000),)}, "order = 70000"),
+        ((ORDER,), {"commands": (Command("go", "order", 1, after=("arm",)),)}, "after 'arm', no command before it"),
+        ((ORDER,), {"commands": (Command("go", "order", 1, done=Condition("order", (2,), 0x1)),)},
+         "waits for [2] in order, which it cannot read there (mask 0x1)"),
+        ((ORDER,), {"commands": (Command("go", "order", 1), Command("go", "order", 2))}, "several commands"),
+        ((ORDER,), {"marks": (Mark("order", "text"),), "known_by": "marks"}, "is no value of a field"),
+        ((ORDER,), {"known_by": "marks"}, "known by marks, but has none"),
+        ((ORDER,), {"marks": (Mark("order", 1),)}, "has marks, but is known by identity"),
+        ((ORDER,), {"serial": "number"}, "its serial number is in 'number'"),
+        ((ORDER,), {"manners": Manners(together=(("order", "speed"),))}, "'speed' is no field that can be written"),
+        ((ORDER, replace(ORDER, name="far", address=0x30)), {"manners": Manners(together=(("order", "far"),))},
+         "must be adjacent"),
+        ((Field("long", 0, "uint64", "long"),), {"manners": Manners(most_read=2)}, "but a reply holds 2"),
+    ],
+)  # fmt: skip
+def test_a_contract_that_does_not_hold_together_is_refused(
+    fields: tuple[Field, ...], more: Mapping[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        contract(*fields, **more)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"most_read": 126}, "most_read = 126 is outside 1 to 125"),
+        ({"gap": -1.0}, "gap = -1 is outside 0 to 10"),
+        ({"units": (5, 2)}, "units = 5 is outside 0 to 2"),
+        ({"responds": 0.0}, "responds = 0 is outside"),
+    ],
+)
+def test_manners_that_no_bus_has_are_refused(given: Mapping[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Manners(**given)
+
+
+def test_a_command_must_end() -> None:
+    with pytest.raises(ConfigError, match="command go: seconds = inf"):
+        Command("go", "order", 1, seconds=math.inf)
+
+
+def test_a_bool_is_a_coil_or_an_object_and_no_register() -> None:
+    assert contract(Field("on", sdo(0x2000), "bool", "on", access="rw"), bus="canopen").encode("on", 1) == b"\1"
+    with pytest.raises(ConfigError, match="fills no whole 16-bit registers"):
+        contract(Field("on", 1, "bool", "on"))
+
+
+def test_modbus_manners_on_canopen_are_refused() -> None:
+    with pytest.raises(ConfigError, match="are for Modbus; leave them out on CANopen"):
+        contract(Field("value", sdo(0x2000), "int16", "value", words="little"), bus="canopen")
+
+
+def test_coils_and_registers_may_have_the_same_numbers() -> None:
+    thing = contract(
+        Field("remote", 402, "bool", "remote control", table="coil", access="rw", choices={"off": 0, "on": 1}),
+        Field("voltage", 402, "uint16", "voltage", access="rw"),
+    )
+    assert thing["remote"].writes == 5
+    assert thing["voltage"].writes == 16
+    with pytest.raises(ConfigError, match="overlap at 0x192"):
+        contract(*thing.fields, Field("again", 402, "bool", "again", table="coil"))
+
+
+def test_what_a_contract_says_of_manners_counts_in_its_digest() -> None:
+    plain = one()
+    assert one(words="little").digest() != plain.digest()
+    assert replace(plain, manners=Manners(gap=0.005)).digest() != plain.digest()
+    assert one(source="manual, page 3").digest() == plain.digest()
+    assert replace(plain, about="told anew").digest() == plain.digest()
+
+
+@pytest.mark.parametrize(
+    ("raw", "mask", "holds"), [(0x1637, 0x6F, True), (0x1633, 0x6F, False), (0x27, None, True), (math.nan, None, False)]
+)
+def test_a_condition_looks_at_the_bits_that_count(raw: float, mask: int | None, holds: bool) -> None:
+    assert Condition("status", (0x27,), mask).holds(raw) is holds
