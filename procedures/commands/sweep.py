@@ -83,6 +83,7 @@ def loads(
 @options.extrapolate_option
 @options.DRY_RUN
 @options.bench_options
+@options.budget_option
 @conducts()
 def frequency(
     frequencies: tuple[float, ...], sample: str, load: float, dwell: float, extrapolate: bool

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.frequency_response import high_pass
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.frequency.procedure import FrequencySweep, dwell_at, parse_frequencies
+from palpate.procedures.measurements.frequency.result import FilmResponse, FrequencyPoint, evaluate
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 
@@ -21,7 +25,11 @@ def test_the_corner_of_each_film_is_that_of_its_charge_amplifier(palpate: Palpat
     scene = tmp_path / "slow.toml"
     scene.write_text(IDEAL_SCENE + '[effects.charge_amplifier]\ntime_constant = "0.5 s"\n[effects.load_cell]\n')
     arguments = ("--scene", str(scene), "--frequencies", "0.2 Hz, 0.5 Hz, 30 Hz", "--dwell", "0.1 s", "--json")
-    found = palpate(*SWEEP, *arguments).object
+    found = palpate(*SWEEP, *arguments, "--budget").object
+    of_rigid, above, *_ = found["budgets"]
+    assert [each["quantity"] for each in (of_rigid, above)] == ["corner of film rigid", "gain of film rigid"]
+    assert (of_rigid["u"], above["u"]) == (found["corners"][0]["corner_u"], found["corners"][0]["gain_u"])
+    assert [part["name"] for part in above["components"]] == ["points of the sweep", "load cell"]
     for corner in found["corners"]:
         assert corner["corner_Hz"] == pytest.approx(1 / math.pi, abs=2 * corner["corner_u"])
         assert corner["corner_Hz"] == pytest.approx(1 / math.pi, rel=0.03)
@@ -34,6 +42,35 @@ def test_the_corner_of_each_film_is_that_of_its_charge_amplifier(palpate: Palpat
         assert (total["phase_deg"], total["phase_u"]) == (0, 0)
     assert found["points"][2]["films"][1]["gain_V_per_N"] == pytest.approx(68.6e-3, rel=0.02)
     assert len(Run.open(Path(found["run"])).points()) == 3
+
+
+def test_stated_uncertainties_hold_where_all_points_share_the_load_cell_s_error() -> None:
+    """The load cell's curve is made to err by much: that is no scatter of the gains, and does not move the corner."""
+    random, design, frequency = np.random.default_rng(7), get_design("single"), np.geomspace(0.1, 100, 13)
+    calibration = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 0.05 * THESIS_LOAD_CELL.sensitivity_mV_per_N})
+    load, load_u = calibration.load(calibration.reading(2.0))
+    curve_u, exact = calibration.curve_u(load) / load, np.exp(high_pass(frequency, 0.0, 0.159))
+    z = []
+    for _ in range(40):
+        shared = curve_u * random.standard_normal()
+        own = math.sqrt((load_u / load) ** 2 - curve_u**2) * random.standard_normal(13)
+        points = []
+        for f, gain, error in zip(frequency.tolist(), exact.tolist(), own.tolist(), strict=True):
+            films = [
+                FilmResponse(
+                    film.name,
+                    gain * (1 + shared + error + film.scatter * random.standard_normal()),
+                    gain * math.hypot(film.scatter, load_u / load),
+                    phase_deg=0.0,
+                    phase_u=0.0,
+                )
+                for film in design.films
+            ]
+            points.append(FrequencyPoint(f, False, load, load_u, 1.0, tuple(films), True, 1.0, 0.0, 1, ()))
+        corners = evaluate(points, design, calibration).corners.values()
+        z += [[(c.gain - 1) / c.gain_u, (c.corner_Hz - 0.159) / c.corner_u] for c in corners if c is not None]
+    assert len(z) == 80
+    assert np.std(z, axis=0) == pytest.approx([1, 1], rel=0.2)
 
 
 @pytest.mark.parametrize(

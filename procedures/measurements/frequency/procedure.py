@@ -109,7 +109,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         return Sweeping(lab, record, self)
 
     def evaluate(self, points: Sequence[FrequencyPoint], lab: Lab) -> FrequencyResult:
-        return evaluate(points, lab.design)
+        return evaluate(points, lab.design, lab.calibration)
 
     def report(self, result: FrequencyResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.frequency.report import plot_sweep, print_sweep

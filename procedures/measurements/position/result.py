@@ -60,6 +60,7 @@ class PositionResult:
         points: the points.
         rms_mm: root mean square of the distances between found and set places; None: no point is valid.
         inside: share of the points whose interval holds the set place; None: no point is valid.
+        budgets: none, because a place is found by its likelihood, which is no sum of contributions.
     """
 
     points: list[PositionPoint]
