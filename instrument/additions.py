@@ -17,7 +17,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
-from palpate.instrument.errors import ConfigError
+from palpate.instrument.errors import ConfigError, UnknownName
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +89,25 @@ def packages(group: str, what: str, names: Iterable[str]) -> dict[str, str]:
 def load_addition(found: Addition, what: str) -> Any:
     """The object of an addition. Raises ConfigError: it cannot be imported; the message names it and its package."""
     return load(found.place, f"{what} {found.name!r} of {found.origin}")
+
+
+def find(group: str, what: str, name: str, ours: Iterable[str]) -> tuple[Addition, Any]:
+    """The addition with a name that is not palpate's own, and its object.
+
+    Args:
+        group: group of entry points.
+        what: kind of addition, for messages.
+        name: its name.
+        ours: the names of palpate's own, which a message offers besides.
+
+    Raises:
+        UnknownName: there is no such addition.
+        ConfigError: several packages add one with this name, or it cannot be imported.
+    """
+    found = addition(group, what, name)
+    if found is None:
+        raise UnknownName(what, name, (*ours, *additions(group)))
+    return found, load_addition(found, what)
 
 
 def unusable(found: Addition, what: str, why: str) -> ConfigError:

@@ -14,12 +14,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from palpate.instrument.additions import addition, additions, check_ours, load_addition, unusable
+from palpate.instrument.additions import additions, check_ours, find, unusable
 from palpate.instrument.config import Config
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.sensor_node import CHANNELS
-from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.errors import ConfigError
 from palpate.instrument.quantity import Amperes, Volts
 
 GROUP, WHAT = "palpate.devices", "kind of device"
@@ -115,10 +115,7 @@ def device_kind(name: str) -> DeviceKind:
     """
     if name in KINDS:
         return KINDS[name]
-    found = addition(GROUP, WHAT, name)
-    if found is None:
-        raise UnknownName(WHAT, name, (*KINDS, *additions(GROUP)))
-    kind = load_addition(found, WHAT)
+    found, kind = find(GROUP, WHAT, name, KINDS)
     if not isinstance(kind, DeviceKind) or kind.name != name:
         raise unusable(found, WHAT, f"is no DeviceKind whose contract is called {name!r}")
     check_identities([*KINDS.values(), kind])

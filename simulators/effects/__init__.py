@@ -12,8 +12,8 @@ import importlib
 from collections.abc import Mapping
 from typing import TypeVar, get_args
 
-from palpate.instrument.additions import addition, additions, load_addition, unusable
-from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.additions import addition, additions, find, unusable
+from palpate.instrument.errors import ConfigError
 from palpate.simulators.physics.effect import Effect, Kind
 from palpate.simulators.physics.stages import PLACES
 
@@ -84,10 +84,7 @@ def effect_class(name: str) -> type[Effect]:
 
 def _added(name: str) -> type[Effect]:
     """The class of an installed package's effect, after all checks that need no scene."""
-    entry = addition(GROUP, WHAT, name)
-    if entry is None:
-        raise UnknownName(WHAT, name, effect_names())
-    found = load_addition(entry, WHAT)
+    entry, found = find(GROUP, WHAT, name, EFFECTS)
     if not (isinstance(found, type) and issubclass(found, Effect) and found.name == name):
         raise unusable(entry, WHAT, f"is no Effect whose class is named after {name!r}")
     if not issubclass(found, PLACES):

@@ -6,8 +6,7 @@ grasper_7 = "grasper_7:DESIGN"
 
 from __future__ import annotations
 
-from palpate.instrument.additions import addition, additions, load_addition, unusable
-from palpate.instrument.errors import UnknownName
+from palpate.instrument.additions import find, unusable
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs.array import ARRAY, array_of
 from palpate.instrument.sensor.designs.common_base import COMMON_BASE
@@ -19,7 +18,6 @@ DESIGNS: dict[str, Design] = {
     design.name: design for design in (SINGLE, SINGLE_ROUND, COMMON_BASE, DIFFERENT_BASE, ARRAY, array_of(16))
 }
 
-
 GROUP, WHAT = "palpate.designs", "design"
 
 
@@ -27,14 +25,12 @@ def get_design(name: str) -> Design:
     """The design of that name.
 
     Raises:
-        UnknownName: no such design. ConfigError: the package that adds it cannot be used.
+        UnknownName: there is no design of that name.
+        ConfigError: the package that adds it cannot be used.
     """
     if name in DESIGNS:
         return DESIGNS[name]
-    found = addition(GROUP, WHAT, name)
-    if found is None:
-        raise UnknownName(WHAT, name, (*DESIGNS, *additions(GROUP)))
-    design = load_addition(found, WHAT)
+    found, design = find(GROUP, WHAT, name, DESIGNS)
     if not isinstance(design, Design) or design.name != name:
         raise unusable(found, WHAT, f"is no Design that is called {name!r}")
     return design
