@@ -37,3 +37,13 @@ def extrapolated(condensed: Callable[[float], Condensed], step: float) -> Conden
         loads=at_true("loads"),
         work=at_true("work"),
     )
+
+
+def extrapolated_number(value: Callable[[float], float], step: float) -> float:
+    """A number at the true compliance that makes sense beside `extrapolated` matrices alone, as their differences do.
+
+    Args:
+        value: the number when this much is added to the compliance [1/Pa].
+        step: as in `extrapolated`.
+    """
+    return sum(weight * value(node * step) for node, weight in NODES)

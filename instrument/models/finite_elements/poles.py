@@ -76,7 +76,7 @@ class Sensor:
         work = self._condensed.work
         seen = volts - work[self._films, place]
         clamped = energy - work[place, place] + seen @ self.capacity @ seen
-        return max(0.0, float(clamped - row @ np.linalg.solve(self.stiffness, row)))
+        return float(clamped - row @ np.linalg.solve(self.stiffness, row))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.finite_elements.coupling import capacitance
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
-from palpate.instrument.models.finite_elements.incompressible import extrapolated
+from palpate.instrument.models.finite_elements.incompressible import extrapolated, extrapolated_number
 from palpate.instrument.models.finite_elements.poles import Sensor, curve
 from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import SolidParameters
@@ -106,12 +106,7 @@ class System:
         offsets = np.zeros((rows.shape[1], len(loads)))
         least = 0.0
         if self.stack.over_teeth(self.stack.ring.body).any():  # a closed gap tears the ring from the tooth
-            energy = sum(
-                share * work.energy(0.0)
-                for share, work in zip(asked.shares[-1], asked.works, strict=True)
-                if work.part in self._sensor.parts
-            )
-            least = sensor.torn(rows[:, -1], teeth + len(asked.electrodes), self._volts[:, -1], energy)
+            least = sensor.torn(rows[:, -1], teeth + len(asked.electrodes), self._volts[:, -1], self._energy_of_jump())
         if self.parameters.support == "rigid":
             through, offsets = self._through_teeth(sensed_side, loads)
             rows -= sensor.stiffness @ through
@@ -135,6 +130,17 @@ class System:
             unknowns=self.stack.unknowns,
             seconds=(built - self._start, time.process_time() - built),
         )
+
+    def _energy_of_jump(self) -> float:
+        """Twice the energy of a jump by 1 m over all teeth with all unknowns held, as far as it is the sensor's [J]."""
+        asked, of = self._goals, self._sensor
+
+        def energy(added: float) -> float:
+            pairs = zip(asked.shares[-1].tolist(), asked.works, strict=True)
+            return sum((share * work.energy(added) for share, work in pairs if work.part in of.parts), 0.0)
+
+        # As `condensed` does it: with the true compliance, a volume that is kept would make this infinite.
+        return extrapolated_number(energy, 1.0) if of.keeps_volume else energy(0.0)
 
     def _through_teeth(self, sensed_side: Condensed, loads: Sequence[Vector]) -> tuple[Vector, Vector]:
         """Displacements w of the contact (contact, goals), and offsets (goals, loads), for forces on rigid teeth.
@@ -234,11 +240,13 @@ class _Side:
     Attributes:
         parts: the parts.
         has: (unknowns,), whether an unknown of the stack is one of these parts.
+        keeps_volume: whether the compliance of a part is too small for its element matrices.
     """
 
     def __init__(self, parts: Sequence[Part], system: System) -> None:
         self.parts, self._system = parts, system
         unknowns = system.stack.unknowns
+        self.keeps_volume = any(part.step for part in parts)
         self.has = np.zeros(unknowns, dtype=bool)
         for part in parts:
             self.has[part.names[part.names >= 0]] = True
@@ -253,7 +261,7 @@ class _Side:
 
         Its loads are those of its own films under 1 V, or those on the object, and then those of the goals.
         """
-        if not any(part.step for part in self.parts):
+        if not self.keeps_volume:
             return self._at(0.0, loads, remembers)
         if remembers:
             return self._at(1.0, loads, remembers)
