@@ -136,3 +136,17 @@ def test_poles_of_a_projected_contact_give_what_all_poles_give() -> None:
         assert apart.max() < 1e-6 * np.abs(getattr(full, of)(moduli)).max()
     for own, other in zip(projected.energies(moduli), full.energies(moduli), strict=True):
         assert own == pytest.approx(other, rel=1e-5)
+
+
+def test_a_rate_below_0_is_rounded_up_where_it_is_rounding_and_else_refused() -> None:
+    sensor = Sensor.__new__(Sensor)
+    sensor.stiffness, sensor.charges, sensor.capacity = np.eye(3), np.zeros((3, 0)), np.zeros((0, 0))
+
+    def rates(least: float) -> list[float]:
+        sensed = Condensed(np.diag([1.0, 0.5, least]), np.ones((3, 1)), np.eye(1))
+        found = curve(sensor, sensed, np.zeros((3, 0)), np.ones((3, 1)), np.zeros((1, 1)), np.ones(3))
+        return sorted(found.rates.tolist())
+
+    assert rates(-1e-8) == pytest.approx([0.0, 0.5, 1.0], abs=1e-15)
+    with pytest.raises(EstimateError, match="rounding makes the stiffness of the object negative; give a thicker"):
+        rates(-1e-4)

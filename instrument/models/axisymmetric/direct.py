@@ -101,11 +101,7 @@ def solve(parameters: RoundParameters, refinement: int) -> DirectSolution:
 def solve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> DirectSolution:
     """Solve on a mesh of any degree and number of layers.
 
-    Args:
-        parameters: the sensor.
-        degree: degree of the elements, at least 3.
-        layers: number of geometric layers at the corners.
-        mixed: whether bodies keep their pressure as an unknown where that gains digits; otherwise none does.
+    The mesh is that of `curves.curve_on`, which has the same arguments.
 
     Raises:
         EstimateError: the linear system cannot be solved accurately.

@@ -1,6 +1,6 @@
 """Results that are kept on disk by their content, so that no mesh of a sensor is set up twice.
 
-    keep("axisymmetric;degree=4;layers=3;sensed_poisson=0.3;...", Curve, lambda: curve_on(parameters, 4, 3))
+    keep("axisymmetric;degree=4;layers=3;sensed_poisson=0.3;...", Curve, lambda: found_on(parameters, 4, 3))
 
 What is kept is a dataclass of numbers, arrays and other such dataclasses. Its file is named by the SHA-256 of the text
 and of the models' source code: after a change of either, nothing old is found. A file is a line of JSON, with names
@@ -34,8 +34,8 @@ Kept = TypeVar("Kept")
 VARIABLE = "PALPATE_CURVES"
 FORMAT = "palpate curve 1"
 SUFFIX = ".curve"
-LARGEST = 64 * 2**20  # bytes of a file; the array's are of some 100,000
-ROOM = 100 * 2**20  # bytes of all files; those that were not used for longest go
+LARGEST = 64 * 2**20  # bytes of a file; the curve of a sensor of 16 teeth has some 140,000
+ROOM = 100 * 2**20  # bytes of all files; beyond it, those that were not used for longest are deleted
 # What the numbers of the finite-element models depend on, besides what they are asked.
 SOURCES = tuple(f"{each}.py" for each in ("models/*/*", "models/parameters", "sensor/*"))
 

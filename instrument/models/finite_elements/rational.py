@@ -1,7 +1,7 @@
 """Projection of a large contact onto the few displacements that its curve is made of.
 
 Solutions for all loads and goals at some moduli of the object, and the first terms of their series around these, span
-what solutions at any modulus need (rational Krylov subspace: Ruhe 1984). With six moduli for eleven decades and three
+what solutions at any modulus need (rational Krylov subspace: Ruhe 1984). With six moduli for eleven decades and four
 terms each, ratios, voltages and energies keep 1e-11. A large contact has thousands of poles; to find them all took ten
 times as long as to eliminate the rest.
 """
@@ -14,7 +14,8 @@ from scipy.linalg import cho_factor, cho_solve, qr
 
 Array = NDArray[np.float64]
 
-# Moduli of the object at which solutions are taken, over the one in their middle, and terms of the series around each.
+# Moduli of the object at which solutions are taken, over the one in their middle; and terms of the series around each,
+# of which the first is the solution itself.
 PLACES = np.geomspace(1e-2, 1e7, 6)
 TERMS = 4
 DEPENDENT = 1e-12  # share of a column that counts as nothing new
