@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import threading
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -262,6 +263,95 @@ def test_readers_find_a_whole_file_while_it_is_written(room: Path) -> None:
     while not done.is_set():
         assert read(path, Curve, "key").clamped == 2.0
     writer.join()
+
+
+# --- a folder in which others write --------------------------------------------------------------------
+
+
+def test_a_link_out_of_the_folder_is_neither_read_nor_touched(room: Path, tmp_path: Path) -> None:
+    keep("sensor", Curve, lambda: CURVE)
+    elsewhere = only(room).rename(tmp_path / "elsewhere.curve")
+    os.utime(elsewhere, (1e9, 1e9))
+    (room / f"{key_of('sensor')}{kept.SUFFIX}").symlink_to(elsewhere)
+    other = replace(CURVE, least=1.0)
+    assert same(keep("sensor", Curve, lambda: other), other)
+    assert same(keep("sensor", Curve, refused), other)
+    assert elsewhere.stat().st_mtime == 1e9
+
+
+def test_a_file_of_another_user_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    keep("sensor", Curve, lambda: CURVE)
+    other = replace(CURVE, least=1.0)
+    monkeypatch.setattr(kept, "_user", lambda: os.geteuid() + 1)
+    assert same(keep("sensor", Curve, lambda: other), other)
+
+
+def test_a_head_that_is_too_long_is_not_read(room: Path) -> None:
+    keep("sensor", Curve, lambda: CURVE)
+    only(room).write_bytes(b"[" + b"[]," * 3_000_000 + b"[]]\n")  # as Python's lists 25 times as large
+    tracemalloc.start()
+    try:
+        assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_files_of_others_are_never_deleted(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    room.mkdir()
+    others = [room / name for name in ("film.iso.part", "single.curve", "notes.txt", f"{'g' * 64}.curve")]
+    for file in others:
+        file.write_bytes(bytes(1000))
+        os.utime(file, (0, 0))
+    monkeypatch.setattr(kept, "ROOM", 0)
+    keep("sensor", Curve, lambda: CURVE)
+    assert set(room.iterdir()) == set(others)
+
+
+@pytest.mark.parametrize("kind", ["folder", "link to nothing"])
+def test_what_cannot_be_deleted_does_not_let_the_folder_grow(
+    room: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    for name in ("oldest", "old"):
+        keep(name, Curve, lambda: CURVE)
+        os.utime(room / f"{key_of(name)}{kept.SUFFIX}", (1e9, 1e9))
+    path = room / f"{key_of('oldest')}{kept.SUFFIX}"
+    size = path.stat().st_size
+    path.unlink()
+    path.mkdir() if kind == "folder" else path.symlink_to("nothing")
+    os.utime(path, (0, 0), follow_symlinks=False)
+    monkeypatch.setattr(kept, "ROOM", size + 10)
+    keep("new", Curve, lambda: CURVE)
+    assert not (room / f"{key_of('old')}{kept.SUFFIX}").exists()
+    assert same(keep("new", Curve, refused), CURVE)
+
+
+def test_times_in_the_future_make_no_file_last_for_ever(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("future", "new"):
+        keep(name, Curve, lambda: CURVE)
+    path = room / f"{key_of('future')}{kept.SUFFIX}"
+    os.utime(path, (4e9, 4e9))
+    monkeypatch.setattr(kept, "ROOM", int(2.5 * path.stat().st_size))
+    keep("one more", Curve, lambda: CURVE)
+    left = {file.name.removesuffix(kept.SUFFIX) for file in room.iterdir()}
+    assert left == {key_of("new"), key_of("one more")}
+
+
+def test_what_a_killed_process_left_goes(room: Path) -> None:
+    room.mkdir()
+    left, being_written = (room / f"{key_of('sensor')}.{number:016x}.part" for number in range(2))
+    for file in (left, being_written):
+        file.write_bytes(b"half")
+    os.utime(left, (1e9, 1e9))
+    keep("sensor", Curve, lambda: CURVE)
+    assert {file.suffix for file in room.iterdir()} == {kept.SUFFIX, ".part"}
+    assert being_written.exists() and not left.exists()
+
+
+def test_a_folder_that_is_named_from_the_home_is_there(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(room))
+    monkeypatch.setenv(kept.VARIABLE, "~/mine")
+    assert kept.folder() == room / "mine"
 
 
 # --- what is worth keeping -----------------------------------------------------------------------------

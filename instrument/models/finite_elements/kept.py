@@ -16,11 +16,14 @@ import hashlib
 import json
 import math
 import os
+import re
+import stat
 import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_origin, get_type_hints
+from typing import Any, BinaryIO, TypeVar, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +36,12 @@ Kept = TypeVar("Kept")
 # The folder of kept curves; without it, that of the user's caches.
 VARIABLE = "PALPATE_CURVES"
 FORMAT = "palpate curve 1"
-SUFFIX = ".curve"
+SUFFIX, PART = ".curve", ".part"
+# Names of kept files: of whole ones, and of those that are being written.
+NAMES = re.compile(r"[0-9a-f]{64}(\.curve|\.[0-9a-f]{16}\.part)")
+LONGEST = 2**16  # bytes of a file's first line; it has some 600, and JSON takes 25 times as much memory as its text
 LARGEST = 64 * 2**20  # bytes of a file; the curve of a sensor of 16 teeth has some 140,000
+LEFT = 3600.0  # s; a file that is written for longer was left by a process that was killed
 ROOM = 100 * 2**20  # bytes of all files; beyond it, those that were not used for longest are deleted
 # What the numbers of the finite-element models depend on, besides what they are asked.
 SOURCES = tuple(f"{each}.py" for each in ("models/*/*", "models/parameters", "sensor/*"))
@@ -53,7 +60,7 @@ def keep(text: str, kind: type[Kept], find: Callable[[], Kept]) -> Kept:
         return find()
     path = room / f"{key}{SUFFIX}"
     with contextlib.suppress(ConfigError):
-        found = read(path, kind, key)
+        found = read(path, kind, key, own=True)
         with contextlib.suppress(OSError):
             os.utime(path)
         return found
@@ -68,9 +75,9 @@ def keep(text: str, kind: type[Kept], find: Callable[[], Kept]) -> Kept:
 def folder() -> Path | None:
     """The folder of kept curves; None: there is no home to have one in."""
     named = os.environ.get(VARIABLE)
-    if named:
-        return Path(named)
     with contextlib.suppress(RuntimeError):  # no home
+        if named:
+            return Path(named).expanduser()
         return _caches() / "palpate" / "curves"
     return None
 
@@ -114,7 +121,7 @@ def write(path: Path, content: object, key: str) -> None:
     numbers = b"".join(array.astype("<f8").tobytes() for array in arrays.values())
     head = {"format": FORMAT, "key": key, "arrays": {name: array.shape for name, array in arrays.items()}}
     line = json.dumps({**head, "sha256": _content_hash(head, numbers)}).encode() + b"\n"
-    part = path.with_name(f"{path.stem}.{os.urandom(8).hex()}.part")
+    part = path.with_name(f"{path.stem}.{os.urandom(8).hex()}{PART}")
     try:
         part.write_bytes(line + numbers)
         part.replace(path)
@@ -124,21 +131,23 @@ def write(path: Path, content: object, key: str) -> None:
         raise
 
 
-def read(path: Path, kind: type[Kept], key: str) -> Kept:
+def read(path: Path, kind: type[Kept], key: str, own: bool = False) -> Kept:
     """Read a file that `write` wrote.
+
+    Args:
+        path: the file.
+        kind: the dataclass that it holds.
+        key: the key with which it was written.
+        own: whether to refuse a file that another user wrote, and a symbolic link: anybody can write a file with the
+            right key and a consistent hash.
 
     Raises:
         ConfigError: there is no such file, it was written for another key, or it is damaged.
     """
     try:
-        if not path.is_file():
-            raise ValueError("there is no such file")
-        with path.open("rb") as file:
-            whole = file.read(LARGEST + 1)
-        if len(whole) > LARGEST:
-            raise ValueError(f"it has more than {LARGEST} bytes")
-        line, _, numbers = whole.partition(b"\n")
-        head = json.loads(line)
+        with _opened(path, own) as file:
+            line = file.readline(LONGEST)
+            head, numbers = json.loads(line), file.read()
         if head.pop("sha256") != _content_hash(head, numbers):
             raise ValueError("its content hash does not fit its content")
         if (head["format"], head["key"]) != (FORMAT, key):
@@ -146,6 +155,27 @@ def read(path: Path, kind: type[Kept], key: str) -> Kept:
         return _made(kind, _split(head["arrays"], np.frombuffer(numbers, dtype="<f8")))
     except Exception as error:  # a damaged file may raise any error
         raise ConfigError(f"curve {path}: not readable ({error}); build it again") from error
+
+
+@contextlib.contextmanager
+def _opened(path: Path, own: bool) -> Iterator[BinaryIO]:
+    """An open file. Raises OSError, and ValueError: it is too large, no regular file, or with `own` not this user's."""
+    # Some systems have neither flag. To open a pipe without the first would wait for ever.
+    flags = getattr(os, "O_NONBLOCK", 0) | (getattr(os, "O_NOFOLLOW", 0) if own else 0)
+    with open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags)) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise ValueError("it is no regular file")
+        if own and status.st_uid != _user():
+            raise ValueError("another user wrote it")
+        if status.st_size > LARGEST:
+            raise ValueError(f"it has more than {LARGEST} bytes")
+        yield file
+
+
+def _user() -> int:
+    """Number of the user whose files this process writes; 0 where the system has no such numbers."""
+    return os.geteuid() if hasattr(os, "geteuid") else 0
 
 
 def _content_hash(head: dict[str, Any], numbers: bytes) -> str:
@@ -199,13 +229,21 @@ def _made(kind: type[Kept], arrays: dict[str, Array], within: str = "") -> Kept:
 
 
 def _make_room(room: Path) -> None:
-    """Delete what was not used for longest, until the rest is no more than ROOM. Others may do so at the same time."""
+    """Delete what was not used for longest, until the rest is no more than ROOM, and what killed processes left.
+
+    Others may do so at the same time. Only files that `keep` names are deleted.
+    """
+    now, files = time.time(), []
     with os.scandir(room) as entries:
-        files = [(entry.stat(), entry.path) for entry in entries if entry.name.endswith((SUFFIX, ".part"))]
-    size = sum(status.st_size for status, _ in files)
-    for status, path in sorted(files, key=lambda file: file[0].st_mtime):
-        if size <= ROOM:
-            return
-        with contextlib.suppress(FileNotFoundError):
-            Path(path).unlink()
-        size -= status.st_size
+        for entry in entries:
+            if NAMES.fullmatch(entry.name):
+                with contextlib.suppress(FileNotFoundError):
+                    status = entry.stat(follow_symlinks=False)
+                    # A time in the future is as far from now as one as long ago: it must not keep a file for ever.
+                    files.append((abs(now - status.st_mtime), status.st_size, entry.path))
+    total = sum(size for _, size, _ in files)
+    for age, size, path in sorted(files, reverse=True):
+        if total > ROOM or (age > LEFT and path.endswith(PART)):
+            with contextlib.suppress(OSError):
+                Path(path).unlink()
+            total -= size
