@@ -78,3 +78,11 @@ def test_a_bound_falls_with_the_root_of_the_rate_where_errors_fall_regularly_and
 def test_errors_that_hardly_fall_are_believed_to_add_up() -> None:
     meshes = [_constant(ratio) for ratio in (0.5, 0.4, 0.31)]
     assert _ratio_bound(meshes, 1e5, REGULAR) == pytest.approx(1.4 * 0.09 * 9)
+
+
+@pytest.mark.parametrize("manner", [REGULAR, SPECIAL])
+def test_meshes_that_agree_by_luck_leave_a_share_of_the_bounds_before(manner: Manner) -> None:
+    at = np.array([1e5])
+    before, after = (np.array(estimates(meshes, at, manner)) for meshes in ([COARSE, FINE], [COARSE, FINE, FINE]))
+    assert after == pytest.approx(manner.luck * before)
+    assert after.min() > 0

@@ -1,1 +1,1 @@
-"""Parts that both finite-element models share: solving, error estimates, coupling of films."""
+"""Parts that both finite-element models share: condensing, curves, error estimates, coupling of films."""

@@ -51,11 +51,14 @@ class Manner:
     luck: float
 
 
+# Of the solid model, which has factors of its own.
 PLAIN = Manner(product=1.0, first=1.0, later=1.0, falls=False, luck=0.0)
-# Two meshes of a random round sensor agreed by chance, and were off by 2.7 times a bound without `luck`.
+# Of the round model, for sensors that are special (`is_special`) and for all others. The numbers are not derived: with
+# these the bounds hold for random sensors (`python -m tests.benchmarks estimates`). Two meshes of one of those sensors
+# agreed by chance, and were off by 2.7 times a bound without `luck`.
 REGULAR = Manner(product=0.3, first=0.7, later=1.4, falls=True, luck=0.05)
 SPECIAL = Manner(product=1.0, first=2.0, later=1.0, falls=False, luck=0.1)
-RATES = (0.04, 0.9)  # by which a mesh's errors are believed to fall
+SLOWEST = 0.9  # greatest rate at which errors are believed to fall; a least one would never count beside `luck`
 # Factor where tooth and ring meet in a closed gap, because the error only halves from mesh to mesh there.
 SLOW = 3.0
 
@@ -83,7 +86,7 @@ def estimates(
         if before is None:
             ratio = safety * manner.first * greatest
         elif manner.falls:
-            rate = np.clip(np.divide(greatest, before, out=np.ones_like(before), where=before > 0), *RATES)
+            rate = np.minimum(np.divide(greatest, before, out=np.ones_like(before), where=before > 0), SLOWEST)
             fallen = safety * manner.later * greatest * np.maximum(np.sqrt(rate), rate / (1 - rate))
             ratio = np.maximum(fallen, manner.luck * ratio)
         else:

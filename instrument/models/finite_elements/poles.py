@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 # Poles are left out while the sum of their residues is below this share of that of all.
 NEGLIGIBLE = 1e-15
 # A rate is one energy over another, so never below 0. Rounding may bring it there, by a share of the greatest rate that
-# was 2e-7 for 0.5 µm of rubber that keeps its volume, 1e-8 for any foil in the plane, and 0 for other objects.
+# was 2e-7 for 0.5 µm of rubber that keeps its volume, 2e-8 for any foil in the plane, and 0 for other objects.
 ROUNDED = 1e-6
 SHAPES = ("loads", "goals", "offsets", "ratio", "clamped", "charges", "capacity")
 BY_POLE = ("rates", "loads", "goals", "ratio", "charges")

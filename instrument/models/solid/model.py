@@ -237,9 +237,9 @@ def estimates(curves: Sequence[Curve], parameters: SolidParameters, moduli: Arra
     if parameters.load_at is not None:
         # Beneath a point load the energy has no end. What of it passes through the contact has one.
         last = [replace(each, clamped=np.zeros_like(each.clamped)) for each in last]
-    ratio, voltage = between.estimates(last, moduli)
-    safety = SAFETY[min(len(curves), max(SAFETY))] * (NARROW_SAFETY if is_narrow(parameters) else 1.0)
-    return safety * ratio + ROUND_OFF, VOLTAGE_SAFETY * safety * voltage
+    safety = SAFETY[len(curves)] * (NARROW_SAFETY if is_narrow(parameters) else 1.0)
+    ratio, voltage = between.estimates(last, moduli, safety=safety)
+    return ratio + ROUND_OFF, VOLTAGE_SAFETY * voltage
 
 
 def is_narrow(parameters: SolidParameters) -> bool:
