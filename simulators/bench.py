@@ -111,12 +111,12 @@ class SimulatedBench:
         link, serial = kind.links[0], f"SIM-{kind.contract.identity.product.partition('-')[0]}-{count:04d}"
         if link == "canopen":
             unit = self._addresses[name] = 1 + max(self._node_ids + [guest.id for guest in self.can.guests])
-            place = wire.Place(self.clock, self.rig, unit, SERIAL + unit, settings, self._find)
+            place = wire.Place(self.clock, self.rig, unit, SERIAL + unit, settings, kind, self._find)
         else:
             unit = 1
             if link == "modbus-rtu":
                 unit = self._addresses[name] = 1 + sum(each.links[0] == link for each in self._kinds.values())
-            place = wire.Place(self.clock, self.rig, unit, serial, settings, self._find, self._samples)
+            place = wire.Place(self.clock, self.rig, unit, serial, settings, kind, self._find, self._samples)
         assert kind.simulator is not None
         self.devices[name] = load(kind.simulator, f"simulator of {name}").at(place)
         self._kinds[name] = kind

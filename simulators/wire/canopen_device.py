@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, Protocol, Self
 
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError
@@ -36,7 +36,7 @@ class Wire(Protocol):
 class CanopenDevice:
     """The state of one node. Methods are called under the clock's lock."""
 
-    contract: ClassVar[Contract]
+    contract: Contract
     wire: Wire | None = None  # None until the node is attached to a network
     speed = 1.0  # speed of this clock relative to the clients' clock
     rig: Any  # that of its place, once it stands on a bench

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
-from palpate.instrument.bench.kinds import Role
+from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
@@ -22,6 +22,7 @@ class Place:
         unit: Modbus unit id, or CANopen node id.
         serial: serial number: text on Modbus, an integer on CANopen.
         settings: settings of its device kind, from the bench file.
+        kind: its device kind.
         find: returns the simulated device that fills a role; call it once all devices exist. Raises
             BenchError: no device fills it.
         samples: samples in the sample changer.
@@ -32,6 +33,7 @@ class Place:
     unit: int
     serial: Any
     settings: Any
+    kind: DeviceKind
     find: Callable[[Role], Any]
     samples: Sequence[Sample] = ()
 
@@ -52,7 +54,7 @@ DEVICE_BUSY = 6
 class SimulatedDevice:
     """One device on a Modbus server. Methods are called under the clock's lock."""
 
-    contract: ClassVar[Contract]
+    contract: Contract
     readings: ClassVar[tuple[str, ...]] = ()  # names of displayed fields, which the fault `stuck_display` can freeze
     speed = 1.0  # speed of this clock relative to the clients' clock, in whose seconds a watchdog counts
     rig: Any  # that of its place, once it stands on a bench

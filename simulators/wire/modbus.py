@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import struct
 import threading
-from collections.abc import Coroutine, Iterable, Sequence
-from functools import lru_cache, partial
+from collections.abc import Coroutine
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ModbusPDU
-from pymodbus.simulator import DataType, SimData, SimDevice
 
-from palpate.instrument.contracts.contract import Field
 from palpate.instrument.errors import BenchError
-from palpate.simulators.clock import VirtualClock
-from palpate.simulators.wire.device import Refused, SimulatedDevice
+from palpate.simulators.wire.device import SimulatedDevice
 from palpate.simulators.wire.modbus_server import Identity, SerialServer, TcpServer
+from palpate.simulators.wire.registers import Registers
 from palpate.simulators.wire.relay import Noise, Relay
 
 if TYPE_CHECKING:
@@ -26,8 +21,7 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 OUTER = 4  # bytes of a frame around its data: unit id, function code, CRC
-BLOCKS = 64  # number of register blocks whose fields are cached
-HOLDING_REGISTERS = (3, 6, 16)  # codes of the functions that read and write holding registers
+NEVER_YET = -(10**18)  # ns
 T = TypeVar("T")
 
 
@@ -85,7 +79,7 @@ class ServerThread:
         """
 
         async def start() -> int:
-            server = TcpServer(_sim_device(unit, device), _identity(device), address)
+            server = TcpServer(unit, Registers(device), _identity(device), address)
             if not await server.listen():
                 raise OSError
             self._servers.append(server)
@@ -122,7 +116,7 @@ class ServerThread:
 
         async def start() -> str:
             server = SerialServer(
-                [_sim_device(unit, device) for unit, device in devices.items()],
+                {unit: Registers(device) for unit, device in devices.items()},
                 {unit: _identity(device) for unit, device in devices.items()},
                 trace_pdu=line.trace_pdu,
                 trace_packet=line.trace_packet,
@@ -134,76 +128,6 @@ class ServerThread:
             return path
 
         return self._run(start())
-
-
-def _sim_device(unit: int, device: SimulatedDevice) -> SimDevice:
-    registers = [SimData(f.address, count=f.size // 2, datatype=DataType.REGISTERS) for f in device.contract.fields]
-    clock: VirtualClock = device.clock
-    fields_at = lru_cache(BLOCKS)(partial(_within, device.contract.fields))
-
-    async def action(
-        function: int, start: int, address: int, count: int, current: list[int], values: list[int] | list[bool] | None
-    ) -> ExcCodes | None:
-        # never awaits: meanwhile pymodbus could answer another request
-        if function not in HOLDING_REGISTERS:
-            return ExcCodes.ILLEGAL_FUNCTION
-        with clock.lock:
-            device.requested()
-            try:
-                if values is None:
-                    _refresh(device, fields_at(address, count), start, current)
-                else:
-                    numbers, texts = _checked(device, address, [int(v) for v in values])
-                    if numbers:
-                        device.write(numbers)
-                    for name, text in texts.items():
-                        device.write_text(name, text)
-            except Refused as refused:
-                return ExcCodes(refused.code)
-        return None
-
-    return SimDevice(id=unit, simdata=registers, action=action)
-
-
-def _within(fields: Sequence[Field], address: int, count: int) -> list[Field]:
-    return [f for f in fields if f.address < address + count and f.address + f.size // 2 > address]
-
-
-def _refresh(device: SimulatedDevice, fields: Iterable[Field], start: int, current: list[int]) -> None:
-    """Put the device's present values into the registers that are about to be read."""
-    for field in fields:
-        if field.type == "text":
-            data = device.contract.encode_text(field.name, device.read_text(field.name))
-        else:
-            data = device.contract.pack(field.name, device.read(field.name))
-        registers = struct.unpack(f">{len(data) // 2}H", data)
-        at = field.address - start
-        current[at : at + len(registers)] = registers
-
-
-def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> tuple[dict[str, float], dict[str, str]]:
-    """Physical values and texts of a write, after the checks of a real device. Raises Refused."""
-    values: dict[str, float] = {}
-    texts: dict[str, str] = {}
-    for field in _within(device.contract.fields, address, len(registers)):
-        at = field.address - address
-        if field.access == "ro":
-            raise Refused(ExcCodes.ILLEGAL_ADDRESS)
-        if at < 0 or at + field.size // 2 > len(registers):  # only a part of a value, as one half of 32 bits
-            raise Refused(ExcCodes.ILLEGAL_VALUE)
-        data = b"".join(r.to_bytes(2, "big") for r in registers[at : at + field.size // 2])
-        if field.type == "text":
-            try:
-                texts[field.name] = device.contract.decode_text(field.name, data)
-            except ValueError:
-                raise Refused(ExcCodes.ILLEGAL_VALUE) from None
-            continue
-        value = device.contract.decode(field.name, data)
-        if not device.contract.allows(field.name, value):
-            device.out_of_range()
-            raise Refused(ExcCodes.ILLEGAL_VALUE)
-        values[field.name] = value
-    return values, texts
 
 
 def _identity(device: SimulatedDevice) -> Identity:
@@ -225,7 +149,7 @@ def _identity(device: SimulatedDevice) -> Identity:
 
 
 class _Line:
-    """The serial line itself: absent units are silent, and each frame takes time.
+    """The serial line itself: absent units are silent, each frame takes time, and who is asked too soon hears nothing.
 
     A wait here blocks the servers' whole thread. That is right: the client waits for its reply, and nobody else moves
     the clock on.
@@ -233,8 +157,10 @@ class _Line:
 
     def __init__(self, devices: dict[int, SimulatedDevice], timing: LineEffect | None) -> None:
         self._units = set(devices)
+        self._gaps_ns = {unit: round(1e9 * device.contract.manners.gap) for unit, device in devices.items()}
         self._clock = next(iter(devices.values())).clock
         self._timing = timing
+        self._replied_ns = NEVER_YET
 
     def trace_pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
         if not sending:
@@ -242,10 +168,13 @@ class _Line:
         return pdu
 
     def trace_packet(self, sending: bool, data: bytes) -> bytes:
-        if sending:
-            if data and data[0] not in self._units:
-                return b""  # pymodbus would answer for an absent unit
-            self._pass(len(data))
+        if not sending:
+            gap_ns = self._gaps_ns.get(data[0], 0) if data else 0
+            return data if not gap_ns or self._clock.now_ns() - self._replied_ns >= gap_ns else b""
+        if data and data[0] not in self._units:
+            return b""  # pymodbus would answer for an absent unit
+        self._pass(len(data))
+        self._replied_ns = self._clock.now_ns()
         return data
 
     def _pass(self, size: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from pymodbus.constants import ExcCodes
@@ -9,8 +10,9 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 
-IDENTIFY, READ_IDENTITY = 43, b"\x0e"
-FUNCTIONS = (3, 6, 16, IDENTIFY)  # supported function codes: read and write holding registers, identify
+from palpate.simulators.wire.registers import IDENTIFY
+
+READ_IDENTITY = b"\x0e"
 HEADER = 6  # bytes of an MBAP header up to the end of its length field
 UNIT_AND_CHECK = 3  # bytes around a request on a serial line: unit id and CRC
 LONGEST_REQUEST = 256  # bytes on a serial line
@@ -41,9 +43,14 @@ class _WholeFrame(ModbusPDU):
 class RequestDecoder(DecodePDU):
     """Decodes every request: a good one as itself, a bad one as the `Refusal` that answers it."""
 
+    def __init__(self, functions: Collection[int]) -> None:
+        """Make a decoder; `functions` are the codes of the functions that the server has."""
+        super().__init__(True)
+        self.functions = functions
+
     def decode(self, frame: bytes) -> ModbusPDU:
         function, kind = frame[0], frame[1:2]
-        if function not in FUNCTIONS or (function == IDENTIFY and kind != READ_IDENTITY):
+        if function not in self.functions or (function == IDENTIFY and kind != READ_IDENTITY):
             return Refusal(function, ExcCodes.ILLEGAL_FUNCTION)
         request = super().decode(frame)
         if request is None or not _same(request, frame):  # a count of 0 or too large, missing or surplus bytes
@@ -72,9 +79,10 @@ class LineFramer(FramerRTU):
 
     def _last(self, data: bytes) -> tuple[int, int, int, bytes] | None:
         """The whole request at the end of `data`, after the bytes of a broken one that arrived together with it."""
+        decoder: Any = self.decoder
         for at in range(max(1, len(data) - LONGEST_REQUEST), len(data) - UNIT_AND_CHECK):
             tail, check = data[at:], int.from_bytes(data[-2:], "big")
-            kind = self.decoder.lookupPduClass(tail) if tail[1] in FUNCTIONS else None
+            kind = decoder.lookupPduClass(tail) if tail[1] in decoder.functions else None
             if kind and kind.calculateRtuFrameSize(tail) == len(tail) and self.check_CRC(tail[:-2], check):
                 return len(data), tail[0], 0, tail[1:-2]
         return None

@@ -19,14 +19,16 @@ from typing import Any
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.bit_message import WriteSingleCoilRequest, WriteSingleCoilResponse
 from pymodbus.pdu.mei_message import ReadDeviceInformationRequest, ReadDeviceInformationResponse
-from pymodbus.pdu.register_message import WriteSingleRegisterRequest
+from pymodbus.pdu.register_message import WriteSingleRegisterRequest, WriteSingleRegisterResponse
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
-from pymodbus.simulator import SimDevice
+from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.transaction import TransactionManager
 
-from palpate.simulators.wire.modbus_frames import EXCEPTION, IDENTIFY, LineFramer, RequestDecoder, alien, whole_frame
+from palpate.simulators.wire.modbus_frames import EXCEPTION, LineFramer, RequestDecoder, alien, whole_frame
+from palpate.simulators.wire.registers import IDENTIFY, Registers, Units
 from palpate.simulators.wire.relay import Damage, Relay
 from palpate.simulators.wire.terminal import Terminal
 
@@ -43,6 +45,8 @@ UNREAD = 65536  # bytes of answers that a client may leave unread
 CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # read device id code: numbers of its identity objects
 ONE_OBJECT = 4  # the read device id code that asks for a single object
 AT_ONCE = struct.pack("ii", 1, 0)  # value of SO_LINGER with which closing resets the connection
+
+UNUSED = SimDevice(1, [SimData(0, datatype=DataType.REGISTERS)])  # pymodbus wants one; `Units` answers in its place
 
 Identity = Callable[[], Mapping[int, bytes]]
 
@@ -70,6 +74,17 @@ def _identification(request: ReadDeviceInformationRequest, objects: Mapping[int,
     else:
         return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_VALUE)
     return ReadDeviceInformationResponse(request.read_code, {number: objects[number] for number in asked})
+
+
+def _echo(request: WriteSingleRegisterRequest | WriteSingleCoilRequest, registers: Registers) -> ModbusPDU:
+    """The answer to a write of one register or coil: what was written, though a command may be idle again by now."""
+    values: list[Any] = [*request.bits[:1], *request.registers[:1]]
+    refusal = registers.write(request.function_code, request.address, values)
+    if refusal is not None:
+        return ExceptionResponse(request.function_code, refusal)
+    if isinstance(request, WriteSingleCoilRequest):
+        return WriteSingleCoilResponse(address=request.address, bits=request.bits)
+    return WriteSingleRegisterResponse(address=request.address, registers=request.registers)
 
 
 class _Connection(ServerRequestHandler):
@@ -101,7 +116,8 @@ class _Connection(ServerRequestHandler):
         """Answer the first waiting request; the next one waits until other clients have had their turn."""
         request = self._waiting.popleft()
         self._completed.transactions += 1
-        if request.dev_id == BROADCAST and self._completed.broadcast_enable:
+        everybody = request.dev_id == BROADCAST and self._completed.broadcast_enable
+        if everybody and BROADCAST not in self._completed.identities:
             for unit in self._completed.identities:
                 _done(request.datastore_update(self._completed.context, unit))
         else:
@@ -119,12 +135,14 @@ class _Connection(ServerRequestHandler):
         identity = self._completed.identities.get(request.dev_id)
         if identity is None:
             return ExceptionResponse(request.function_code & ~EXCEPTION, ExcCodes.GATEWAY_NO_RESPONSE)
+        registers: Registers = self._completed.context.registers[request.dev_id]
         if isinstance(request, ReadDeviceInformationRequest):
+            if IDENTIFY not in registers.functions:
+                return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_FUNCTION)
             return _identification(request, identity())
-        response = _done(request.datastore_update(self._completed.context, request.dev_id))
-        if isinstance(request, WriteSingleRegisterRequest) and not response.isError():
-            response.registers = request.registers  # the register itself may be a command, which is idle again by now
-        return response
+        if isinstance(request, WriteSingleRegisterRequest | WriteSingleCoilRequest):
+            return _echo(request, registers)
+        return _done(request.datastore_update(self._completed.context, request.dev_id))
 
 
 class _TcpConnection(_Connection):
@@ -221,11 +239,13 @@ class _Completed:
 
     identities: dict[int, Identity]
     decoder: DecodePDU
+    context: Any
     transactions = 0
 
-    def complete(self, identities: dict[int, Identity]) -> None:
+    def complete(self, registers: Mapping[int, Registers], identities: dict[int, Identity]) -> None:
         self.identities = identities
-        self.decoder = RequestDecoder(True)
+        self.context = Units(registers)
+        self.decoder = RequestDecoder(frozenset().union(*(each.functions for each in registers.values())))
 
     def callback_new_connection(self) -> _Connection:
         return _Connection(self)
@@ -236,11 +256,10 @@ class TcpServer(_Completed, ModbusTcpServer):
 
     link: Relay | None = None  # damages requests and answers; None: no faults
 
-    def __init__(self, device: SimDevice, identity: Identity, address: tuple[str, int]) -> None:
-        super().__init__([device], address=address)
-        self.complete(dict.fromkeys((device.id, *SELF), identity))
-        units: Any = self.context
-        units.devices.update(dict.fromkeys(SELF, units.devices[device.id]))
+    def __init__(self, unit: int, registers: Registers, identity: Identity, address: tuple[str, int]) -> None:
+        super().__init__([UNUSED], address=address)
+        units = (unit, *SELF)
+        self.complete(dict.fromkeys(units, registers), dict.fromkeys(units, identity))
 
     def callback_new_connection(self) -> _Connection:
         return _TcpConnection(self)
@@ -279,9 +298,9 @@ class TcpServer(_Completed, ModbusTcpServer):
 class SerialServer(_Completed, ModbusSerialServer):
     """Several units on a serial line. All carry out a request to unit 0 (broadcast), and none answers it."""
 
-    def __init__(self, devices: list[SimDevice], identities: dict[int, Identity], **traces: Any) -> None:
-        super().__init__(devices, broadcast_enable=True, **traces)
-        self.complete(identities)
+    def __init__(self, registers: Mapping[int, Registers], identities: dict[int, Identity], **traces: Any) -> None:
+        super().__init__([UNUSED], broadcast_enable=True, **traces)
+        self.complete(registers, identities)
         self.framer = LineFramer
         self.call_create = self._opened
 
