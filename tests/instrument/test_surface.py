@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,16 +34,29 @@ def found() -> Surface:
 
 
 @pytest.mark.parametrize("design", ["single_round", "single"])
-def test_shipped_curves_agree_with_their_model_now(design: str) -> None:
-    modulus = 24e3 * 10 ** np.random.default_rng(len(design)).uniform(-1, 7)
-    shipped = surface.find(get_design(design), PHYSICAL.load(modulus))
-    parameters = surface.surface_parameters(get_design(design), PHYSICAL.load(modulus))
+def test_shipped_curves_and_the_films_signals_agree_with_their_model_now(design: str) -> None:
+    sensor = get_design(design)
+    load = PHYSICAL.load(24e3 * 10 ** np.random.default_rng(len(design)).uniform(-1, 7))
+    shipped, felt = surface.find(sensor, load), response(sensor, replace(load, force=2.0), "surface").films
+    parameters = surface.surface_parameters(sensor, load)
     for refinement, mesh in zip(surface.refinements_of(parameters), shipped.meshes, strict=True):
-        if isinstance(parameters, RoundParameters):
-            exact = axisymmetric.solve(parameters, refinement).force_ratio
-        else:
-            exact = solid.solve(parameters, refinement).force_ratio
-        assert mesh.poles.force_ratios(np.array([modulus]))[0, 0] == pytest.approx(exact, rel=1e-9)
+        ratio, signals = solved(parameters, refinement)
+        moduli = np.array([parameters.sensed_modulus])
+        assert mesh.poles.force_ratios(moduli)[0, 0] == pytest.approx(ratio, rel=1e-9)
+    for film in sensor.films:
+        found, (voltage, charge) = felt[film.name], signals[0 if film.kind == FILM_KINDS[0] else 1]
+        assert found.voltage == pytest.approx(2 * voltage, rel=1e-8)
+        assert found.charge == pytest.approx(2 * charge, rel=1e-8)
+        assert found.voltage_error is not None and found.voltage_error > 0
+
+
+def solved(parameters: RoundParameters | SolidParameters, refinement: Any) -> tuple[float, Sequence[Sequence[float]]]:
+    """Force ratio, and voltage and charge of the tooth's film and of the base's, by the model itself."""
+    if isinstance(parameters, SolidParameters):
+        answer = solid.solve(parameters, refinement)
+        return answer.force_ratio, answer.signals
+    found = axisymmetric.solve(parameters, refinement)
+    return found.force_ratio, [[found.films[name].voltage, found.films[name].charge] for name in ("tooth", "base")]
 
 
 @pytest.mark.parametrize("design", SHIPPED)
@@ -55,25 +70,6 @@ def test_model_surface_answers_for_each_shipped_design_with_its_estimate(design:
     assert sum(given.tooth_forces) == pytest.approx(3.0 * given.force_ratio, rel=1e-10)  # as much is not shipped
     size = sum(path.stat().st_size for path in surface.STORED.glob(f"{design}.*"))
     assert size < 500_000
-
-
-@pytest.mark.parametrize("design", ["single_round", "single"])
-def test_model_surface_gives_the_films_signals_like_the_model_that_it_comes_from(design: str) -> None:
-    sensor = get_design(design)
-    given = response(sensor, replace(LOAD, force=2.0), "surface")
-    shipped = surface.find(sensor, LOAD)
-    parameters = replace(shipped.parameters, sensed_modulus=1e5)
-    finest = surface.refinements_of(parameters)[-1]
-    for film in sensor.films:
-        felt = given.films[film.name]
-        if isinstance(parameters, RoundParameters):
-            own = axisymmetric.solve(parameters, finest).films["tooth" if film.kind == FILM_KINDS[0] else "base"]
-            voltage, charge = own.voltage, own.charge
-        else:
-            voltage, charge = solid.solve(parameters, finest).signals[0 if film.kind == FILM_KINDS[0] else 1]
-        assert felt.voltage == pytest.approx(2 * voltage, rel=1e-8)
-        assert felt.charge == pytest.approx(2 * charge, rel=1e-8)
-        assert felt.voltage_error is not None and felt.voltage_error > 0
 
 
 def test_the_estimate_at_the_asked_modulus_holds_against_a_finer_mesh(found: Surface) -> None:

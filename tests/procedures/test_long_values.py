@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -54,7 +55,7 @@ def opened(**where: str) -> None:
 
 
 def made(folder: Path) -> None:
-    with result_folder(folder, "sweep-loads", palpate.procedures.lab.lab.datetime.now()):
+    with result_folder(folder, "sweep-loads", datetime.now(UTC)):
         pass
 
 
