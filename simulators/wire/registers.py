@@ -51,7 +51,7 @@ class Registers:
             if table not in BITS and count > self.contract.manners.most_read:
                 raise Refused(ExcCodes.ILLEGAL_VALUE)
             with self.device.clock.lock:
-                fields = self._whole(table, address, count, "wo")
+                fields = self._whole(table, address, count)
                 if table in BITS:
                     return [bool(self.device.read(f.name)) for f in fields]
                 return self._registers(fields, address, count)
@@ -65,7 +65,9 @@ class Registers:
             if table not in BITS and len(values) > self.contract.manners.most_written:
                 raise Refused(ExcCodes.ILLEGAL_VALUE)
             with self.device.clock.lock:
-                fields = self._whole(table, address, len(values), "ro")
+                fields = self._whole(table, address, len(values))
+                if any(f.access == "ro" for f in fields):
+                    raise Refused(ExcCodes.ILLEGAL_ADDRESS)
                 if any(f.function not in (0, function) for f in fields):
                     raise Refused(ExcCodes.ILLEGAL_FUNCTION)
                 numbers, texts = self._taken(fields, address, [int(value) for value in values])
@@ -89,14 +91,12 @@ class Registers:
         held = {at for f in found for at in range(f.address, f.address + f.width)}
         return found, held.issuperset(range(address, end))
 
-    def _whole(self, table: Table, address: int, count: int, forbidden: str) -> list[Field]:
-        """The fields of a range. Raises Refused: a part of it does not exist, or has this forbidden access."""
+    def _whole(self, table: Table, address: int, count: int) -> list[Field]:
+        """The fields of a range. Raises Refused: a part of it does not exist."""
         fields, filled = self._at(table, address, count)
         if not filled:
             raise Refused(ExcCodes.ILLEGAL_ADDRESS)
         self.device.requested()
-        if any(f.access == forbidden for f in fields):
-            raise Refused(ExcCodes.ILLEGAL_ADDRESS)
         return fields
 
     def _registers(self, fields: Sequence[Field], address: int, count: int) -> list[int]:
