@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,8 +53,8 @@ class Line(Protocol):
 
     x: Array
 
-    def __call__(self, x: float | Array, nu: int = 0) -> Array:
-        """The function, or with `nu` its derivative of that order."""
+    def __call__(self, x: float | Array, nu: Literal[0, 1] = 0) -> Array:
+        """The function, or its derivative for `nu=1`."""
 
 
 class PoleLine:
@@ -65,7 +65,7 @@ class PoleLine:
         low, high = math.log(lowest), math.log(highest)
         self.x = np.linspace(low, high, math.ceil(NODES_PER_DECADE * (high - low) / math.log(10)) + 1)
 
-    def __call__(self, x: float | Array, nu: int = 0) -> Array:
+    def __call__(self, x: float | Array, nu: Literal[0, 1] = 0) -> Array:
         at = np.asarray(x, dtype=np.float64)
         moduli = np.exp(at.ravel())
         found = moduli * self._poles.slopes(moduli)[:, 0] if nu else self._poles.force_ratios(moduli)[:, 0]

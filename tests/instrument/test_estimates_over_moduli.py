@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.error_estimate import PLAIN, REGULAR, SPECIAL, Manner, estimates
 from palpate.instrument.models.finite_elements.poles import Curve
+from palpate.instrument.models.parameters import RoundParameters
 
 
 def _one_pole(rate: float, ratio: float) -> Curve:
@@ -86,3 +88,23 @@ def test_meshes_that_agree_by_luck_leave_a_share_of_the_bounds_before(manner: Ma
     before, after = (np.array(estimates(meshes, at, manner)) for meshes in ([COARSE, FINE], [COARSE, FINE, FINE]))
     assert after == pytest.approx(manner.luck * before)
     assert after.min() > 0
+
+
+def test_energies_bound_a_ratio_that_two_meshes_agree_upon() -> None:
+    """The load's changes by 3 J Pa over the modulus, most at the soft end of the window; the jump's by 2 J."""
+    fine = replace(FINE, clamped=FINE.clamped + 3.0, least=FINE.least + 2.0)
+    product = np.sqrt(3.0 / (1e5 * 10**-0.5) * 2.0)
+    assert _ratio_bound([FINE, fine], 1e5) == pytest.approx(product)
+    assert _ratio_bound([FINE, fine], 1e5, REGULAR) == pytest.approx(0.7 * 0.3 * product)
+
+
+def test_bounds_are_three_times_as_wide_where_a_gap_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There the error only halves from mesh to mesh."""
+    monkeypatch.setattr(axisymmetric, "rounding", lambda *_: (0.0, 0.0))
+    narrow = RoundParameters(ring_inner_radius=1.005 * RoundParameters().tooth_radius)
+    closed = replace(narrow, ring_inner_radius=narrow.tooth_radius)
+    open_bounds, closed_bounds = (
+        np.array(axisymmetric.estimates([COARSE, FINE], sensor, np.array([1e5]))) for sensor in (narrow, closed)
+    )
+    assert closed_bounds == pytest.approx(3 * open_bounds)
+    assert open_bounds.min() > 0

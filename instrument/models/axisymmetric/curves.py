@@ -55,7 +55,7 @@ def curve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
         mixed: whether bodies keep their pressure as an unknown where that gains digits; otherwise none does.
 
     Raises:
-        EstimateError: a part is not held.
+        EstimateError: a stiffness is not positive definite to working precision.
     """
     return _kept(replace(parameters, sensed_modulus=1.0), degree, layers, mixed)
 

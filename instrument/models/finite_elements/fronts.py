@@ -194,7 +194,10 @@ class _Elimination:
             return assembled.rest, rest
         factor, failed = dpotrf(assembled.own, lower=1, clean=0, overwrite_a=1)
         if failed:
-            raise EstimateError("a stiffness is not positive definite: a part is not held; hold every part")
+            raise EstimateError(
+                "finite elements: the stiffness of a part is not positive definite to working precision; bring moduli"
+                " and dimensions closer together"
+            )
         own = self._loads[front.first : front.first + front.count] + assembled.loads[: front.count]
         forward = dtrsm(1.0, factor, np.asfortranarray(own), lower=1)
         self.work += forward.T @ forward

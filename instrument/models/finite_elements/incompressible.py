@@ -22,8 +22,8 @@ def extrapolated(condensed: Callable[[float], Condensed], step: float) -> Conden
     """What is left of a mesh at the true compliance 1/λ.
 
     Args:
-        condensed: what is left when this much is added to the compliance [1/Pa].
-        step: least addition that the elements bear [1/Pa].
+        condensed: what is left when this much is added to the compliance, in any unit.
+        step: least addition that the elements bear, in that unit.
     """
     found = [(weight, condensed(node * step)) for node, weight in NODES]
     weights = np.array([weight for weight, _ in found])
@@ -43,7 +43,7 @@ def extrapolated_number(value: Callable[[float], float], step: float) -> float:
     """A number at the true compliance that makes sense beside `extrapolated` matrices alone, as their differences do.
 
     Args:
-        value: the number when this much is added to the compliance [1/Pa].
+        value: the number when this much is added to the compliance, in any unit.
         step: as in `extrapolated`.
     """
     return sum(weight * value(node * step) for node, weight in NODES)
