@@ -23,7 +23,7 @@ DRAWN = int(os.environ.get("PALPATE_CUTS", "20"))  # of each power cut, what of 
 
 
 def measure() -> Iterator[Row]:
-    from palpate.procedures.commands import palpate
+    from palpate.procedures.commands.root import palpate
 
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
         folder = Path(name)

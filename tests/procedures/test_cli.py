@@ -16,7 +16,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.commands import palpate as root
+from palpate.procedures.commands.root import palpate as root
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run

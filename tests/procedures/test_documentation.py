@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import pytest
 
-from palpate.procedures.commands import palpate as main
+from palpate.procedures.commands.root import palpate as main
 from palpate.procedures.steps.policy import POLICIES
 from palpate.simulators.faults import FAULTS, fault_class
 from tests.procedures.conftest import Palpate

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from palpate.procedures.commands import palpate
+from palpate.procedures.commands.root import palpate
 from palpate.simulators.linear import integrators
 from palpate.simulators.linear.integrators import STATES, STIFFNESS, Measured, chain, compare
 

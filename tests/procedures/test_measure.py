@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 import pytest
 from click.testing import CliRunner
 
-from palpate.procedures.commands import palpate as root
 from palpate.procedures.commands.measure import command_of
+from palpate.procedures.commands.root import palpate as root
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import SHIPPED, procedure_class
 from palpate.procedures.engine.settings import asked_of

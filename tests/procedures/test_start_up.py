@@ -38,6 +38,24 @@ def test_a_command_imports_nothing_that_it_can_do_without(command: str, needless
     assert not imported & needless
 
 
+@pytest.mark.parametrize("module", ["click", "palpate.procedures.arithmetic"])
+def test_ctrl_c_while_the_program_still_starts_is_no_traceback(module: str) -> None:
+    code = f"""
+import sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Finder())
+from palpate.procedures.commands import main
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code, "--help"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "palpate: interrupted\n")
+
+
 def test_a_first_sweep_installs_no_test_tools() -> None:
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     listed = (project["dependencies"], project["optional-dependencies"]["test"])

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from palpate.instrument.thesis import contents
-from palpate.procedures.commands import palpate as command
+from palpate.procedures.commands.root import palpate as command
 from palpate.procedures.measurements.characterise.definitions import DEFINITIONS, ELSEWHERE
 
 ROOT = Path(__file__).parents[2]

@@ -1,0 +1,130 @@
+"""The group of all commands. These import slow modules inside their functions, so that palpate starts fast."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import resource
+import signal
+import sys
+
+import click
+
+from palpate.procedures.commands.accuracy import accuracy
+from palpate.procedures.commands.bus import bus
+from palpate.procedures.commands.calibrate import calibrate
+from palpate.procedures.commands.characterise import characterise
+from palpate.procedures.commands.contracts import contracts
+from palpate.procedures.commands.measure import measure
+from palpate.procedures.commands.model import model
+from palpate.procedures.commands.new import new
+from palpate.procedures.commands.options import Group
+from palpate.procedures.commands.outside import blamed
+from palpate.procedures.commands.reproduce import reproduce
+from palpate.procedures.commands.runs import runs
+from palpate.procedures.commands.scene import scene
+from palpate.procedures.commands.serve import serve
+from palpate.procedures.commands.softness import softness
+from palpate.procedures.commands.study import study
+from palpate.procedures.commands.sweep import sweep
+from palpate.procedures.commands.test import test
+from palpate.procedures.console.terminal import fill_streams, give_up, say
+
+ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # exit status: message
+MOST_FILES = 128  # files that may have to be open at once; a served bench with all its clients has about 100
+
+
+@click.group(
+    cls=Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Examples:\n\n  palpate sweep loads\n\n  palpate calibrate load-cell\n\n  palpate runs list",
+)
+@click.version_option(package_name="palpate")
+def palpate() -> None:
+    """Drive a bench for piezoelectric tactile sensors, or its simulation.
+
+    Without --bench the bench is simulated: no hardware is needed. Results are stored in runs/, marked SIMULATED.
+
+    Exit status: 0 done; 1 the bench or the disk failed, or no point is valid; 2 wrong or impossible arguments; 129 the
+    terminal was closed; 130 interrupted by Ctrl-C; 143 terminated.
+    """
+
+
+for group in (
+    sweep, study, calibrate, test, softness, characterise, measure, serve, runs, contracts, model, scene, reproduce,
+    accuracy, new, bus,
+):  # fmt: skip
+    palpate.add_command(group)
+
+
+def run() -> None:
+    """Run the command line, and turn every error into one message and the exit status that `palpate --help` lists."""
+    from palpate.procedures.arithmetic import same_everywhere
+
+    fill_streams()
+    same_everywhere()
+    try:
+        _run()
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            try:
+                stream.flush()
+            except OSError:
+                give_up(stream)
+
+
+def _run() -> None:
+    from palpate.instrument.errors import PalpateError
+
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # file names can contain bytes that are no text
+    try:
+        _check_files()
+        status = palpate.main(prog_name="palpate", standalone_mode=False)
+    except click.ClickException as error:
+        shown = io.StringIO()
+        error.show(shown)
+        say(shown.getvalue().rstrip("\n"), err=True)
+        sys.exit(2)
+    except (click.Abort, KeyboardInterrupt) as error:
+        _complain("interrupted", error.__cause__ or error)  # click puts the notes of Ctrl-C on the cause
+        sys.exit(130)
+    except SystemExit as error:
+        if error.code in ENDED:
+            _complain(ENDED[error.code], error)
+        raise
+    except PalpateError as error:
+        _complain(f"error: {error}", error)
+        sys.exit(error.exit_code)
+    except OSError as error:
+        if isinstance(before := error.__context__, SystemExit) and before.code in ENDED:
+            raise before from None  # the program was ending already, and only its last message could not be written
+        _complain(f"error: {blamed(error) or error}", error)
+        sys.exit(1)
+    except MemoryError as error:
+        _complain("error: this computer has too little memory for it; take a smaller file or fewer points", error)
+        sys.exit(1)
+    except Exception as error:  # code of an installed package can raise anything
+        if not (why := blamed(error)):
+            raise
+        _complain(f"error: {why}", error)
+        sys.exit(1)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _check_files() -> None:
+    """Raises BenchError: fewer files may be open at once than the sockets, terminals and records of a bench need."""
+    from palpate.instrument.errors import BenchError
+
+    allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if 0 <= allowed < MOST_FILES:  # -1: without limit
+        raise BenchError(
+            f"only {allowed} files may be open at once, but a bench can need {MOST_FILES}; run ulimit -n {MOST_FILES} "
+            "first"
+        )
+
+
+def _complain(message: str, error: BaseException) -> None:
+    with contextlib.suppress(OSError):  # the terminal may be gone
+        for line in (f"palpate: {message}", *getattr(error, "__notes__", ())):
+            say(line, err=True)
