@@ -135,10 +135,9 @@ def test_over_ten_cycles_the_trend_costs_less_than_a_percent() -> None:
     assert worst == pytest.approx(simple, rel=0.01)
 
 
-@pytest.mark.parametrize("relative", [0.003, 0.03])
-def test_the_ratio_is_biased_by_less_than_a_tenth_of_its_uncertainty(relative: float) -> None:
+def test_the_ratio_is_biased_by_less_than_a_tenth_of_its_uncertainty() -> None:
     amplitude = np.array([0.3, 1.0])
-    values, uncertainties = ratios(times(10), relative * amplitude, amplitude, np.array([0.2, 0.2]))
+    values, uncertainties = ratios(times(10), 0.03 * amplitude, amplitude, np.array([0.2, 0.2]))
     assert abs(values.mean() - 0.3) < 0.1 * uncertainties.mean()
 
 
