@@ -40,6 +40,7 @@ Indices = NDArray[np.intp]
 
 # Compliance, over that of shear, that is added where a body keeps its volume: less would cost digits.
 ADDED = 3e-3
+BATCH = 32  # number of elements in a batch; more do not fit into the cache
 
 
 def curve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> Curve:
@@ -147,7 +148,7 @@ class _Side:
         bodies = [part.body for part in self.parts]
 
         def condensed_at(added: float) -> Condensed:
-            matrices = np.concatenate([self._matrices(part, added) for part in self.parts])
+            matrices = self._matrices(added)
             return condense(
                 Mesh(
                     unknowns=np.concatenate([numbers[self.unknowns[part.elements]] for part in self.parts]),
@@ -164,19 +165,24 @@ class _Side:
             else condensed_at(0.0)
         )
 
-    def _matrices(self, part: Part, added: float) -> Array:
+    def _matrices(self, added: float) -> Array:
         """Stiffness (elements, n, n) on nodes, over the whole circle, with the pressures eliminated.
 
         Args:
-            part: the part.
             added: compliance, over that of shear, that is added to that of a body that keeps its volume.
         """
-        body = part.body
-        mixed = self.mixed and keeps_pressure(body)
-        matrices = el.Stiffness(self.r, self.z)(part.columns, part.rows, constants(body, mixed))
-        if mixed:
-            spread = el.dilatation(self.r, self.z, part.columns, part.rows)
-            compliance = compliance_of(body) + (added if keeps_volume(body) else 0.0)
-            matrices += spread.transpose(0, 2, 1) @ (spread * (body.shear / compliance))
+        fill, size = el.Stiffness(self.r, self.z), self.unknowns.shape[1]
+        matrices, start = np.empty((sum(map(len, self.parts)), size, size)), 0
+        for part in self.parts:
+            body, columns, rows = part.body, part.columns, part.rows
+            mixed = self.mixed and keeps_pressure(body)
+            found = fill(columns, rows, constants(body, mixed), out=matrices[start : start + len(part)])
+            if mixed:
+                spread = el.dilatation(self.r, self.z, columns, rows)
+                compliance = compliance_of(body) + (added if keeps_volume(body) else 0.0)
+                for few in range(0, len(part), BATCH):
+                    own = spread[few : few + BATCH]
+                    found[few : few + BATCH] += own.transpose(0, 2, 1) @ (own * (body.shear / compliance))
+            start += len(part)
         matrices *= 2 * math.pi
         return el.nodal(matrices)

@@ -1,7 +1,7 @@
 """Order in which the unknowns of elements are eliminated: nested dissection.
 
-Elements are halved again and again, at the coordinate where the two halves have the least to pass on. Unknowns that
-belong to the same elements are treated as one group.
+Unknowns that belong to one element alone come first. Elements are halved again and again, at the coordinate where the
+two halves have the least to pass on. Unknowns that belong to the same elements are treated as one group.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 EDGE = 0.2  # least share of the elements in a half
-LEAF = 400  # unknowns of elements that are eliminated together; smaller fronts cost more calls than they save work
+# Unknowns of elements that are eliminated together, besides those inside each; smaller fronts cost more calls than they
+# save work.
+LEAF = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,11 @@ class Front:
         return int((self.rest[:, 1] - self.rest[:, 0]).sum())
 
     @property
+    def others(self) -> Indices:
+        """Unknowns that are passed on."""
+        return np.concatenate([np.arange(low, high) for low, high in self.rest] or [np.empty(0, dtype=np.intp)])
+
+    @property
     def size(self) -> int:
         """Number of all unknowns of the front."""
         return self.count + self.passed
@@ -54,11 +61,13 @@ class Order:
     Attributes:
         elements: elements in the order of elimination.
         rank: (unknowns,), new numbers of the unknowns; those that are kept come last.
+        inside: number of unknowns inside elements, which come first, one element after the other.
         fronts: the fronts, halves before their sums.
     """
 
     elements: Indices
     rank: Indices
+    inside: int
     fronts: list[Front]
 
     @property
@@ -88,7 +97,7 @@ def dissected(unknowns: Indices, coordinates: Array, kept: NDArray[np.bool_]) ->
         kept: (size,), whether an unknown is kept.
     """
     groups = _Groups(unknowns, kept)
-    elements, nodes = _halved(groups, coordinates, unknowns.shape[1])
+    elements, nodes = _halved(groups, coordinates)
     return _numbered(groups, elements, nodes)
 
 
@@ -99,6 +108,8 @@ class _Groups:
         of_unknown: (size,), group of each unknown.
         sizes, kept: (groups,), number of unknowns, and whether they are kept.
         elements: (groups,), number of elements that have them.
+        inside: (groups,), whether they belong to one element alone and are not kept.
+        shared: (groups,), number of unknowns, 0 for those inside an element.
         starts, members: groups of each element: `members[starts[k]:starts[k + 1]]`.
     """
 
@@ -117,6 +128,8 @@ class _Groups:
         self.members = rows[new]
         self.starts = np.concatenate([[0], np.cumsum(np.count_nonzero(new, axis=1))])
         self.elements = np.bincount(self.members, minlength=count)
+        self.inside = (self.elements == 1) & ~self.kept
+        self.shared = np.where(self.inside, 0, self.sizes)
 
     def of(self, elements: Indices) -> tuple[Indices, Indices]:
         """Groups of some elements, and the place of the element that each belongs to."""
@@ -126,16 +139,15 @@ class _Groups:
         return self.members[np.arange(len(places)) + (self.starts[elements] - before)[places]], places
 
 
-def _halved(groups: _Groups, coordinates: Array, size: int) -> tuple[Indices, list[tuple[int, int, tuple[int, ...]]]]:
+def _halved(groups: _Groups, coordinates: Array) -> tuple[Indices, list[tuple[int, int, tuple[int, ...]]]]:
     """Elements in the order of elimination; start, stop and halves of each node of the tree.
 
     Args:
         groups: the unknowns.
         coordinates: as in `dissected`.
-        size: number of an element's unknowns.
     """
     order: list[Indices] = []
-    few = max(2, LEAF // size)
+    few = max(2, int(LEAF * len(coordinates) / max(1, groups.shared[groups.members].sum())))
     nodes: list[tuple[int, int, tuple[int, ...]]] = []
 
     def node(of: Indices, start: int) -> int:
@@ -160,7 +172,7 @@ def _cut(groups: _Groups, coordinates: Array, of: Indices) -> tuple[Indices, Ind
     begins = np.flatnonzero(np.diff(members, prepend=-1))
     present = members[begins]
     inside = np.diff(np.append(begins, len(members)))
-    sizes = groups.sizes[present].astype(np.float64)
+    sizes = groups.shared[present].astype(np.float64)
     outside = (inside < groups.elements[present]) | groups.kept[present]
     count = len(of)
     margin = max(1, int(EDGE * count))
@@ -204,12 +216,13 @@ def _numbered(groups: _Groups, elements: Indices, nodes: list[tuple[int, int, tu
     np.minimum.at(first, members, places)
     np.maximum.at(last, members, places)
     last[groups.kept] = len(elements)
-    stage = np.full(count, len(nodes))
+    stage = np.where(groups.inside, -1, len(nodes))
     passes: list[Indices] = []
     begins = np.concatenate([[0], np.cumsum(np.bincount(places, minlength=len(elements)))])
     for number, (start, stop, halves) in enumerate(nodes):
         parts = [passes[half] for half in halves] if halves else [members[begins[start] : begins[stop]]]
         own = np.unique(np.concatenate(parts))
+        own = own if halves else own[~groups.inside[own]]
         inside = (last[own] < stop) & (first[own] >= start)
         stage[own[inside]] = number
         passes.append(own[~inside])
@@ -222,8 +235,8 @@ def _numbered(groups: _Groups, elements: Indices, nodes: list[tuple[int, int, tu
     within = np.arange(len(by_group)) - np.repeat(np.cumsum(groups.sizes) - groups.sizes, groups.sizes)
     rank = np.empty(len(by_group), dtype=np.intp)
     rank[by_group] = offsets[groups.of_unknown[by_group]] + within
-    eliminated = np.bincount(stage, groups.sizes, len(nodes) + 1).astype(np.intp)
-    starts = np.concatenate([[0], np.cumsum(eliminated)])
+    inside, *eliminated = np.bincount(stage + 1, groups.sizes, len(nodes) + 2).astype(np.intp).tolist()
+    starts = np.cumsum([inside, *eliminated])
     fronts = []
     for number, (start, stop, halves) in enumerate(nodes):
         rest = passes[number][np.argsort(offsets[passes[number]])]
@@ -231,5 +244,5 @@ def _numbered(groups: _Groups, elements: Indices, nodes: list[tuple[int, int, tu
         breaks = np.flatnonzero(low[1:] != high[:-1]) + 1
         ends = np.append(breaks, len(rest)) if len(rest) else breaks
         runs = np.stack([low[np.append(0, breaks)[: len(ends)]], high[ends - 1]], axis=1)
-        fronts.append(Front(start, stop, halves, int(starts[number]), int(eliminated[number]), runs))
-    return Order(elements, rank, fronts)
+        fronts.append(Front(start, stop, halves, int(starts[number]), eliminated[number], runs))
+    return Order(elements, rank, inside, fronts)

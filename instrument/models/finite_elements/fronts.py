@@ -2,9 +2,10 @@
 
     condense(mesh).stiffness       # against the unknowns that are kept
 
-From the smallest fronts upwards, each adds those of its two halves, eliminates what no element outside knows
-(Cholesky), and passes on the rest (multifrontal method: Duff and Reid 1983). So all work is dense and no sparse matrix
-is assembled. Nothing has to be kept for later: loads are eliminated along with the matrix.
+Unknowns inside one element are eliminated from its own matrix. Then, from the smallest fronts upwards, each adds those
+of its two halves, eliminates what no element outside knows (Cholesky), and passes on the rest (multifrontal method:
+Duff and Reid 1983). So all work is dense and no sparse matrix is assembled. Nothing has to be kept for later: loads are
+eliminated along with the matrix.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from palpate.instrument.models.finite_elements import notice
 from palpate.instrument.models.finite_elements.dissection import Front, Indices, Order, dissected
 
 Array = NDArray[np.float64]
+# Of some unknowns, between the rest and them, and of the rest. Only lower triangles of the first and the last count.
+_Matrices = tuple[Array, Array, Array]
 
 # Elements whose matrices are made at once: fewer cost more calls, more cost memory.
 AT_ONCE = 16
@@ -120,9 +123,13 @@ def machine_memory() -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class _Remembered:
-    """Factor of a front, its coupling to the rest, and its part of the forward elimination of the loads."""
+    """Numbers of unknowns that were eliminated together, their factor, and their part of the loads' elimination.
 
-    front: Front
+    `between` couples them to the unknowns `rest`.
+    """
+
+    first: int
+    rest: Indices
     factor: Array
     between: Array
     forward: Array
@@ -138,6 +145,7 @@ class _Elimination:
         ranked = np.where(unknowns >= 0, order.rank[unknowns], -1)
         self._sequence = np.argsort(ranked, axis=1)
         self._ranked = np.take_along_axis(ranked, self._sequence, axis=1)
+        self._fixed = np.count_nonzero(ranked < 0, axis=1)
         self._loads = np.empty_like(mesh.loads)
         self._loads[order.rank] = mesh.loads
         self._made: tuple[int, Array] = (-AT_ONCE, np.empty(0))
@@ -147,67 +155,90 @@ class _Elimination:
         """Matrix (lower triangle) and loads of the kept unknowns, in the order of elimination."""
         passed: list[tuple[Indices, Array, Array]] = []
         for front in self._order.fronts:
-            assembled = _Assembled(front, self._loads.shape[1])
             if front.halves:
+                added = _Assembled(front, self._loads.shape[1])
                 for half in passed[-len(front.halves) :]:
-                    assembled.add(*half)
+                    added.add(*half)
                 del passed[-len(front.halves) :]
+                matrices, loads = (added.own, added.between, added.rest), added.loads
             else:
-                for place in range(front.start, front.stop):
-                    self._fill(assembled, place)
-            passed.append((front.rest, *self._eliminate(assembled)))
+                matrices, loads = self._elements(front)
+            passed.append((front.rest, *self._eliminate(front.first, front.others, matrices, loads)))
         _, stiffness, loads = passed.pop()
         first = len(self._mesh.kept) - len(loads)
         return stiffness, self._loads[first:] + loads
 
-    def _fill(self, assembled: _Assembled, place: int) -> None:
-        """Add an element, by its place in the order of elimination."""
-        ranks, sequence = self._ranked[place], self._sequence[place]
-        fixed = int(np.searchsorted(ranks, 0))
-        matrix = self._matrix(place)[np.ix_(sequence[fixed:], sequence[fixed:])]
-        ranks = ranks[fixed:]
+    def _elements(self, front: Front) -> tuple[_Matrices, Array]:
+        """Sum of the matrices of a front's own elements, and what these pass on of their loads."""
+        numbers = np.concatenate([np.arange(front.first, front.first + front.count), front.others])
+        matrix, loads = np.zeros((len(numbers),) * 2, order="F"), np.zeros((len(numbers), self._loads.shape[1]))
+        for place in range(front.start, front.stop):
+            ranks, own, own_loads = self._element(place)
+            at = np.searchsorted(numbers, ranks)
+            matrix[at[:, None], at] += own
+            loads[at] += own_loads
+        return _parted(matrix, front.count), loads
+
+    def _element(self, place: int) -> tuple[Indices, Array, Array]:
+        """Unknowns that an element shares, their matrix (lower triangle) and loads.
+
+        Args:
+            place: its place in the order of elimination.
+        """
+        fixed = self._fixed[place]
+        ranks, matrix = self._ranked[place, fixed:], self._matrix(place)[fixed:, fixed:]
         steps = np.diff(ranks)
         if not steps.all():
             # An unknown that moves several places of one element stands there several times.
             begins = np.concatenate([[0], np.flatnonzero(steps) + 1])
             matrix = np.add.reduceat(np.add.reduceat(matrix, begins, axis=0), begins, axis=1)
             ranks = ranks[begins]
-            steps = np.diff(ranks)
-        begins = np.concatenate([[0], np.flatnonzero(steps != 1) + 1])
-        ends = np.append(begins[1:], len(ranks))
-        runs = np.stack([ranks[begins], ranks[ends - 1] + 1], axis=1)
-        assembled.add(runs, matrix, np.zeros((len(ranks), 0)))
+        count = int(np.searchsorted(ranks, self._order.inside))
+        loads = np.zeros((len(ranks), self._loads.shape[1]))
+        return ranks[count:], *self._eliminate(int(ranks[0]), ranks[count:], _parted(matrix, count), loads)
 
     def _matrix(self, place: int) -> Array:
+        """Matrix of an element, with its unknowns in the order of elimination."""
         first, matrices = self._made
         if not first <= place < first + AT_ONCE:
             first = place - place % AT_ONCE
-            matrices = self._mesh.matrices(self._order.elements[first : first + AT_ONCE])
+            few = slice(first, first + AT_ONCE)
+            matrices = self._mesh.matrices(self._order.elements[few])
+            sequence = self._sequence[few]
+            matrices = matrices[np.arange(len(sequence))[:, None, None], sequence[:, :, None], sequence[:, None, :]]
             self._made = first, matrices
         found: Array = matrices[place - first]
         return found
 
-    def _eliminate(self, assembled: _Assembled) -> tuple[Array, Array]:
-        """Matrix and loads of the rest."""
-        front, rest = assembled.front, assembled.loads[assembled.front.count :]
-        if not front.count:
-            return assembled.rest, rest
-        factor, failed = dpotrf(assembled.own, lower=1, clean=0, overwrite_a=1)
+    def _eliminate(self, first: int, others: Indices, matrices: _Matrices, loads: Array) -> tuple[Array, Array]:
+        """Matrix and loads of the others.
+
+        Args:
+            first: first of the unknowns that are eliminated.
+            others: unknowns on which these act.
+            matrices: matrices of both, which are overwritten.
+            loads: passed on by what was eliminated before, on all these unknowns.
+        """
+        own, between, matrix = matrices
+        count = len(own)
+        rest = loads[count:]
+        if not count:
+            return matrix, rest
+        factor, failed = dpotrf(own, lower=1, clean=0, overwrite_a=1)
         if failed:
             raise EstimateError(
                 "finite elements: the stiffness of a part is not positive definite to working precision; bring moduli"
                 " and dimensions closer together"
             )
-        own = self._loads[front.first : front.first + front.count] + assembled.loads[: front.count]
-        forward = dtrsm(1.0, factor, np.asfortranarray(own), lower=1)
+        pushed = self._loads[first : first + count] + loads[:count]
+        forward = dtrsm(1.0, factor, np.asfortranarray(pushed), lower=1)
         self.work += forward.T @ forward
-        between, matrix = assembled.between, assembled.rest
         if len(between):
             between = dtrsm(1.0, factor, between, side=1, lower=1, trans_a=1, overwrite_b=1)
             matrix = dsyrk(-1.0, between, beta=1.0, c=matrix, lower=1, overwrite_c=1)
             rest = rest - between @ forward
         if self._remembers:
-            self._remembered.append(_Remembered(front, factor, between, forward))
+            self._remembered.append(_Remembered(first, others, factor, between, forward))
         return matrix, rest
 
     def inside(self, kept: Array, factors: Array) -> Array:
@@ -216,13 +247,16 @@ class _Elimination:
         moved = np.empty(len(rank))
         moved[rank[held]] = kept
         for each in reversed(self._remembered):
-            front = each.front
-            pull = each.forward @ factors
-            if len(each.between):
-                pull = pull - each.between.T @ np.concatenate([moved[low:high] for low, high in front.rest])
+            pull = each.forward @ factors - each.between.T @ moved[each.rest]
             found = dtrsm(1.0, each.factor, pull[:, None], lower=1, trans_a=1)
-            moved[front.first : front.first + front.count] = found[:, 0]
+            moved[each.first : each.first + len(found)] = found[:, 0]
         return moved[rank]
+
+
+def _parted(matrix: Array, count: int) -> _Matrices:
+    """Copies of the parts of a matrix: of the first unknowns, of the rest with them, and of the rest."""
+    own, between, rest = matrix[:count, :count], matrix[count:, :count], matrix[count:, count:]
+    return np.array(own, order="F"), np.array(between, order="F"), np.array(rest, order="F")
 
 
 class _Assembled:
