@@ -98,7 +98,7 @@ def test_a_value_beyond_its_limits_or_a_missing_one_is_refused_before_anything_i
     with can.Bus(interface="virtual", channel=sim.channel) as listener:
         with pytest.raises(RangeError, match="torque drive: amplitude = 11 V is outside 0 to 10 V"):
             drive.send("command", controlword="on", amplitude=11.0)
-        with pytest.raises(RangeError, match="PDO command holds controlword, amplitude, not amplitude; give each"):
+        with pytest.raises(RangeError, match="PDO command holds controlword, amplitude, not amplitude; give all"):
             drive.send("command", amplitude=1.0)
         assert heard(listener) == []
 
