@@ -9,19 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.parameters import Parameters, RoundParameters
 from palpate.instrument.models.prices.price import Price
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.accuracy.meshes import (
+    BETWEEN,
     COARSEST,
     MIDDLES,
     MODULI,
     TIMED,
     Mesh,
     Results,
-    Solved,
     Values,
     refinements,
 )
@@ -58,14 +59,14 @@ def element_prices(
             if mesh.refinement != COARSEST:
                 own.append(mesh)
                 spent += sum(found.seconds)
-            estimates = [_estimate(own, [solved[m.at(modulus)] for m in own]) for modulus in MODULI]
+            estimates = _estimates([solved[each].curve for each in own], mesh.parameters)
             build, solve, evaluate = (None, None, None) if found.failure else found.seconds
             yield Price(
                 design=design.name,
                 model=name,
                 refinement="coarser still" if mesh.refinement == COARSEST else f"refinement {mesh.refinement}",
                 errors=errors,
-                estimates=by_interval(estimates),
+                estimates=estimates,
                 build_s=build,
                 solve_s=solve,
                 evaluate_s=evaluate,
@@ -95,20 +96,27 @@ def _apart(ratios: Values, truth: Values, uncertainties: Values) -> Values:
     ]
 
 
-def _estimate(meshes: Sequence[Mesh], results: Sequence[Solved]) -> float | None:
-    """Error estimate that a model would give for the last of some refinements; None: it would not stop there."""
-    if len(results) < 2:
-        return None
-    curves = [result.curve for result in results if result.curve is not None]
-    if len(curves) < len(results):
-        return None
-    parameters = meshes[0].parameters
-    moduli = np.array([parameters.sensed_modulus])
-    if isinstance(parameters, RoundParameters):
-        bounds, _ = axisymmetric.estimates(curves, parameters, moduli)
-    else:
-        bounds, _ = solid.estimates(curves, parameters, moduli)
-    return float(bounds[0])
+def _estimates(found: Sequence[Curve | None], parameters: Parameters) -> Intervals:
+    """Greatest error estimate in each interval that a model gives for the last of some refinements.
+
+    Args:
+        found: curves of all refinements from the first on; None: a mesh that could not be solved.
+        parameters: the sensor; its modulus of the object has no effect.
+
+    Returns: None in each interval where the model would not stop there, since it needs two meshes for an estimate.
+    """
+    curves = [each for each in found if each is not None]
+    if len(curves) < max(2, len(found)):
+        return (None,) * (len(MODULI) - 1)
+    greatest: list[float] = []
+    for low, high in itertools.pairwise(MODULI):
+        moduli = np.geomspace(low, high, BETWEEN)
+        if isinstance(parameters, RoundParameters):
+            bounds, _ = axisymmetric.estimates(curves, parameters, moduli)
+        else:
+            bounds, _ = solid.estimates(curves, parameters, moduli)
+        greatest.append(float(bounds.max()))
+    return tuple(greatest)
 
 
 def _ratios(mesh: Mesh, solved: Results, moduli: Sequence[float]) -> Values:

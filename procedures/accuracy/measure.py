@@ -24,7 +24,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import by_interval, element_prices, errors_of
 from palpate.procedures.accuracy.machine import seconds_of, this_machine
-from palpate.procedures.accuracy.meshes import MODULI, TIMED, solve_all
+from palpate.procedures.accuracy.meshes import BETWEEN, MODULI, TIMED, solve_all
 from palpate.procedures.accuracy.references import truth_of
 from palpate.procedures.console.progress import Progress
 
@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 
 DESIGNS = ("single_round", "single", "common_base", "different_base", "array")
 BEAM_ELEMENTS = (1, 2, 4, 8, 16)
-BETWEEN = 100  # number of moduli in each interval, for models that answer at once
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,7 @@ Apply = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
 # The thesis' softest and hardest objects, the ends of the rubber samples, and one more.
 MODULI = (1.49e4, SAMPLES["2"].modulus, SAMPLES["1"].modulus, 1e6, 140e9)
 MIDDLES = tuple((low * high) ** 0.5 for low, high in pairwise(MODULI))
+BETWEEN = 100  # number of moduli in each interval, for what answers at once
 TIMED = MODULI[2]
 
 # One more point of the solid model's curve, coarser than any mesh that it refines from.

@@ -77,7 +77,13 @@ def procedure(name: str, folder: Path, as_json: bool, quiet: bool) -> None:
 
 @new.command(epilog="Examples:\n\n  palpate new bench lab_2\n\n  palpate new bench lab_2 --device sample_changer")
 @click.argument("name")
-@option("--device", "kinds", multiple=True, metavar="KIND", help="Kind that it has beside the usual ones.")
+@option(
+    "--device",
+    "kinds",
+    multiple=True,
+    metavar="KIND",
+    help="Kind of a further device of the bench; repeat it for more.",
+)
 @FOLDER
 @output_options
 def bench(name: str, kinds: tuple[str, ...], folder: Path, as_json: bool, quiet: bool) -> None:

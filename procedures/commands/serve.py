@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 @click.command(
     cls=Command,
     epilog="Examples:\n\n  palpate serve thesis_single --out bench.toml\n\n"
-    "  palpate serve thesis_single --out bench.toml --samples 1-6    (and elsewhere)\n\n"
-    "  palpate sweep loads --bench bench.toml\n\n"
+    "  palpate serve thesis_single --out bench.toml --samples 1-6\n\n"
+    "  palpate sweep loads --bench bench.toml    (in another terminal)\n\n"
     "  fault shaker_amplifier over_temperature    (typed while it serves)\n\n"
     "  palpate serve noisy_lab --port 1502 --line /tmp/line --can socketcan:vcan0 --status",
 )

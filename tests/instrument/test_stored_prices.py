@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -12,10 +14,12 @@ from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, choose, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.stored import surface
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
+from palpate.procedures.accuracy.meshes import BETWEEN
 
 ROUND = get_design("single_round")
 LOAD = PHYSICAL.load(50e3)
@@ -77,7 +81,7 @@ def test_a_stored_error_is_met_now() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("refinement", [1, 2])
 def test_a_stored_estimate_is_the_models_own_now(refinement: int) -> None:
-    """The solid model's at one modulus, where it is the greatest of its interval."""
+    """The solid model's of the round sensor, which no shipped curve has."""
     prices = stored()
     (entry,) = (
         p for p in prices.prices
@@ -85,8 +89,26 @@ def test_a_stored_estimate_is_the_models_own_now(refinement: int) -> None:
     )  # fmt: skip
     sensor = solid_parameters(ROUND, PHYSICAL.load(prices.moduli_Pa[2]))
     curves = [solid.curve(sensor, k).poles for k in range(refinement + 1)]
-    ratio, _ = solid.estimates(curves, sensor, np.array([sensor.sensed_modulus]))
-    assert entry.estimates[1] == entry.estimates[2] == pytest.approx(ratio[0], rel=1e-6)
+    ratio, _ = solid.estimates(curves, sensor, np.geomspace(*prices.moduli_Pa[1:3], BETWEEN))
+    assert entry.estimates[1] == pytest.approx(ratio.max(), rel=1e-6)
+
+
+@pytest.mark.parametrize("design", PRICED)
+def test_stored_estimates_are_the_greatest_of_each_interval_that_the_models_give_now(design: str) -> None:
+    """Or `auto` would promise an error below the estimate of its own answer. By the shipped curves of all meshes."""
+    shipped = surface.find(get_design(design), LOAD)
+    refinements = surface.refinements_of(shipped.parameters)
+    kept = {f"refinement {k}": shipped.meshes[: n + 1] for n, k in enumerate(refinements) if n}
+    checked = 0
+    for entry in stored().prices:
+        alike = entry.model == shipped.model and entry.refinement in kept
+        if entry.design == design and (alike or entry.model == "surface"):
+            meshes = kept[entry.refinement] if alike else shipped.meshes
+            now = surface.Surface(shipped.parameters, meshes)
+            ends = [np.geomspace(*interval, BETWEEN) for interval in pairwise(stored().moduli_Pa)]
+            assert entry.estimates == pytest.approx([now.estimates(moduli)[0].max() for moduli in ends], rel=1e-3)
+            checked += 1
+    assert checked >= 2
 
 
 @pytest.mark.parametrize("design", PRICED)
