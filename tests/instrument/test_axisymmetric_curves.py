@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -94,3 +96,17 @@ def test_the_designs_are_nothing_special_and_a_tall_column_beside_a_gap_is_looke
     tall, narrow = replace(CASE_A, sensed_thickness=0.1), replace(CASE_A, ring_inner_radius=1.41e-3)
     assert model.may_round(tall) and not model.is_special(tall)
     assert model.is_special(narrow)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(60)
+def test_the_finest_mesh_of_a_foil_takes_no_more_than_300_mb() -> None:
+    code = """
+import resource
+from palpate.instrument.models.axisymmetric import curves, model
+from palpate.instrument.models.parameters import RoundParameters
+curves.found_on(RoundParameters(sensed_thickness=1e-5), *model.resolution_of(model.REFINEMENTS[-1]))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < (300e6 if sys.platform == "darwin" else 300e3)

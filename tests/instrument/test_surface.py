@@ -124,6 +124,19 @@ def test_curves_of_another_sensor_or_version_are_not_taken(
         surface._find.__wrapped__(ROUND, asked)
 
 
+def test_a_missing_file_is_named_and_not_taken_for_another_sensor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(surface, "STORED", tmp_path)
+    *written, (_, missing, _) = surface.places("single_round", round_parameters(ROUND, LOAD))
+    for _, path, key in written:
+        write(path, RoundMesh(axisymmetric.curve(round_parameters(ROUND, LOAD), 1), 1.0), key)
+    with pytest.raises(
+        ConfigError, match=rf"{missing}: not readable \(No such file.*palpate accuracy surfaces --store"
+    ):
+        surface._find.__wrapped__(ROUND, LOAD)
+
+
 def test_many_teeth_have_fewer_meshes() -> None:
     few, many = (solid_parameters(get_design(name), LOAD) for name in ("common_base", "array"))
     assert len(surface.refinements_of(few)) > len(surface.refinements_of(many)) >= 2

@@ -36,6 +36,7 @@ Kept = TypeVar("Kept")
 # The folder of kept curves; without it, that of the user's caches.
 VARIABLE = "PALPATE_CURVES"
 FORMAT = "palpate curve 1"
+BUILD_AGAIN = "build it again: palpate accuracy surfaces --store"  # kept curves are built again without a word
 SUFFIX, PART = ".curve", ".part"
 # Names of kept files: of whole ones, and of those that are being written.
 NAMES = re.compile(r"[0-9a-f]{64}(\.curve|\.[0-9a-f]{16}\.part)")
@@ -154,7 +155,8 @@ def read(path: Path, kind: type[Kept], key: str, own: bool = False) -> Kept:
             raise ValueError("it was written for something else, or by another version")
         return _made(kind, _split(head["arrays"], np.frombuffer(numbers, dtype="<f8")))
     except Exception as error:  # a damaged file may raise any error
-        raise ConfigError(f"curve {path}: not readable ({error}); build it again") from error
+        why = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"curve {path}: not readable ({why}); {BUILD_AGAIN}") from error
 
 
 @contextlib.contextmanager

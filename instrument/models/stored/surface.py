@@ -141,7 +141,7 @@ def find(design: Design, load: Load) -> Surface:
 
     Raises:
         RangeError: there are none for that design, object or load.
-        ConfigError: a file is damaged.
+        ConfigError: a file is damaged, or one of the sensor's files is missing.
     """
     return _find(design, replace(load, force=1.0, sensed=replace(load.sensed, modulus=design.ring.material.modulus)))
 
@@ -151,7 +151,7 @@ def _find(design: Design, load: Load) -> Surface:
     """`find` with its results kept: a surface answers faster than its files are looked up."""
     parameters = surface_parameters(design, load)
     files = [(path, key) for _, path, key in places(design.name, parameters)]
-    if not all(path.exists() for path, _ in files):
+    if not any(path.exists() for path, _ in files):
         raise RangeError(
             f"model 'surface' has no surface for design {design.name!r} with these dimensions, materials and load; it"
             f" has {', '.join(sorted({path.name.split('.')[0] for path in STORED.glob(f'*{SUFFIX}')}))}, with the"
