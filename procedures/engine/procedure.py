@@ -156,7 +156,7 @@ class Finished(Generic[R]):
 
     procedure: Procedure[Any, Any, R]
     result: R
-    session: Session
+    session: Session = field(repr=False)
     outcome: Outcome
 
     @property
