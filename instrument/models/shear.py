@@ -29,7 +29,7 @@ Vector = NDArray[np.float64]
 
 DRAGGED = ("tooth", "object")
 NOTHING = 1e-6  # share of the load that rounding leaves of a force that is zero by symmetry
-MESHES = REFINEMENTS[:2]  # the third takes minutes
+MESHES = REFINEMENTS[:2]  # the third takes 10 to 20 s, the fourth minutes
 ALIKE = 0.1  # relative difference below which two films count as being at the same position
 
 

@@ -98,6 +98,14 @@ def test_energies_bound_a_ratio_that_two_meshes_agree_upon() -> None:
     assert _ratio_bound([FINE, fine], 1e5, REGULAR) == pytest.approx(0.7 * 0.3 * product)
 
 
+def test_what_rounding_may_change_is_added_to_the_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    bounds = []
+    for rounded in ((0.0, 0.0), (0.5, 3.0)):
+        monkeypatch.setattr(axisymmetric, "rounding", lambda *_, rounded=rounded: rounded)
+        bounds.append(np.array(axisymmetric.estimates([COARSE, FINE], RoundParameters(), np.array([1e5]))).ravel())
+    assert bounds[1] - bounds[0] == pytest.approx([0.5, 3.0])
+
+
 def test_bounds_are_three_times_as_wide_where_a_gap_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """There the error only halves from mesh to mesh."""
     monkeypatch.setattr(axisymmetric, "rounding", lambda *_: (0.0, 0.0))

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import fronts
+from palpate.instrument.models.finite_elements import fronts, notice
 from palpate.instrument.models.finite_elements.dissection import dissected
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.poles import Sensor, curve
@@ -98,6 +98,23 @@ def test_fronts_that_do_not_fit_into_memory_are_refused_before_they_begin(monkey
 
     with pytest.raises(EstimateError, match=r"171 unknowns need 0.0 GB of memory, .* give a larger tolerance"):
         condense(replace(mesh, matrices=begun))
+
+
+def test_a_long_set_up_is_told_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, _ = square()
+    said: list[str] = []
+
+    def matrices(elements: NDArray[np.intp]) -> Array:
+        assert len(said) == 1
+        return mesh.matrices(elements)
+
+    with notice.told(said.append):
+        condense(mesh)  # a short one
+        monkeypatch.setattr(notice, "RATE", 1.0)
+        condense(replace(mesh, matrices=matrices))
+    condense(mesh)
+    (sentence,) = said
+    assert sentence.startswith("setting up a mesh of 90 unknowns takes about ")
 
 
 def test_the_memory_of_this_machine_is_known_where_the_system_tells_it(monkeypatch: pytest.MonkeyPatch) -> None:
