@@ -11,7 +11,8 @@ import pytest
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.error_estimate import PLAIN, REGULAR, SPECIAL, Manner, estimates
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.solid import model as solid
 
 
 def _one_pole(rate: float, ratio: float) -> Curve:
@@ -116,3 +117,17 @@ def test_bounds_are_three_times_as_wide_where_a_gap_is_closed(monkeypatch: pytes
     )
     assert closed_bounds == pytest.approx(3 * open_bounds)
     assert open_bounds.min() > 0
+
+
+@pytest.mark.parametrize(("count", "factor"), [(2, 1.5), (3, 1.0), (4, 0.5)])
+@pytest.mark.parametrize(("inner", "narrow"), [(1.2, 1.0), (1.04, 9.0)])
+def test_the_solid_model_believes_its_meshes_as_its_decision_says(
+    count: int, factor: float, inner: float, narrow: float
+) -> None:
+    """By their number, and less where the gap is below a twentieth of the tooth's radius."""
+    sensor = SolidParameters(ring_inner_radius=inner * SolidParameters().tooth_radius)
+    at = np.array([1e5])
+    ratio, voltage = estimates([COARSE, FINE], at)
+    found = solid.estimates([COARSE, FINE, COARSE, FINE][-count:], sensor, at)
+    assert found[0] - 1e-8 == pytest.approx(factor * narrow * ratio)
+    assert found[1] == pytest.approx(2 * factor * narrow * voltage)
