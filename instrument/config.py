@@ -113,16 +113,20 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
 
 def read_data(path: Path) -> dict[str, Any]:
     """Content of a TOML file, not checked against a model. Raises ConfigError."""
+    return _parsed(read_bytes(path), str(path))
+
+
+def read_bytes(path: Path) -> bytes:
+    """Content of a configuration file. Raises ConfigError: it is missing, unreadable or too large."""
     check_path(path)
     try:
         if path.exists() and not path.is_file():  # reading a device or a pipe might never end
             raise ConfigError(f"{path}: is no file; give the path of a TOML file")
         if path.stat().st_size > LARGEST_FILE:
             raise ConfigError(f"{path}: larger than {LARGEST_FILE} bytes; this is no configuration file")
-        content = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}; give a readable file") from None
-    return _parsed(content, str(path))
 
 
 def parse(content: bytes, model: type[M], where: str) -> M:

@@ -21,7 +21,7 @@ from pydantic import (
 
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role, check_identities
 from palpate.instrument.bench.links import LINKS, Link, SerialLine, link_of
-from palpate.instrument.bench.listed import Listed, check_places, filling, listed
+from palpate.instrument.bench.listed import Listed, beside, check_places, filling, listed
 from palpate.instrument.bench.usual import (
     CAN,
     LINE,
@@ -36,7 +36,7 @@ from palpate.instrument.bench.usual import (
     RtuAddress,
     TcpAddress,
 )
-from palpate.instrument.config import Config, read
+from palpate.instrument.config import Config, check, read_data
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Newtons, Seconds
@@ -217,4 +217,4 @@ def _settings(kind: DeviceKind, place: Config) -> Config:
 
 def read_bench(path: Path) -> BenchDescription:
     """Read a bench file. Raises ConfigError."""
-    return read(path, BenchDescription)
+    return check(beside(path, read_data(path)), BenchDescription, str(path))

@@ -1,4 +1,4 @@
-"""Device kinds that a bench file may list: palpate's own, then those of installed packages.
+"""Device kinds that a bench file may list: palpate's own, those of its maps, then those of installed packages.
 
 A package adds a kind by an entry point of the group `palpate.devices`:
 
@@ -9,61 +9,26 @@ acme-oven = "acme_oven:KIND"
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
 
 from palpate.instrument.additions import additions, check_ours, find, unusable
+from palpate.instrument.bench.kind import DeviceKind, LinkKind, NoSettings, Role
+from palpate.instrument.bench.mapped import kind_of
 from palpate.instrument.config import Config
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.instrument.contracts.maps.map_file import read_map, shipped, shipped_map
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.quantity import Amperes, Volts
 
-GROUP, WHAT = "palpate.devices", "kind of device"
-LinkKind = Literal["modbus-tcp", "modbus-rtu", "canopen"]
-
-Role = Literal[
-    "source", "amplifier", "exciter", "load_indicator", "positioner", "sensor_node", "sample_changer", "chamber",
-    "probe_stage",
+__all__ = [
+    "GROUP", "KINDS", "WHAT", "DeviceKind", "LinkKind", "NoSettings", "Role", "all_kinds", "check_identities",
+    "device_kind", "kind_in_file",
 ]  # fmt: skip
-
-
-class NoSettings(Config):
-    """The settings of a kind that has none."""
-
-
-@dataclass(frozen=True)
-class DeviceKind:
-    """A kind of device: all that a bench needs in order to use such a device.
-
-    Attributes:
-        contract: its registers or objects; the kind has the contract's name.
-        links: kinds of links over which it can be reached, the usual one first.
-        driver: "module:Class" of its driver, a `palpate.drivers.devices.device.Device`.
-        simulator: "module:Class" of its simulator; None: simulated benches cannot have it.
-        settings: keys of its section in a bench file, in addition to its address.
-        roles: roles in which procedures can use it; see `palpate.drivers.roles`.
-        channels: number of its channels, if it is a sensor node.
-        frequency_step: step to which it rounds its frequency, if it makes the sine [Hz]; None: no setting is checked.
-        travel: lowest position to which it may go, if it is a positioner [m]; None: only its driver knows.
-    """
-
-    contract: Contract
-    links: tuple[LinkKind, ...]
-    driver: str
-    simulator: str | None = None
-    settings: type[Config] = NoSettings
-    roles: tuple[Role, ...] = ()
-    channels: int = CHANNELS
-    frequency_step: float | None = None
-    travel: float | None = None
-
-    @property
-    def name(self) -> str:
-        return self.contract.name
+GROUP, WHAT = "palpate.devices", "kind of device"
 
 
 class AmplifierSettings(Config):
@@ -115,20 +80,33 @@ def device_kind(name: str) -> DeviceKind:
     """
     if name in KINDS:
         return KINDS[name]
-    found, kind = find(GROUP, WHAT, name, KINDS)
+    if (own := shipped_map(name)) is not None:
+        return kind_of(own)
+    found, kind = find(GROUP, WHAT, name, (*KINDS, *shipped()))
     if not isinstance(kind, DeviceKind) or kind.name != name:
         raise unusable(found, WHAT, f"is no DeviceKind whose contract is called {name!r}")
     check_identities([*KINDS.values(), kind])
     return kind
 
 
+def kind_in_file(path: Path) -> DeviceKind:
+    """The kind of a laboratory's map file.
+
+    Raises ConfigError: the map is wrong, one of its frames does not fit, or it has the name of one of palpate's kinds.
+    """
+    found = read_map(path)
+    if found.name in KINDS:
+        raise ConfigError(f"{path}: device.name: {found.name!r} is a kind of palpate's own; give another name")
+    return kind_of(found)
+
+
 def all_kinds() -> list[DeviceKind]:
-    """All kinds: palpate's own, then those of installed packages by name.
+    """All kinds: palpate's own, those of its maps by name, then those of installed packages by name.
 
     Raises ConfigError: a kind cannot be used, or two kinds have the same name or the same identity.
     """
-    check_ours(GROUP, WHAT, KINDS)
-    found = [*KINDS.values(), *(device_kind(name) for name in additions(GROUP))]
+    check_ours(GROUP, WHAT, (*KINDS, *shipped()))
+    found = [*KINDS.values(), *(device_kind(name) for name in (*shipped(), *additions(GROUP)))]
     check_identities(found)
     return found
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
-from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind
+from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind, kind_in_file
 from palpate.instrument.bench.links import LINKS, CanLink, Link, TcpLink
 from palpate.instrument.config import Config, check
 from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
@@ -24,7 +25,8 @@ RESERVED = ("all", "line", "can")  # names that faults use for links, and for al
 class _Section(Config):
     """The keys of every `[device.NAME]` table; its other keys are settings of its kind."""
 
-    kind: str
+    kind: str | None = None
+    map: str | None = None  # path of a map file, instead of a kind
     link: str
     unit: Unit | None = None  # on Modbus
     node: NodeId | None = None  # on CANopen
@@ -76,7 +78,7 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
     own = {key: table.pop(key) for key in _Section.model_fields if key in table}
     section = check(own, _Section, where)
     try:
-        kind = device_kind(section.kind)
+        kind = _kind(section, where)
         if section.link not in links:
             raise UnknownName("link", section.link, links)
         if section.role is not None and section.role not in kind.roles:
@@ -97,6 +99,30 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
     unit: int = getattr(section, key)
     settings = check(table, kind.settings, where)
     return Listed(name, kind, section.link, unit, settings, section.role, section.optional)
+
+
+def beside(file: Path, data: dict[str, Any]) -> dict[str, Any]:
+    """The content of a bench or scene file, in which the paths of map files no longer depend on its folder.
+
+    Raises ConfigError: a path leaves the folder by `..`.
+    """
+    for name, table in (devices if isinstance(devices := data.get("device"), dict) else {}).items():
+        if not isinstance(table, dict) or not isinstance(path := table.get("map"), str):
+            continue
+        if ".." in Path(path).parts:
+            raise ConfigError(
+                f"{file}: device.{name}: map: {path!r} leaves the folder of this file; put the map beside it, or give "
+                "its whole path"
+            )
+        table["map"] = str(file.absolute().parent / path)
+    return data
+
+
+def _kind(section: _Section, where: str) -> DeviceKind:
+    """Raises ConfigError, UnknownName."""
+    if (section.kind is None) == (section.map is None):
+        raise ConfigError(f'{where}: kind: give a device kind, as kind = "flintec-dad-141", or map = "FILE.toml"')
+    return device_kind(section.kind) if section.kind is not None else kind_in_file(Path(str(section.map)))
 
 
 def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:

@@ -1,0 +1,324 @@
+"""Golden frames: messages from a manual, by which a contract is proved.
+
+A wrong scale, sign, order of bytes or address is wrong in driver and simulator alike, so that both agree. A frame that
+somebody else has written tells.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator
+from pydantic import Field as Key
+
+from palpate.instrument.config import Config
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.maps import modbus_frames, sdo_frames
+from palpate.instrument.errors import ConfigError, RangeError, UnknownName, named
+
+DOES = re.compile(r"(read|write|command|sends|takes) +([a-z0-9_]+(?: *, *[a-z0-9_]+)*)")
+CAN = re.compile(r"([0-9A-Fa-f]{3}): *([0-9A-Fa-f ]*)")
+TOLERANCE = {"float32": 2.0**-22}  # relative; of other types a few roundings of a float64
+ROUNDING = 1e-12
+
+Number = Annotated[float, Key(strict=True, allow_inf_nan=True)]
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message on the wire: a frame of Modbus RTU with its CRC, or the data of a CAN frame with its COB-ID."""
+
+    data: bytes
+    cob_id: int | None = None
+
+    def __str__(self) -> str:
+        text = self.data.hex(" ").upper()
+        return text if self.cob_id is None else f"{self.cob_id:03X}: {text}"
+
+
+def _message(text: str) -> Message:
+    """Raises ValueError: the text is no message."""
+    found = CAN.fullmatch(text.strip())
+    try:
+        return Message(bytes.fromhex(found[2]), int(found[1], 16)) if found else Message(bytes.fromhex(text))
+    except ValueError:
+        raise ValueError(
+            f'{text!r} is no message; give bytes as "01 03 00 00", or of a CAN frame "601: 40 30"'
+        ) from None
+
+
+def _messages(value: Any) -> Any:
+    """One message, or several of a longer transfer."""
+    texts = [value] if isinstance(value, str) else value
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        return value
+    return tuple(_message(text) for text in texts)
+
+
+def _says(text: str) -> str:
+    if not DOES.fullmatch(text):
+        raise ValueError(
+            f'{text!r}: give "read", "write", "command", "sends" or "takes" and names, as "read gross, net"'
+        )
+    return text
+
+
+class FrameTable(Config):
+    """A table `[[frame]]` of a map file."""
+
+    says: Annotated[str, AfterValidator(_says)]
+    request: Annotated[tuple[Message, ...], BeforeValidator(_messages)] = ()
+    reply: Annotated[tuple[Message, ...], BeforeValidator(_messages)] = ()
+    values: dict[str, Number | str | tuple[str, ...]] = Key(
+        default_factory=dict
+    )  # of the fields; of a status word its bits by name
+    beside: dict[str, Number] = Key(default_factory=dict)  # values of other fields that tell a scale or a sign
+    origin: Literal["printed", "computed"]
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A golden frame.
+
+    Attributes:
+        number: its number in its file.
+        does: what it shows: `read` or `write` fields, give a `command`, or a PDO that the device `sends` or `takes`.
+        names: the fields; or the command or PDO.
+        table: its content.
+    """
+
+    number: int
+    does: str
+    names: tuple[str, ...]
+    table: FrameTable
+
+    def __str__(self) -> str:
+        return f"frame {self.number} ({self.table.says})"
+
+
+def frame_of(number: int, table: FrameTable) -> Frame:
+    """The frame of a checked table."""
+    found = DOES.fullmatch(table.says)
+    assert found is not None
+    return Frame(number, found[1], tuple(name.strip() for name in found[2].split(",")), table)
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What frames prove of a contract.
+
+    Attributes:
+        proved: for each field with a frame that fits, where its frames come from: `printed`, or `computed` alone.
+        without: names of the fields without such a frame.
+        problems: what does not fit, each with frame, field, and the values wanted and found.
+    """
+
+    proved: Mapping[str, str]
+    without: tuple[str, ...]
+    problems: tuple[str, ...]
+
+
+def prove(contract: Contract, frames: Sequence[Frame]) -> Proof:
+    """Prove a contract by frames: each is what our driver sends, and what it holds is decoded and encoded alike."""
+    proved: dict[str, str] = {}
+    problems: list[str] = []
+    for frame in frames:
+        try:
+            fields = list(_checked(contract, frame))
+        except (ConfigError, RangeError, UnknownName, struct.error) as error:
+            problems.append(f"{frame}: {error}")
+            continue
+        except KeyError as error:
+            problems.append(f"{frame}: needs the value of {error.args[0]!r}; give it in `values` or `beside`")
+            continue
+        for name in fields:
+            if frame.table.origin == "printed" or name not in proved:
+                proved[name] = frame.table.origin
+    without = tuple(f.name for f in contract.fields if f.name not in proved)
+    return Proof(proved, without, tuple(problems))
+
+
+def _checked(contract: Contract, frame: Frame) -> Iterator[str]:
+    """The fields that a frame proves. Raises ConfigError: it does not fit."""
+    values = _numbers(contract, frame)
+    beside = {name: value for name, value in values.items() if not isinstance(value, str)} | frame.table.beside
+    data = {name: _data(contract, name, value, beside, frame.does) for name, value in values.items()}
+    if frame.does in ("sends", "takes"):
+        held = _pdo(contract, frame)
+    elif contract.bus == "modbus":
+        held = _modbus(contract, frame, data)
+    else:
+        held = _sdo(contract, frame, data)
+    for name in values:
+        if name in held:
+            _compare(contract, name, values[name], held[name], data[name], beside)
+            yield name
+
+
+def _numbers(contract: Contract, frame: Frame) -> dict[str, float | str]:
+    """Physical value of each field of a frame; of a text field its text. Raises ConfigError, UnknownName."""
+    given: dict[str, Any] = dict(frame.table.values)
+    names = frame.names
+    if frame.does == "command":
+        command = named("command", frame.names[0], {each.name: each for each in contract.commands})
+        names, given = (command.field,), {command.field: command.value, **given}
+    elif frame.does in ("sends", "takes"):
+        pdo = contract.sent(frame.names[0]) if frame.does == "sends" else contract.taken(frame.names[0])
+        names = pdo.fields
+    if set(given) != set(names):
+        raise ConfigError(f"has values of {', '.join(given) or 'nothing'}; give those of {', '.join(names)}")
+    return {name: _number(contract, name, given[name]) for name in names}
+
+
+def _number(contract: Contract, name: str, value: Any) -> float | str:
+    f = contract[name]
+    if f.type == "text":
+        if not isinstance(value, str):
+            raise ConfigError(f"{name} = {value!r} is no text")
+        return value
+    if isinstance(value, tuple):
+        return float(sum(1 << named(f"bit of {name}", bit, f.bits) for bit in set(value)))
+    return contract.raw(name, value) * f.scale + f.offset if isinstance(value, str) else value
+
+
+def _data(contract: Contract, name: str, value: float | str, beside: Mapping[str, float], does: str) -> bytes:
+    """Wire bytes of a field. Raises ConfigError, RangeError: the contract does not allow the value."""
+    f = contract[name]
+    if does in ("read", "sends") and f.access == "wo":
+        raise ConfigError(f"{name} cannot be read; its access is {f.access!r}")
+    if does in ("write", "command", "takes") and f.access == "ro":
+        raise ConfigError(f"{name} cannot be written; its access is {f.access!r}")
+    if isinstance(value, str):
+        if contract.bus == "canopen":  # there it is as long as it is
+            return value.encode()
+        return contract.encode_text(name, value)
+    if does in ("write", "command", "takes"):
+        return contract.encode(name, value, beside)
+    if fault := contract.misread(name, value):
+        raise ConfigError(fault)
+    return contract.pack(name, value, beside)
+
+
+def _compare(
+    contract: Contract, name: str, value: float | str, held: bytes, data: bytes, beside: Mapping[str, float]
+) -> None:
+    """Raises ConfigError: the bytes of a frame are not those of the value, or the value is not that of the bytes."""
+    f = contract[name]
+    if isinstance(value, str):
+        found: float | str = held.decode("utf-8", "replace").rstrip("\0")
+        same = held.rstrip(b"\0") == data.rstrip(b"\0")
+    else:
+        if len(held) != f.size:
+            raise ConfigError(f"{name}: {len(held)} bytes, a {f.type} has {f.size}")
+        found = contract.decode(name, held, beside)
+        used = modbus_frames.used_bits(f) if contract.bus == "modbus" else b"\xff" * f.size
+        bytes_alike = all((one ^ other) & mask == 0 for one, other, mask in zip(held, data, used, strict=True))
+        close = math.isclose(found, value, rel_tol=TOLERANCE.get(f.type, ROUNDING), abs_tol=ROUNDING * f.scale)
+        same = (bytes_alike and close) or (math.isnan(found) and math.isnan(value))
+    if not same:
+        raise ConfigError(
+            f"{name}: {_shown(value)} {f.unit}".rstrip() + f" wanted ({data.hex(' ').upper()}), {_shown(found)} found "
+            f"({held.hex(' ').upper()})"
+        )
+
+
+def _shown(value: float | str) -> str:
+    return repr(value) if isinstance(value, str) else f"{value:.12g}"
+
+
+def _only(frame: Frame, which: str, messages: Sequence[Message], can: bool) -> Sequence[Message]:
+    """The messages. Raises ConfigError: there is none, or one is not of this bus."""
+    if not messages:
+        raise ConfigError(f"has no {which}; give it")
+    for each in messages:
+        if (each.cob_id is not None) != can:
+            raise ConfigError(f"{which} {each} must be {'a CAN frame, as 601: 40 30' if can else 'bytes'}")
+    return messages
+
+
+def _modbus(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapping[str, bytes]:
+    """The bytes of each field of a frame. Raises ConfigError: it is not what our driver sends, or no reply to that."""
+    request = _only(frame, "request", frame.table.request, can=False)[0].data
+    unit, pdu = _split("request", request)
+    reading = frame.does == "read"
+    wanted = (modbus_frames.read_request if reading else modbus_frames.write_request)(contract, data)
+    head = len(pdu) if reading else modbus_frames.head_of(wanted)
+    if len(pdu) != len(wanted) or pdu[:head] != wanted[:head]:
+        raise ConfigError(
+            f"{', '.join(data)}: request {Message(request)}, our driver sends "
+            f"{Message(modbus_frames.framed(unit, wanted))}"
+        )
+    if not frame.table.reply and not reading:
+        return modbus_frames.held_by(contract, tuple(data), modbus_frames.written(pdu))
+    reply = _only(frame, "reply", frame.table.reply, can=False)[0].data
+    answering, answer = _split("reply", reply)
+    if answering != unit:
+        raise ConfigError(f"reply {Message(reply)} is from unit {answering}, not from {unit}")
+    if reading:
+        return modbus_frames.held_by(contract, tuple(data), modbus_frames.replied(contract, tuple(data), answer))
+    confirmed = modbus_frames.write_reply(pdu)
+    if answer != confirmed and not modbus_frames.is_refusal(pdu, answer):
+        raise ConfigError(f"reply {Message(reply)}, must be {Message(modbus_frames.framed(unit, confirmed))}")
+    return modbus_frames.held_by(contract, tuple(data), modbus_frames.written(pdu))
+
+
+def _split(which: str, frame: bytes) -> tuple[int, bytes]:
+    try:
+        return modbus_frames.split(frame)
+    except ConfigError as error:
+        raise ConfigError(f"{which} {Message(frame)} {error}") from None
+
+
+def _sdo(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapping[str, bytes]:
+    """As `_modbus`, for an SDO transfer."""
+    if len(data) != 1:
+        raise ConfigError(f"is about {', '.join(data)}; a transfer reads or writes one object")
+    ((name, value),) = data.items()
+    f, reading = contract[name], frame.does == "read"
+    requests, answers = (sdo_frames.upload if reading else sdo_frames.download)(f, value)
+    asked = _only(frame, "request", frame.table.request, can=True)
+    node = (asked[0].cob_id or 0) - sdo_frames.REQUESTS
+    if node not in sdo_frames.NODES:
+        raise ConfigError(f"request {asked[0]} is to no node; its COB-ID is 600h and a node id of 1 to 127")
+    if reading:
+        held = sdo_frames.uploaded(f, [each.data for each in _only(frame, "reply", frame.table.reply, can=True)])
+    else:
+        held = sdo_frames.downloaded(f, [each.data for each in asked])
+    if held != value:  # the difference of values says more than that of frames
+        return {name: held}
+    _same_frames(name, "request", asked, requests, sdo_frames.REQUESTS + node)
+    if frame.table.reply and not (len(frame.table.reply) == 1 and sdo_frames.aborted(f, frame.table.reply[0].data)):
+        _same_frames(name, "reply", frame.table.reply, answers, sdo_frames.ANSWERS + node)
+    return {name: held}
+
+
+def _same_frames(name: str, which: str, given: Sequence[Message], wanted: Sequence[bytes], cob_id: int) -> None:
+    """Raises ConfigError: frames of a transfer are others than these."""
+    same = len(given) == len(wanted) and all(
+        each.cob_id == cob_id and sdo_frames.alike(each.data, data) for each, data in zip(given, wanted, strict=True)
+    )
+    if not same:
+        raise ConfigError(
+            f"{name}: {which} {', '.join(map(str, given))}; must be "
+            + ", ".join(str(Message(data, cob_id)) for data in wanted)
+        )
+
+
+def _pdo(contract: Contract, frame: Frame) -> Mapping[str, bytes]:
+    """The bytes of each field of a PDO. Raises ConfigError: the frame cannot be that PDO of any node."""
+    sends = frame.does == "sends"
+    pdo = (contract.sent if sends else contract.taken)(frame.names[0])
+    which, messages = ("reply", frame.table.reply) if sends else ("request", frame.table.request)
+    message = _only(frame, which, messages, can=True)[0]
+    if (message.cob_id or 0) - pdo.base not in sdo_frames.NODES:
+        raise ConfigError(f"{which} {message}: the COB-ID of {pdo.name} is {pdo.base:X}h and a node id of 1 to 127")
+    size = sum(contract[name].size for name in pdo.fields)
+    if len(message.data) != size:
+        raise ConfigError(f"{which} {message}: {len(message.data)} bytes, {pdo.name} has {size}")
+    return contract.parts(pdo, message.data)

@@ -1,0 +1,208 @@
+"""Map files: TOML files that describe a device of a maker as a contract, with what else its manual says of it."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field as Key
+
+from palpate.instrument.config import MOST_PROBLEMS, Config, Name, check, parse, read_bytes
+from palpate.instrument.contracts.contract import Contract, Identity
+from palpate.instrument.contracts.manners import USUAL
+from palpate.instrument.contracts.maps import tables
+from palpate.instrument.contracts.maps.golden_frames import Frame, FrameTable, frame_of
+from palpate.instrument.errors import ConfigError
+
+SHIPPED = Path(__file__).parent
+NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+Link = Literal["modbus-tcp", "modbus-rtu", "canopen"]
+Tables = dict[str, dict[str, Any]]
+
+
+class DeviceTable(Config):
+    """The table `[device]`: what it is, and how it is known."""
+
+    name: Annotated[str, Key(pattern=f"^{NAME.pattern}$", max_length=40)]
+    title: Name
+    bus: Literal["modbus", "canopen"]
+    links: Annotated[tuple[Link, ...], Key(min_length=1)]
+    vendor: Name
+    product: Name
+    revision: Name
+    about: str = ""
+    documents: tuple[str, ...] = ()
+    known_by: Literal["identity", "marks", "nothing"] = "identity"
+    serial: str = ""
+
+
+class Line(Config):
+    """The table `[line]`: settings of the device's serial line or CAN bus, as it leaves the factory."""
+
+    baudrate: Annotated[int, Key(ge=300, le=4_000_000, strict=True)] | None = None
+    parity: Literal["N", "E", "O"] | None = None
+    stopbits: Annotated[int, Key(ge=1, le=2, strict=True)] | None = None
+    unit: Annotated[int, Key(ge=0, le=247, strict=True)] | None = None
+    bitrate: Annotated[int, Key(ge=10_000, le=1_000_000, strict=True)] | None = None
+    node: Annotated[int, Key(ge=1, le=127, strict=True)] | None = None
+
+
+class Sheet(Config):
+    """The table `[eds]`: the maker's electronic data sheet (CiA 306) from which the map was made."""
+
+    name: Name
+    sha256: Annotated[str, Key(pattern="^[0-9a-f]{64}$")]
+
+
+class MapFile(Config):
+    """A whole map file. The tables of its fields, commands and process data are checked by `read_map`, one by one."""
+
+    file: ClassVar[str] = "map"
+
+    device: DeviceTable
+    line: Line = Line()
+    eds: Sheet | None = None
+    manners: dict[str, Any] = Key(default_factory=dict)  # keys of each table: see `tables`
+    mark: tuple[dict[str, Any], ...] = ()
+    field: Tables
+    command: Tables = Key(default_factory=dict)
+    sends: Tables = Key(default_factory=dict)
+    takes: Tables = Key(default_factory=dict)
+    role: Tables = Key(default_factory=dict)
+    frame: tuple[dict[str, Any], ...] = ()
+
+
+@dataclass(frozen=True)
+class DeviceMap:
+    """A device of a maker, as its map file describes it.
+
+    Attributes:
+        file: path of the map file.
+        sha256: SHA-256 of the file, hexadecimal.
+        contract: its registers or objects, its commands and its manners.
+        links: kinds of links over which it can be reached, the usual one first.
+        line: settings of its serial line or CAN bus, as it leaves the factory.
+        roles: for each role that it can fill, the table that names what serves the role.
+        frames: frames that prove the contract.
+        documents: manuals that tell of it.
+        eds: the maker's data sheet from which the map was made; None: there was none.
+    """
+
+    file: Path
+    sha256: str
+    contract: Contract
+    links: tuple[Link, ...]
+    line: Line
+    roles: Mapping[str, Mapping[str, Any]]
+    frames: tuple[Frame, ...]
+    documents: tuple[str, ...]
+    eds: Sheet | None = None
+
+    @property
+    def name(self) -> str:
+        return self.contract.name
+
+
+def shipped() -> list[str]:
+    """Names of the maps that come with palpate; none of them is read."""
+    return sorted(path.stem for path in SHIPPED.glob("*.toml"))
+
+
+def shipped_map(name: str) -> DeviceMap | None:
+    """The map of that name that comes with palpate; None: there is none. Raises ConfigError: it is damaged."""
+    path = SHIPPED / f"{name}.toml"
+    if not NAME.fullmatch(name) or not path.is_file():
+        return None
+    found = read_map(path)
+    if found.name != name:
+        raise ConfigError(f"{path}: device.name is {found.name!r}; it must be {name!r}, as the file is called")
+    return found
+
+
+def read_map(path: Path) -> DeviceMap:
+    """Read a map file. Its frames are not proved yet; see `golden_frames.prove`.
+
+    Raises ConfigError: it cannot be read, or says something impossible; each problem with file, table and key.
+    """
+    data = read_bytes(path)
+    content = parse(data, MapFile, str(path))
+    device, read = content.device, _Reader(str(path))
+    parts = {
+        "fields": read.named("field", tables.FIELD, content.field),
+        "pdos": read.named("sends", tables.PDO, content.sends),
+        "receives": read.named("takes", tables.PDO, content.takes),
+        "commands": read.named("command", tables.COMMAND, content.command),
+        "marks": read.listed("mark", tables.MARK, content.mark),
+    }
+    (manners,) = read.listed("manners", tables.MANNERS, [content.manners]) or (USUAL,)
+    frames = tuple(read.frames(content.frame))
+    read.refuse()
+    try:
+        contract = Contract(
+            device.name,
+            device.title,
+            device.bus,
+            Identity(device.vendor, device.product, device.revision),
+            **parts,
+            manners=manners,
+            about=device.about,
+            known_by=device.known_by,
+            serial=device.serial,
+        )
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return DeviceMap(
+        path,
+        hashlib.sha256(data).hexdigest(),
+        contract,
+        device.links,
+        content.line,
+        content.role,
+        frames,
+        device.documents,
+        content.eds,
+    )
+
+
+class _Reader:
+    """Makes the declarations of a map file, and collects what is wrong with them."""
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+        self._problems: list[str] = []
+
+    def named(self, what: str, model: type[Config], named: Tables) -> tuple[Any, ...]:
+        """The declarations of tables such as `[field.NAME]`."""
+        return tuple(self._made(f"{what}.{name}", model, table, name=name) for name, table in named.items())
+
+    def listed(self, what: str, model: type[Config], listed: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
+        """The declarations of tables without a name of their own."""
+        return tuple(self._made(what, model, table) for table in listed)
+
+    def _made(self, what: str, model: type[Config], table: Mapping[str, Any], **more: str) -> Any:
+        try:
+            return tables.made(check(dict(table), model, f"{self._where}: {what}"), **more)
+        except ConfigError as error:
+            text = str(error)
+            self._problems.append(text if text.startswith(self._where) else f"{self._where}: {text}")
+            return None
+
+    def frames(self, listed: Sequence[Mapping[str, Any]]) -> Iterator[Frame]:
+        """The frames, numbered as in the file."""
+        for number, table in enumerate(listed, 1):
+            try:
+                yield frame_of(number, check(dict(table), FrameTable, f"{self._where}: frame {number}"))
+            except ConfigError as error:
+                self._problems.append(str(error))
+
+    def refuse(self) -> None:
+        """Raises ConfigError: something was wrong."""
+        if len(self._problems) > MOST_PROBLEMS:
+            more = len(self._problems) - MOST_PROBLEMS
+            self._problems[MOST_PROBLEMS:] = [f"{self._where}: and {more} more"]
+        if self._problems:
+            raise ConfigError("\n".join(self._problems))

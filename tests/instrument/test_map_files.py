@@ -1,0 +1,116 @@
+"""Map files: each is a contract, proved by its frames; what is wrong is said with file, table, key and value."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from palpate.instrument.bench.description import read_bench
+from palpate.instrument.bench.kinds import device_kind
+from palpate.instrument.bench.mapped import kind_of
+from palpate.instrument.contracts.maps.golden_frames import prove
+from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map, shipped
+from palpate.instrument.errors import ConfigError, UnknownName
+
+# A transmitter after those of the LAUMAS family; its two frames are worked out by hand in the manual's words
+TRANSMITTER = """
+[device]
+name = "transmitter"
+title = "weight transmitter"
+bus = "modbus"
+links = ["modbus-rtu"]
+vendor = "Maker"
+product = "TX-1"
+revision = "1"
+known_by = "nothing"
+[field.command]
+address = 5
+type = "uint16"
+meaning = "order"
+access = "wo"
+choices = { save = 99 }
+[field.status]
+address = 6
+type = "uint16"
+meaning = "status"
+bits = { gross_negative = 7, net_negative = 8, stable = 11 }
+[field.gross]
+address = 7
+type = "uint32"
+meaning = "gross weight"
+unit = "kg"
+sign = ["status", "gross_negative"]
+[field.net]
+address = 9
+type = "uint32"
+meaning = "net weight"
+unit = "kg"
+sign = ["status", "net_negative"]
+[command.save]
+field = "command"
+value = "save"
+[[frame]]
+says = "read status, gross, net"
+request = "01 03 00 06 00 05 65 C8"
+reply = "01 03 0A 09 00 00 00 04 D2 00 00 03 E8 4D B1"
+values = { status = ["net_negative", "stable"], gross = 1234, net = -1000 }
+origin = "computed"
+[[frame]]
+says = "command save"
+request = "01 10 00 05 00 01 02 00 63 E6 2C"
+reply = "01 10 00 05 00 01 11 C8"
+origin = "computed"
+"""
+
+
+def written(folder: Path, text: str = TRANSMITTER, **replaced: str) -> Path:
+    """A map file with parts of its text replaced."""
+    file = folder / "map.toml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def changed(folder: Path, changes: Mapping[str, str]) -> Path:
+    text = TRANSMITTER
+    for old, new in changes.items():
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    return written(folder, text)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_each_field_of_a_shipped_map_has_a_frame_that_fits(name: str) -> None:
+    found = read_map(SHIPPED / f"{name}.toml")
+    proof = prove(found.contract, found.frames)
+    assert (proof.problems, proof.without, found.name) == ((), (), name)
+    assert device_kind(name).contract == found.contract
+
+
+def test_a_map_is_read_and_proved(tmp_path: Path) -> None:
+    file = written(tmp_path)
+    found = read_map(file)
+    assert found.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert prove(found.contract, found.frames).without == ()
+    assert kind_of(found).name == "transmitter"
+
+
+def test_a_bench_file_names_a_map_beside_it(tmp_path: Path) -> None:
+    written(tmp_path)
+    bench = tmp_path / "bench.toml"
+    link = '[link.line]\nkind = "modbus-rtu"\nport = "/dev/ttyS9"\n'
+    device = f'{link}[device.scale]\nmap = "map.toml"\nlink = "line"\nunit = 1\n'
+    bench.write_text(f'name = "b"\n{device}', encoding="utf-8")
+    (found,) = read_bench(bench).devices
+    assert found.kind.name == "transmitter"
+    assert found.kind.map is not None
+    bench.write_text(f'name = "b"\n{device.replace("map.toml", "../map.toml")}', encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"device.scale: map: '../map.toml' leaves the folder"):
+        read_bench(bench)
+
+
+def test_an_unknown_kind_names_the_shipped_maps() -> None:
+    with pytest.raises(UnknownName, match="did you mean 'flintec-dad-141'"):
+        device_kind("flintec-dad-14")
