@@ -14,7 +14,7 @@ from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
 from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST
-from palpate.instrument.bench.usual import CAN, LINE, Amplifier, CanBus, Indicator, RtuAddress, TcpAddress
+from palpate.instrument.bench.usual import CAN, LINE, ON_LINE, Amplifier, CanBus, Indicator, RtuAddress, TcpAddress
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError
 from palpate.instrument.sensor.sample import Sample
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from palpate.simulators.faults.inject import Injection
 
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order
-CHANGER = "sample_changer"
+CHANGER, NODE = "sample_changer", "sensor_node"
 NAMED = "simulated bench"  # the name of every simulated bench begins so
 TCP_SECTIONS: dict[str, type[TcpAddress]] = {
     "signal_generator": TcpAddress,
@@ -89,17 +89,18 @@ class SimulatedBench:
         self.clock = VirtualClock()
         self.rig = Rig(scene, self.clock)
         self.channel = own_channel(place.interface) if place.channel is None else place.channel
-        self._node_ids = list(range(1, scene.nodes + 1))
+        self._replaced = replaced(scene.devices)
+        self._node_ids = [] if NODE in self._replaced else list(range(1, scene.nodes + 1))
         # first on the clock, so that samples up to an event are taken before the event changes the rig
         self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self.channel)
         self.clock.add(self.rig)
         self.nodes = self.can.nodes
-        self.devices: dict[str, Any] = {f"sensor_node_{number}": node for number, node in enumerate(self.nodes, 1)}
-        self._kinds = dict.fromkeys(self.devices, KINDS["sensor_node"])
+        self.devices: dict[str, Any] = {f"{NODE}_{number}": node for number, node in enumerate(self.nodes, 1)}
+        self._kinds = dict.fromkeys(self.devices, KINDS[NODE])
         self._addresses: dict[str, int] = {}  # unit id on the serial line, or node id, of each device by name
         self._samples = samples
         for name in (*USUAL, *([CHANGER] if samples else [])):
-            if name not in replaced(scene.devices):
+            if name not in self._replaced:
                 self._add(name, KINDS[name], NoSettings())
         for guest in scene.devices:
             self._add(guest.name, guest.kind, guest.settings)
@@ -110,7 +111,7 @@ class SimulatedBench:
         count = Counter(each.name for each in self._kinds.values())[kind.name] + 1
         link, serial = kind.links[0], f"SIM-{kind.contract.identity.product.partition('-')[0]}-{count:04d}"
         if link == "canopen":
-            unit = self._addresses[name] = 1 + max(self._node_ids + [guest.id for guest in self.can.guests])
+            unit = self._addresses[name] = 1 + max([0, *self._node_ids, *(guest.id for guest in self.can.guests)])
             place = wire.Place(self.clock, self.rig, unit, SERIAL + unit, settings, kind, self._find)
         else:
             unit = 1
@@ -137,9 +138,8 @@ class SimulatedBench:
             timeouts = _timeouts(self.scene)
             serial, bus = self.rig.effects.line, self.rig.effects.can
             self.bitrate = round(bus.bitrate) if bus else BITRATE
-            self.line = self.servers.serve_rtu(
-                {self._addresses[name]: self.devices[name] for name in self._on("modbus-rtu")}, serial
-            )
+            units = {self._addresses[name]: self.devices[name] for name in self._on("modbus-rtu")}
+            self.line = self.servers.serve_rtu(units, serial) if units else ""
             ports = {
                 name: self.servers.serve_tcp(
                     1, self.devices[name], (self._place.host, self._place.port and self._place.port + number)
@@ -162,23 +162,25 @@ class SimulatedBench:
             for name, section in TCP_SECTIONS.items()
             if name in ports
         }
-        sections = {
+        line = {"port": self.line, "baudrate": baudrate, "timeout": timeouts.get(LINE, TIMEOUT)}
+        can = {
+            "interface": self._place.interface,
+            "channel": self.channel,
+            "bitrate": self.bitrate,
+            "timeout": timeouts.get(CAN, TIMEOUT),
+        }
+        own = [name for name in ON_LINE if name in self.devices]
+        sections: dict[str, Any] = {
             "name": f"{NAMED}, scene {scene.name}",
             "design": scene.design.name,
             "pickup": scene.pickup,
             **tcp,
-            LINE: SerialLine(port=self.line, baudrate=baudrate, timeout=timeouts.get(LINE, TIMEOUT)),
-            "strain_indicator": Indicator(unit=self._addresses["strain_indicator"]),
-            "positioner": RtuAddress(unit=self._addresses["positioner"]),
-            CAN: CanBus(
-                interface=self._place.interface,
-                channel=self.channel,
-                bitrate=self.bitrate,
-                nodes=tuple(self._node_ids),
-                timeout=timeouts.get(CAN, TIMEOUT),
-            ),
-            **self._guest_sections(ports, timeouts),
+            **({LINE: SerialLine(**line), **self._units(own)} if own else {}),
+            **({CAN: CanBus(**can, nodes=tuple(self._node_ids))} if self._node_ids else {}),
         }
+        links = {} if own else {LINE: {"kind": "modbus-rtu", **line}}
+        links |= {} if self._node_ids else {CAN: {"kind": "canopen", **can}}
+        sections |= self._guest_sections(links, ports, timeouts)
         if any("exciter" in guest.kind.roles and not guest.kind.contract.has("watchdog") for guest in scene.devices):
             sections["watchdog"] = NO_WATCHDOG
         return check(sections, BenchDescription, f"scene {scene.name}")
@@ -197,8 +199,21 @@ class SimulatedBench:
         """Names of the devices on the CAN bus, by node id."""
         return {self.devices[name].id: name for name in self._on("canopen")}
 
-    def _guest_sections(self, ports: Mapping[str, int], timeouts: Mapping[str, Any]) -> dict[str, Any]:
-        """Sections of the bench file for the additional devices; each device on TCP has a link of its own."""
+    def _units(self, own: Sequence[str]) -> dict[str, Any]:
+        """Sections of our own devices on the serial line; None for one whose place a guest has taken."""
+        unit = {"strain_indicator": Indicator, "positioner": RtuAddress}
+        return {name: unit[name](unit=self._addresses[name]) if name in own else None for name in ON_LINE}
+
+    def _guest_sections(
+        self, shared: Mapping[str, Any], ports: Mapping[str, int], timeouts: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Sections of the bench file for the additional devices; each device on TCP has a link of its own.
+
+        Args:
+            shared: tables of the line and of the CAN bus, if none of our own devices is on them.
+            ports: TCP port of each device.
+            timeouts: time-outs of the links that have faults.
+        """
         links, devices = {}, {}
         for guest in self.scene.devices:
             name, link = guest.name, guest.kind.links[0]
@@ -206,10 +221,10 @@ class SimulatedBench:
                 timeout = timeouts.get(name, TIMEOUT)
                 links[name] = {"kind": link, "host": self._place.host, "port": ports[name], "timeout": timeout}
                 place = {"link": name, "unit": 1}
-            elif link == "modbus-rtu":
-                place = {"link": LINE, "unit": self._addresses[name]}
             else:
-                place = {"link": CAN, "node": self._addresses[name]}
+                at = LINE if link == "modbus-rtu" else CAN
+                place = {"link": at, "unit" if link == "modbus-rtu" else "node": self._addresses[name]}
+                links |= {at: shared[at]} if at in shared else {}
             devices[name] = {"kind": guest.kind.name, **place, **guest.table}
         return {"link": links or None, "device": devices or None}
 

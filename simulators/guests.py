@@ -30,9 +30,15 @@ class Guest:
 
 
 def replaced(found: Sequence[Guest]) -> tuple[str, ...]:
-    """Names of the usual devices that a bench with these guests does not have: it has one exciter."""
-    drives = any("exciter" in guest.kind.roles for guest in found)
-    return tuple(name for name, kind in KINDS.items() if drives and {"source", "amplifier"} & {*kind.roles})
+    """Names of the usual devices that a bench with these guests does not have.
+
+    A guest to which the scene gives a role stands in for the usual device of that role; a guest that drives stands in
+    for generator and amplifier in any case, because a bench has one exciter.
+    """
+    given: set[Role] = {guest.table["role"] for guest in found if guest.table.get("role")}
+    if "exciter" in given or any("exciter" in guest.kind.roles for guest in found):
+        given |= {"source", "amplifier"}
+    return tuple(name for name, kind in KINDS.items() if given & {*kind.roles})
 
 
 def kind_in(role: Role, found: Sequence[Guest]) -> DeviceKind | None:

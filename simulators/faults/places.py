@@ -34,6 +34,7 @@ class Reads(Protocol):
     readings: tuple[str, ...]
 
 
+NODE = "sensor_node"
 HEARTBEAT_TIME = sdo(0x1017)  # CiA 301
 Target = str | type[Trips] | type[HasSettings] | type[Beats] | type[Reads]
 
@@ -59,10 +60,15 @@ class Struck:
 
 def places(nodes: int, guests: Sequence[Guest] = ()) -> list[Struck]:
     """All places of a bench with so many sensor nodes; it may turn out to have no sample changer."""
-    own = [Struck(name, kind) for name, kind in KINDS.items() if name not in replaced(guests)]
+    gone = replaced(guests)
+    own = [Struck(name, kind) for name, kind in KINDS.items() if name not in gone]
     usual = [each for link in ("modbus-tcp", "modbus-rtu") for each in own if each.kind and each.kind.links[0] == link]
-    sensors = [Struck(f"sensor_node_{number}", KINDS["sensor_node"]) for number in range(1, nodes + 1)]
-    return [*usual, Struck(LINE), Struck(CAN), *sensors, *(Struck(each.name, each.kind) for each in guests)]
+    nodes = 0 if NODE in gone else nodes
+    sensors = [Struck(f"{NODE}_{number}", KINDS[NODE]) for number in range(1, nodes + 1)]
+    added = [Struck(each.name, each.kind) for each in guests]
+    linked = {each.kind.links[0] for each in (*usual, *sensors, *added) if each.kind}
+    links = [Struck(name) for name, kind in ((LINE, "modbus-rtu"), (CAN, "canopen")) if kind in linked]
+    return [*usual, *links, *sensors, *added]
 
 
 def struck(targets: Sequence[Target], standing: Sequence[Struck]) -> dict[str, Struck]:
