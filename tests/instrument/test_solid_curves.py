@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.instrument.models.finite_elements import notice
+from palpate.instrument.models.finite_elements.rational import basis
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.solid.model import curve_on, solve_on
@@ -62,3 +64,11 @@ def test_the_energy_that_tears_a_closed_gap_is_finite_for_an_incompressible_ring
     closed = replace(SolidParameters(), **RIGID, ring_inner_radius=1.4e-3)
     soft, stiff = (curve_on(replace(closed, compliant_poisson=each), SMALL).poles.least for each in (0.498, 0.5))
     assert stiff == pytest.approx(soft, rel=5e-3)
+
+
+def test_the_price_of_the_poles_of_a_large_contact_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(notice, "LONG", 0.0)
+    said: list[str] = []
+    with notice.told(said.append):
+        basis(np.eye(60), np.diag(np.arange(60.0)), np.ones((60, 1)), np.zeros((60, 0)), 1.0)
+    assert len(said) == 1 and "60 unknowns" in said[0]

@@ -69,7 +69,7 @@ def _kept(parameters: RoundParameters, degree: int, layers: int, mixed: bool) ->
 
 @single()
 def found_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> Curve:
-    """The same, found anew."""
+    """Compute what `curve_on` gives, without looking for a kept curve and without keeping it."""
     mesh = grid(replace(parameters, sensed_modulus=1.0), layers)
     r, z = el.line(mesh.radii, degree, radial=True), el.line(mesh.heights, degree, radial=False)
     bodies = parts(mesh)

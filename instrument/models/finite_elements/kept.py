@@ -49,7 +49,7 @@ SOURCES = tuple(f"{each}.py" for each in ("models/*/*", "models/parameters", "se
 
 
 def keep(text: str, kind: type[Kept], find: Callable[[], Kept]) -> Kept:
-    """What is kept under a text; else what `find` gives, which is then kept.
+    """The result that is kept on disk under a text. If there is none, `find` computes it, and it is kept.
 
     Args:
         text: everything on which the result depends, besides the code.

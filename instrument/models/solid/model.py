@@ -159,7 +159,7 @@ def _curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve
 
 
 def found_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
-    """`curve_on`, found anew; the parameters have an object of 1 Pa and a force of 1 N."""
+    """Compute what `curve_on` gives, without keeping it; the parameters have an object of 1 Pa and a force of 1 N."""
     # What builds meshes takes a moment to import, and kept curves do not need it.
     from palpate.instrument.models.solid.system import System
 

@@ -46,13 +46,13 @@ MANY_TEETH_REFINEMENTS = 3
 STORED = Path(__file__).with_name("curves")
 # Parameter sets with shipped curves; the identified set has those of the designs that the thesis measured.
 SETS = ("physical", "identified")
-# Of goals and energies, what poles that are not shipped would change: a hundred millionth of the estimates.
+# Poles are left out that all together change goals and energies by no more than this share, far below the estimates.
 NEGLIGIBLE = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
 class RoundMesh:
-    """A mesh of the axisymmetric model: its curve, and the processor time that it took [s]."""
+    """A shipped mesh of the axisymmetric model: its curve, and the processor time in which that was computed [s]."""
 
     curve: Curve
     seconds: float
@@ -65,14 +65,14 @@ class RoundMesh:
 
 @dataclass(frozen=True, slots=True)
 class SolidMesh:
-    """A mesh of the solid model: its curve, and the processor time that it took [s]."""
+    """A shipped mesh of the solid model: its curve, and the processor time in which that was computed [s]."""
 
     curve: SolidCurve
     seconds: float
 
     @property
     def poles(self) -> Curve:
-        """The curve without what the solid model knows besides."""
+        """The poles of the curve, without the numbers of teeth, bases and unknowns."""
         return self.curve.poles
 
 
