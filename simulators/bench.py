@@ -225,7 +225,7 @@ class SimulatedBench:
                 at = LINE if link == "modbus-rtu" else CAN
                 place = {"link": at, "unit" if link == "modbus-rtu" else "node": self._addresses[name]}
                 links |= {at: shared[at]} if at in shared else {}
-            devices[name] = {"kind": guest.kind.name, **place, **guest.table}
+            devices[name] = {**guest.kind.key, **place, **guest.table}
         return {"link": links or None, "device": devices or None}
 
     def __exit__(self, *_: object) -> None:

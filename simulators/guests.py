@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from palpate.instrument.bench.kinds import KINDS, DeviceKind, Role, device_kind
+from palpate.instrument.bench.kinds import KINDS, DeviceKind, Role, device_kind, kind_in_file
 from palpate.instrument.bench.listed import check_name
 from palpate.instrument.config import Config, check
 from palpate.instrument.errors import ConfigError, UnknownName
@@ -20,7 +21,7 @@ class Guest:
         name: its name.
         kind: its device kind.
         settings: the checked settings of its kind.
-        table: all keys of its section but `kind`.
+        table: all keys of its section but `kind` and `map`.
     """
 
     name: str
@@ -58,20 +59,20 @@ def guests(tables: Mapping[str, Mapping[str, Any]], where: str) -> tuple[Guest, 
 
 def _guest(name: str, table: dict[str, Any], where: str) -> Guest:
     check_name(name, where)
-    kind = table.pop("kind", None)
-    if not isinstance(kind, str):
-        raise ConfigError(f'{where}: kind: is missing or no text; give a device kind, as kind = "acme-oven"')
+    kind, file = table.pop("kind", None), table.pop("map", None)
+    if not isinstance(file if kind is None else kind, str) or (kind and file):
+        raise ConfigError(f'{where}: kind: give a device kind, as kind = "acme-oven", or map = "FILE.toml"')
     if kind in KINDS or name.startswith(tuple(KINDS)):
         raise ConfigError(
             f"{where}: the simulated bench has a device of this kind or name already; list only additional devices, "
             "and give them other names"
         )
     try:
-        found = device_kind(kind)
+        found = device_kind(kind) if kind is not None else kind_in_file(Path(file))
     except UnknownName as error:
         raise ConfigError(f"{where}: {error}") from None
     if found.simulator is None:
-        raise ConfigError(f"{where}: kind: {kind} has no simulator; leave the device out of the scene")
+        raise ConfigError(f"{where}: kind: {found.name} has no simulator; leave the device out of the scene")
     settings = check(
         {key: value for key, value in table.items() if key not in ("role", "optional")}, found.settings, where
     )

@@ -186,6 +186,11 @@ class BenchDescription(Config):
         kinds = {each.kind.name: each.kind for each in self.devices if each.kind.name not in KINDS}
         return [kinds[name].contract for name in sorted(kinds)]
 
+    @property
+    def maps(self) -> dict[str, str]:
+        """SHA-256 of the map file of each kind that is described by one, by kind."""
+        return {each.kind.name: each.kind.map.sha256 for each in self.devices if each.kind.map is not None}
+
     def filling(self, role: Role) -> list[Listed]:
         """The devices that fill a role: those to which the file gives it or, without any, all whose kind has it."""
         return filling(role, self.devices)

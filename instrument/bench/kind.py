@@ -59,6 +59,11 @@ class DeviceKind:
         return self.contract.name
 
     @property
+    def digests(self) -> tuple[str, ...]:
+        """SHA-256 of its map file, if it has one."""
+        return () if self.map is None else (self.map.sha256,)
+
+    @property
     def key(self) -> dict[str, str]:
         """The key by which a section of a bench file names it: `kind`, or `map` and the path of a laboratory's map."""
         shipped = self.map is None or self.map.file.parent == SHIPPED

@@ -112,9 +112,14 @@ def all_kinds() -> list[DeviceKind]:
 
 
 def check_identities(kinds: Iterable[DeviceKind]) -> None:
-    """Raises ConfigError: two kinds have the same identity on the wire, so that no driver can tell them apart."""
+    """Raises ConfigError: two kinds have the same identity on the wire, or two maps have the same name."""
     known: dict[tuple[str, ...], str] = {}
+    maps: dict[str, DeviceKind] = {}
     for kind in kinds:
+        other = maps.setdefault(kind.name, kind)
+        if other.contract != kind.contract or other.digests != kind.digests:
+            files = " and ".join(str(each.map.file) for each in (other, kind) if each.map)
+            raise ConfigError(f"{files}: device.name: both are {kind.name!r}, and are not alike; give one another name")
         identity = kind.contract.identity
         alike = (kind.contract.bus, identity.vendor, identity.product)
         if known.setdefault(alike, kind.name) != kind.name:

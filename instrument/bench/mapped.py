@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from pydantic import create_model
 
 from palpate.instrument.bench.kind import DeviceKind, NoSettings
@@ -20,6 +22,7 @@ PLAIN: dict[str, tuple[str, str | None]] = {
 }
 
 
+@cache
 def kind_of(found: DeviceMap) -> DeviceKind:
     """The device kind that a map describes.
 

@@ -179,6 +179,7 @@ def recording(
         "mounting": mounting,
         "devices": {device.name: device.serial for device in lab.bench.devices},
         "contracts": contracts_digest(lab.bench.description.contracts),
+        **({"maps": maps} if (maps := lab.bench.description.maps) else {}),
         "calibration": lab.calibration.model_dump(),
         "film_calibration": lab.films.model_dump() if lab.films else None,
         "calibration_files": _calibration_files(lab),

@@ -81,6 +81,7 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], where: str) -> li
 def comparable(header: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a header that must not change. A simulated bench has new addresses; its scene counts."""
     found = {key: header[key] for key in COMPARED}
+    found["maps"] = header.get("maps", {})  # a bench without makers' devices has none
     found["devices"] = {}
     listed = [(name.partition(" at ")[0], serial) for name, serial in header["devices"].items()]
     if found["scene"] is not None:

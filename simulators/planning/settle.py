@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.instrument.config import check, read
+from palpate.instrument.bench.listed import beside
+from palpate.instrument.config import check, read_data
 from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from palpate.instrument.models.parameter_sets import get_parameter_set
@@ -40,7 +41,7 @@ def read_scene(name_or_file: str) -> Scene:
     path = scenes.get(name_or_file, Path(name_or_file))
     if not name_or_file or (name_or_file not in scenes and path.suffix != ".toml" and not path.exists()):
         raise UnknownName("scene", name_or_file, scenes)
-    return scene_of(read(path, SceneFile), path)
+    return scene_of(check(beside(path, read_data(path)), SceneFile, str(path)), path)
 
 
 def scene_of(file: SceneFile, path: Path) -> Scene:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.bench.description import read_bench
-from palpate.instrument.bench.kinds import device_kind
+from palpate.instrument.bench.kinds import check_identities, device_kind, kind_in_file
 from palpate.instrument.bench.mapped import kind_of
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map, shipped
@@ -109,6 +109,17 @@ def test_a_bench_file_names_a_map_beside_it(tmp_path: Path) -> None:
     bench.write_text(f'name = "b"\n{device.replace("map.toml", "../map.toml")}', encoding="utf-8")
     with pytest.raises(ConfigError, match=r"device.scale: map: '../map.toml' leaves the folder"):
         read_bench(bench)
+
+
+def test_two_maps_of_one_name_that_say_different_things_cannot_be_on_one_bench(tmp_path: Path) -> None:
+    kinds = []
+    for number, title in enumerate(("one", "two")):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        kinds.append(kind_in_file(changed(folder, {'"weight transmitter"': f'"{title}"'})))
+    check_identities([kinds[0], kinds[0]])
+    with pytest.raises(ConfigError, match=r"0/map.toml and .*1/map.toml: device.name: both are 'transmitter'"):
+        check_identities(kinds)
 
 
 def test_an_unknown_kind_names_the_shipped_maps() -> None:

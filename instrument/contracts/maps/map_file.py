@@ -6,6 +6,7 @@ import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -76,7 +77,7 @@ class MapFile(Config):
     frame: tuple[dict[str, Any], ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DeviceMap:
     """A device of a maker, as its map file describes it.
 
@@ -128,7 +129,12 @@ def read_map(path: Path) -> DeviceMap:
 
     Raises ConfigError: it cannot be read, or says something impossible; each problem with file, table and key.
     """
-    data = read_bytes(path)
+    return _map_of(path, read_bytes(path))
+
+
+@cache
+def _map_of(path: Path, data: bytes) -> DeviceMap:
+    """The map in the content of a file, which is kept, because a bench asks for its kinds again and again."""
     content = parse(data, MapFile, str(path))
     device, read = content.device, _Reader(str(path))
     parts = {
