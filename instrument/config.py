@@ -134,26 +134,6 @@ def parse(content: bytes, model: type[M], where: str) -> M:
     return check(_parsed(content, where), model, where)
 
 
-def read_shipped(path: Path, model: type[M], what: str, remedy: str) -> M:
-    """Read a JSON file that comes with palpate.
-
-    Args:
-        path: the file.
-        model: class of its content.
-        what: the file holds, for the error.
-        remedy: how to make the file anew, for the error.
-
-    Raises:
-        ConfigError: the file is missing, too large, or has other content.
-    """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError
-        return model.model_validate_json(path.read_bytes())
-    except (OSError, ValueError):  # ValidationError is one
-        raise ConfigError(f"{path}: is missing or no {what}; {remedy}") from None
-
-
 def _parsed(content: bytes, where: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(content.decode())

@@ -15,11 +15,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
-from pydantic import Field, model_validator
-
-from palpate.instrument.config import Config, read_shipped
+from palpate.instrument import shipped
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.evidence import ratio_by
 from palpate.instrument.models.parameter_sets import PARAMETER_SETS, get_parameter_set
@@ -95,29 +93,29 @@ class Validation:
         }
 
 
-class Kept(Config):
+@dataclass(frozen=True, slots=True)
+class Kept:
     """Force ratio of each sample by a model that refines, or the reason why there is none."""
 
     design: str
     parameters: str
     model: str
     fingerprint: str
-    force_ratios: dict[str, float] = Field(default_factory=dict)
+    force_ratios: dict[str, float] = field(default_factory=dict)
     failure: str = ""
 
-    @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def __post_init__(self) -> None:
         """Check that there is a ratio for every measured sample, or a failure."""
         measured = DESIGNS[self.design].thesis_force_ratio if self.design in DESIGNS else {}
         if not self.failure and self.force_ratios.keys() != measured.keys():
             raise ValueError(f"{self.design}: ratios are not of the samples {', '.join(measured)}")
-        return self
 
 
-class KeptList(Config):
+@dataclass(frozen=True, slots=True)
+class KeptList:
     """All kept answers; `format` is raised with every change of a field's meaning."""
 
-    format: Literal[1] = 1
+    format: Literal[1] = field(default=1, kw_only=True)
     answers: tuple[Kept, ...]
 
 
@@ -246,4 +244,4 @@ def _fingerprint(sensor: Design, loads: Mapping[str, Load]) -> str:
 @functools.cache
 def stored() -> KeptList:
     """The answers that come with palpate. Raises ConfigError: the file is missing or damaged."""
-    return read_shipped(STORED, KeptList, "list of answers", RENEW)
+    return shipped.read(STORED, KeptList, "list of answers", RENEW)

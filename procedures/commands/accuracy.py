@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -54,6 +55,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.prices import price_list
     from palpate.instrument.models.validation import validate
+    from palpate.instrument.shipped import text
     from palpate.procedures.accuracy.keep import keep
     from palpate.procedures.accuracy.machine import this_machine
     from palpate.procedures.accuracy.measure import DESIGNS, measure
@@ -72,7 +74,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
             prices = measure(asked, progress)
         if store:
             kept = prices if design is None else price_list.stored().replaced(prices)
-            keep(kept.model_dump_json(indent=1) + "\n", price_list.STORED)
+            keep(text(kept), price_list.STORED)
     else:
         prices = price_list.stored() if design is None else price_list.stored().of(asked)
     designs = list(dict.fromkeys(price.design for price in prices.prices))
@@ -83,7 +85,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     if output.as_json:
         output.json(
             {
-                **prices.model_dump(mode="json"),
+                **asdict(prices),
                 "validation": [each.record() for each in compared],
                 "plot": None if plot is None else str(plot),
             }

@@ -26,6 +26,7 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     """
     from palpate.instrument.errors import UnknownName, UsageError
     from palpate.instrument.models import validation as kept
+    from palpate.instrument.shipped import text
     from palpate.procedures.accuracy import what_if
     from palpate.procedures.accuracy.causes import Causes
     from palpate.procedures.accuracy.causes_report import print_causes
@@ -42,7 +43,7 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     solutions = Solutions() if store else Solutions.shipped(what_if.STORED, kept.RENEW)
     with output.progress("solving") as progress:
         if store:
-            keep(kept.measure(progress).model_dump_json(indent=1) + "\n", kept.STORED)
+            keep(text(kept.measure(progress)), kept.STORED)
             kept.stored.cache_clear()
         found = Causes.of(solutions, progress) if causes or store else None
     if store:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from palpate.instrument import shipped
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import PHYSICAL
@@ -229,7 +230,7 @@ def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: py
 
 
 @pytest.mark.parametrize(
-    "content", ["", "{}", '{"machine": 3}', LIST.model_dump_json().replace('"format":2', '"format":1')]
+    "content", ["", "{}", '{"machine": 3}', shipped.text(LIST).replace('"format": 2', '"format": 1')]
 )
 def test_a_damaged_list_is_refused_with_the_remedy(
     content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

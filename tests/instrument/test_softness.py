@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -226,7 +227,7 @@ def test_what_no_spline_can_follow_is_refused() -> None:
 
 
 def test_auto_is_one_model_over_the_priced_moduli_with_its_priced_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    priced = price_list.stored().model_copy(update={"moduli_Pa": (1e4, 1e5, 1e6)})
+    priced = replace(price_list.stored(), moduli_Pa=(1e4, 1e5, 1e6), prices=(), references=())
     monkeypatch.setattr(price_list, "stored", lambda: priced)
     monkeypatch.setattr(price_list, "choose", lambda *_: Choice("column", 0.01, 1e-5, "cheap"))
     curve = ratio_curve(SINGLE, LOAD, "auto", 0.05)

@@ -6,6 +6,7 @@ import itertools
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -304,8 +305,8 @@ def test_measuring_keeps_nothing_unless_told_to(
 def test_prices_of_one_design_take_the_place_of_its_stored_ones(
     measured: PriceList, palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    old, fresh = stored(), measured.of(["single"]).model_copy(update={"machine": stored().machine})
-    monkeypatch.setattr(machine, "this_machine", lambda: old.machine.model_copy(update={"date": "today"}))
+    old, fresh = stored(), replace(measured.of(["single"]), machine=stored().machine)
+    monkeypatch.setattr(machine, "this_machine", lambda: replace(old.machine, date="today"))
     monkeypatch.setattr(measuring, "measure", lambda *_: fresh)
     monkeypatch.setattr(price_list, "STORED", tmp_path / "prices.json")
     palpate(*MODELS_COMMAND, "--design", "single", "--store", "--quiet")
@@ -319,7 +320,7 @@ def test_prices_of_one_design_take_the_place_of_its_stored_ones(
 def test_prices_of_another_machine_are_refused_before_anything_is_measured(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    abacus = stored().machine.model_copy(update={"cpu": "abacus"})
+    abacus = replace(stored().machine, cpu="abacus")
     monkeypatch.setattr(machine, "this_machine", lambda: abacus)
     monkeypatch.setattr(measuring, "measure", lambda *_: pytest.fail("measured"))
     said = palpate(*MODELS_COMMAND, "--design", "single", "--store")

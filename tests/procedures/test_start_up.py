@@ -20,7 +20,15 @@ BUSES = {"can", "canopen", "pymodbus", "serial"}
     ("command", "needless"),
     [
         ("--help", {"numpy", "pydantic", "rich", "pint"}),
-        ("model ratio --sensed-modulus 15kPa", {"scipy", "pint", "matplotlib", *TABLES, *BUSES}),
+        ("model ratio --sensed-modulus 15kPa", {"scipy", "pydantic", "pint", "matplotlib", *TABLES, *BUSES}),
+        (
+            "model ratio --design array --model surface --sensed-modulus 15kPa --json",
+            {"scipy", "skfem", "pydantic", "pint", "matplotlib", "rich", *TABLES, *BUSES},
+        ),
+        (
+            "model modulus --design single_round --model surface --force-ratio 0.3 --json",
+            {"scipy", "skfem", "pydantic", "pint", "matplotlib", "rich", *TABLES, *BUSES},
+        ),
         pytest.param("scene explain ideal", {"pint", "matplotlib", *ROOTFINDERS, *TABLES, *BUSES}, marks=slow),
         pytest.param(
             "sweep loads --samples 1 --loads 2N --json", {"pint", "rich.progress", *ROOTFINDERS, *TABLES}, marks=slow

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from palpate.instrument.config import Config
+from dataclasses import dataclass
 
 
-class Machine(Config):
+@dataclass(frozen=True, slots=True)
+class Machine:
     """Machine and date of the times."""
 
     cpu: str
@@ -20,7 +21,8 @@ class Machine(Config):
         return f"{self.cpu}, {self.cores} cores, {self.system}, Python {self.python}"
 
 
-class Reference(Config):
+@dataclass(frozen=True, slots=True)
+class Reference:
     """The converged force ratios of one design, against which errors are measured.
 
     Attributes:
@@ -37,7 +39,8 @@ class Reference(Config):
     how: str
 
 
-class Price(Config):
+@dataclass(frozen=True, slots=True)
+class Price:
     """Error and time of one model of one design at one refinement.
 
     Attributes:

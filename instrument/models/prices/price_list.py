@@ -12,15 +12,14 @@ import bisect
 import functools
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from palpate.instrument.config import Config, read_shipped
+from palpate.instrument import shipped
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.prices.price import Machine, Price, Reference
@@ -53,30 +52,29 @@ class Choice:
     why: str
 
 
-class PriceList(Config):
+@dataclass(frozen=True, slots=True)
+class PriceList:
     """All prices, between rising Young moduli of the object [Pa].
 
     Attributes:
         format: number that is raised with every change of a field's meaning; lists of another format are refused.
     """
 
-    format: Literal[2] = 2
+    format: Literal[2] = field(default=2, kw_only=True)
     machine: Machine
-    moduli_Pa: tuple[float, ...] = Field(min_length=2)
+    moduli_Pa: tuple[float, ...]
     references: tuple[Reference, ...]
     prices: tuple[Price, ...]
 
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def __post_init__(self) -> None:
         """Check that moduli rise and that every price and reference has a number for each interval or modulus."""
         count = len(self.moduli_Pa)
-        if not (self.moduli_Pa[0] > 0 and all(low < high for low, high in pairwise(self.moduli_Pa))):
+        if not (count > 1 and self.moduli_Pa[0] > 0 and all(low < high for low, high in pairwise(self.moduli_Pa))):
             raise ValueError("moduli_Pa do not rise from above 0")
         if any({len(price.errors), len(price.estimates)} != {count - 1} for price in self.prices) or any(
             {len(reference.force_ratios), len(reference.uncertainties)} != {count} for reference in self.references
         ):
             raise ValueError(f"a price or reference does not go with {count} moduli")
-        return self
 
     def choose(self, design: str, low: float, high: float, tolerance: float) -> Choice:
         """The cheapest model whose priced error meets the tolerance for objects with moduli from `low` to `high` [Pa].
@@ -138,16 +136,15 @@ class PriceList(Config):
                     f"no price was measured for design {design!r}; measure it: palpate accuracy models"
                     f" --measure --design {design}"
                 )
-        return self.model_copy(
-            update={
-                "references": tuple(reference for reference in self.references if reference.design in designs),
-                "prices": tuple(price for price in self.prices if price.design in designs),
-            }
+        return replace(
+            self,
+            references=tuple(reference for reference in self.references if reference.design in designs),
+            prices=tuple(price for price in self.prices if price.design in designs),
         )
 
     def require_like(self, machine: Machine, moduli: tuple[float, ...]) -> None:
         """Check that machine and moduli [Pa] are those of this list; dates may differ. Raises RangeError."""
-        if machine.model_copy(update={"date": self.machine.date}) != self.machine:
+        if replace(machine, date=self.machine.date) != self.machine:
             raise RangeError(
                 f"the stored prices are of {self.machine.described}, and this is {machine.described}; {MEASURE_ALL}"
             )
@@ -163,12 +160,11 @@ class PriceList(Config):
         self.require_like(fresh.machine, fresh.moduli_Pa)
         renewed = {price.design for price in fresh.prices}
         sources = {p.design: fresh if p.design in renewed else self for p in (*self.prices, *fresh.prices)}
-        return self.model_copy(
-            update={
-                "machine": fresh.machine,
-                "references": tuple(r for name, of in sources.items() for r in of.references if r.design == name),
-                "prices": tuple(p for name, of in sources.items() for p in of.prices if p.design == name),
-            }
+        return replace(
+            self,
+            machine=fresh.machine,
+            references=tuple(r for name, of in sources.items() for r in of.references if r.design == name),
+            prices=tuple(p for name, of in sources.items() for p in of.prices if p.design == name),
         )
 
     def vouches(self, design: Design, loads: Sequence[Load]) -> bool:
@@ -294,4 +290,4 @@ def stored() -> PriceList:
     Raises:
         ConfigError: the file is missing or damaged.
     """
-    return read_shipped(STORED, PriceList, "price list", MEASURE_ALL)
+    return shipped.read(STORED, PriceList, "price list", MEASURE_ALL)
