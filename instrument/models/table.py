@@ -46,16 +46,13 @@ class FilmLoad:
 
     def times(self, factor: float) -> Self:
         """The same under a force that is larger by this factor."""
-        scaled = {
-            name: None if value is None else value * factor
-            for name, value in (
-                ("voltage", self.voltage),
-                ("voltage_error", self.voltage_error),
-                ("charge", self.charge),
-            )
-        }
+        if factor == 1:
+            return self
+        voltage, error, charge = (
+            None if value is None else value * factor for value in (self.voltage, self.voltage_error, self.charge)
+        )
         stress = None if self.plane_stress is None else (self.plane_stress[0] * factor, self.plane_stress[1] * factor)
-        return replace(self, force=self.force * factor, plane_stress=stress, **scaled)
+        return type(self)(self.force * factor, stress, voltage, error, charge)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 LONGEST = 1000  # characters of a command's summary, more than any has
+MANY = 100  # entries of a list in JSON
 
 option = functools.partial(click.option, show_default=True)
 
@@ -199,11 +200,11 @@ class Output:
     def json(self, value: Mapping[str, object]) -> None:
         """Print the one JSON object on stdout, with null for NaN and infinities."""
         try:
-            text = json.dumps(value, indent=2, allow_nan=False)
+            text = _text(value)
         except (TypeError, ValueError):
             from palpate.procedures.records.encoding import plain
 
-            text = json.dumps(plain(value), indent=2, allow_nan=False)
+            text = _text(cast("Mapping[str, object]", plain(value)))
         click.echo(text)
 
     def line(self, text: str) -> None:
@@ -219,3 +220,15 @@ class Output:
     def progress(self, first: str = "opening the bench") -> AbstractContextManager[Progress]:
         """A progress bar on stderr, if stderr is a terminal."""
         return nullcontext(silent) if self.quiet else bar(first)
+
+
+def _text(value: Mapping[str, object]) -> str:
+    """JSON of an object. A list of many entries has each on a line: Python indents ten times as slowly as it writes."""
+    members = []
+    for name, member in value.items():
+        if isinstance(member, list) and len(member) > MANY:
+            text = "[\n    " + ",\n    ".join(json.dumps(entry, allow_nan=False) for entry in member) + "\n  ]"
+        else:
+            text = json.dumps(member, indent=2, allow_nan=False).replace("\n", "\n  ")
+        members.append(f"{json.dumps(name)}: {text}")
+    return "{\n  " + ",\n  ".join(members) + "\n}" if members else "{}"
