@@ -34,7 +34,7 @@ class Fitted:
     def __init__(self, description: BenchDescription, clock: BenchClock) -> None:
         """Raises ConfigError: the driver of a listed device cannot be loaded, or does not fit its role."""
         self.description = description
-        self.links = {name: _link(place) for name, place in description.links.items()}
+        self.links = {name: _link(place, clock) for name, place in description.links.items()}
         self.absent: list[str] = []
         devices = description.devices
         self._listed = {each.name: each for each in devices}
@@ -48,7 +48,7 @@ class Fitted:
     def _made(self, each: Listed) -> Device:
         """The driver of a device. Raises ConfigError: it cannot be loaded."""
         driver: type[Device] = load(each.kind.driver, f"driver of {each.name}")
-        return driver.at(Place(self.links[each.link], each.unit, each.settings, self.clock))
+        return driver.at(Place(self.links[each.link], each.unit, each.settings, self.clock, each.kind, each.inventory))
 
     def _driven(self) -> Exciter | None:
         """The exciter; None: the bench has none. Raises ConfigError: its driver does not fit."""
@@ -127,7 +127,8 @@ class Fitted:
         return True
 
 
-def _link(place: files.Link) -> ModbusLink | CanLink:
+def _link(place: files.Link, clock: BenchClock) -> ModbusLink | CanLink:
+    """A link, closed. What it waits between frames is not watched, so it gets the clock that keeps the time."""
     if isinstance(place, files.CanLink):
         return CanLink(place)
-    return ModbusLink.rtu(place) if isinstance(place, files.SerialLine) else ModbusLink.tcp(place)
+    return ModbusLink.rtu(place, clock) if isinstance(place, files.SerialLine) else ModbusLink.tcp(place, clock)

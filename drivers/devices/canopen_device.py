@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from functools import partial
+from typing import Self
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device, Place
+from palpate.drivers.devices.identified import check_inventory, check_marks, serial_number
+from palpate.drivers.devices.told import Told
+from palpate.drivers.devices.wear import Wear
 from palpate.drivers.links.can import CanLink, FrameCallback
-from palpate.instrument.contracts.contract import PROBE, Pdo, Value, sdo
+from palpate.instrument.contracts.contract import PROBE, Contract, Pdo, Value, sdo
 from palpate.instrument.contracts.sensor_node import EMERGENCY, SILENT
 from palpate.instrument.errors import DeviceError, IdentityError
 
 MOST_EMERGENCIES = 10_000  # emergency messages that are kept for a node
+DEVICE_TYPE = 0x1000
+IDENTITY, REVISION = 0x1018, 3  # object, and its part of which the upper half counts
 HEARTBEAT = 0x700
 BOOTED = 0
 MISSED = 3  # missing heartbeats after which an incident is noted
@@ -24,19 +30,25 @@ class CanopenDevice(Device):
     has these objects, the driver also hears emergencies (1014h), heartbeats (1017h) and restarts of the node.
     """
 
-    orders: ClassVar[frozenset[str]] = frozenset()  # objects that make the node do something
+    orders: frozenset[str] = frozenset()  # objects that make the node do something
 
     @classmethod
     def at(cls, place: Place) -> Self:
         """Make the driver of a node; a driver whose constructor takes more arguments overrides this."""
-        return cls(place.link, place.unit, place.clock)
+        return cls._fitted(cls(place.link, place.unit, place.clock, *cls._own(place)), place)
 
-    def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
+    def __init__(self, link: CanLink, node_id: int, clock: Clock, contract: Contract | None = None) -> None:
+        """Make a driver, not connected yet; `contract`: None for a driver that has its own."""
+        if contract is not None:
+            self.contract = contract
         super().__init__(f"{self.contract.title} {node_id} at {link.name}")
         self.link: CanLink = link
         self.id = node_id
         self.clock = clock
+        self.orders = self.orders | {command.field for command in self.contract.commands}
         self._settings: dict[str, Value] = {}
+        self._scales = Told(self)
+        self._wear = Wear(self.name, self.contract, clock)
         self.emergencies: list[bytes] = []
         self._noticed = 0  # number of emergencies that were reported as notices
         self._restarted = False
@@ -59,31 +71,73 @@ class CanopenDevice(Device):
         self.simulated = self._text(sdo(0x1009)) == "simulated"
 
     def identify(self) -> None:
-        """Check identity (1018h) and byte order.
+        """Check that this is the contract's device, and that it tells the same scales and units as before.
 
         Raises:
-            IdentityError: another vendor, product or major revision, another byte order, or another serial number than
-                before.
-            LinkError, LinkTimeout, DeviceError: the node does not answer, or refuses.
+            IdentityError: another vendor, product or major revision (1018h), a mark that does not fit, another byte
+                order, or another serial number than before; or the bench file does not name a device that cannot be
+                known.
+            LinkError, LinkTimeout, DeviceError: the node does not answer, refuses, or tells another scale or unit.
         """
-        expected = self.contract.identity
-        found = [int(self.get(field)) for field in ("vendor", "product", "revision")]
-        wanted = [int(text, 16) for text in (expected.vendor, expected.product, expected.revision)]
-        if found[:2] != wanted[:2] or found[2] >> 16 != wanted[2] >> 16:
-            raise IdentityError(
-                f"{self.name}: identifies itself as {' '.join(f'0x{v:08X}' for v in found)}, the contract is for "
-                f"{' '.join(f'0x{v:08X}' for v in wanted)}; check the node id in the bench file"
-            )
-        if (probe := int(self.get("probe"))) != PROBE:
+        match self.contract.known_by:
+            case "identity":
+                self._check_identity()
+            case "marks":
+                check_marks(self)
+            case "nothing":
+                check_inventory(self)
+        if self.contract.has("probe") and (probe := int(self.get("probe"))) != PROBE:
             raise IdentityError(
                 f"{self.name}: byte-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
                 "this node is not little-endian as CANopen asks; update its firmware"
             )
-        self.serial = self._same(f"{int(self.get('serial')):08X}")
+        self._scales.check()
+        self.serial = self._same(self._serial_number())
+
+    def _check_identity(self) -> None:
+        """Check those parts of 1018h that the contract has. Raises IdentityError, LinkError, DeviceError."""
+        expected = self.contract.identity
+        wanted = {
+            number: int(text, 16)
+            for number, text in enumerate((expected.vendor, expected.product, expected.revision), 1)
+            if text
+        }
+        found = {number: self._asked(partial(self._identity, number)) for number in wanted}
+        if any(found[n] >> 16 != wanted[n] >> 16 if n == REVISION else found[n] != wanted[n] for n in wanted):
+            raise IdentityError(
+                f"{self.name}: identifies itself as {' '.join(f'0x{v:08X}' for v in found.values())}, the contract is "
+                f"for {' '.join(f'0x{v:08X}' for v in wanted.values())}; check the node id in the bench file"
+            )
+
+    def _identity(self, part: int) -> int:
+        """A part of the identity object. Raises DeviceError: it has no 4 bytes."""
+        data = self.link.upload(self.name, self._node, IDENTITY, part, 4)
+        if len(data) != 4:
+            raise DeviceError(
+                f"{self.name}: 1018h:{part} has {len(data)} bytes instead of 4, so it is not used; check the node's "
+                "firmware"
+            )
+        return int.from_bytes(data, "little")
+
+    def _serial_number(self) -> str:
+        if not self.contract.serial and self.contract.has("serial"):
+            return f"{int(self.get('serial')):08X}"
+        return serial_number(self)
 
     def get(self, name: str) -> float:
-        """Physical value of one object. Raises LinkError, LinkTimeout; DeviceError: an abort, or outside its limits."""
-        return self._asked(lambda: self._value(name, self._get(name)))
+        """Physical value of one object; NaN: it has no reading.
+
+        Raises LinkError, LinkTimeout; DeviceError: an abort, or a value outside its limits.
+        """
+        return self._asked(lambda: self._value(name, self._get(name), self._scales.beside(name)))
+
+    def held(self, name: str) -> float:
+        """Value of an object, which may be outside the limits."""
+        return self.contract.decode(name, self._held(name), self._scales.beside(name))
+
+    def get_text(self, name: str) -> str:
+        """Content of a text object. Raises LinkError, LinkTimeout, DeviceError."""
+        return self._asked(lambda: self._text(self.contract[name].address))
 
     def _held(self, name: str) -> bytes:
         """The bytes of an object, without a check of their value."""
@@ -102,9 +156,23 @@ class CanopenDevice(Device):
             )
         return data
 
+    def give(self, name: str, value: Value) -> None:
+        """Write one object, once."""
+        self.set(name, value)
+
     def set(self, name: str, value: Value) -> None:
-        """Write one object. Raises RangeError before anything is sent, DeviceError where the node aborts."""
-        data = self.contract.encode(name, value)
+        """Write one object, once.
+
+        Raises:
+            RangeError: a value outside its limits; nothing is sent.
+            DeviceError: the node aborts; or its memory was written too often.
+        """
+        data = self._scales.encode(name, value)
+        if worn := self._wear.of((name,)):
+            if self.contract[name].access == "rw" and self._held(name) == data:
+                self._remember(name, value)
+                return
+            self._wear.count(worn)
         self._told(lambda: self._set(name, value, data))
         self._remember(name, value)
 
@@ -119,6 +187,14 @@ class CanopenDevice(Device):
         """Read the heartbeat period, if the node has one."""
         if self.contract.has("heartbeat"):
             self._heartbeat = self.get("heartbeat")
+
+    def _barrier(self) -> None:
+        """Ask for an object. What the node sent before its answer has come by then."""
+        for name in ("error_register", "probe"):
+            if self.contract.has(name):
+                self._get(name)
+                return
+        self.link.upload(self.name, self._node, DEVICE_TYPE, 0, 4)
 
     def _listen(self) -> None:
         """Subscribe to the node's process data, emergencies and heartbeats."""
@@ -174,7 +250,7 @@ class CanopenDevice(Device):
 
     def _last(self, sent: Pdo) -> dict[str, float]:
         pdo = sent.name
-        self._get("probe")
+        self._barrier()
         data = self._received.get(pdo)
         if data is None:
             raise DeviceError(
@@ -187,7 +263,8 @@ class CanopenDevice(Device):
                 f"{self.name}: process data {pdo!r} came with {len(data)} bytes instead of {size} and are not used; "
                 "check the PDO mapping of the node"
             )
-        return {name: self._value(name, part) for name, part in self.contract.parts(sent, data).items()}
+        parts = self.contract.parts(sent, data).items()
+        return {name: self._value(name, part, self._scales.beside(name)) for name, part in parts}
 
     def send(self, pdo: str, **values: Value) -> None:
         """Send a PDO to the node, once; there is no answer. The driver remembers its values like other settings.
@@ -226,12 +303,17 @@ class CanopenDevice(Device):
         return [f"{self.name}: {each}" for each in found]
 
     def differences(self) -> list[str]:
-        """The settings that the node no longer holds, allowed or not, and whether the node has restarted."""
+        """The settings that the node no longer holds, allowed or not, and whether the node has restarted.
+
+        Raises LinkError, DeviceError; DeviceError also where it tells another scale or unit than before.
+        """
+        self._scales.check()
         found = []
         for name, value in self._settings.items():
             held = self._held(name)
-            if held != self.contract.encode(name, value):
-                found.append(f"{self.name}: {name} is {self.contract.decode(name, held):g}, was set to {value}")
+            if not self._scales.holds(name, held, value):
+                shown = self.contract.decode(name, held, self._scales.beside(name))
+                found.append(f"{self.name}: {name} is {shown:g}, was set to {value}")
         return [*([f"{self.name}: has started anew"] if self._restarted else []), *found]
 
     def restore(self) -> None:

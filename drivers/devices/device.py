@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from palpate.drivers.clock import Clock
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.errors import BenchError, DeviceError, IdentityError
+from palpate.drivers.devices.commands import carry_out
+from palpate.instrument.contracts.contract import NOTHING, Contract, Value
+from palpate.instrument.errors import BenchError, DeviceError, IdentityError, UsageError
 
 if TYPE_CHECKING:
     from palpate.drivers.links.can import CanLink
     from palpate.drivers.links.modbus import ModbusLink
+    from palpate.instrument.bench.kinds import DeviceKind
 
 READ_ATTEMPTS = 2  # attempts of a read on a bench that records incidents; else 1
 T = TypeVar("T")
@@ -27,12 +29,16 @@ class Place:
         unit: its Modbus unit id, or its CANopen node id.
         settings: the settings of its kind, from its section of the bench file.
         clock: the bench's clock.
+        kind: its device kind; None: that of the driver's own contract.
+        inventory: its label, if it tells nothing by which it is known; "" otherwise.
     """
 
     link: Any
     unit: int
     settings: Any
     clock: Clock
+    kind: DeviceKind | None = None
+    inventory: str = ""
 
 
 class Device:
@@ -40,10 +46,14 @@ class Device:
 
     A read changes nothing, so it is tried up to `read_attempts` times until the answer is valid; `noticed` is called
     with each failure. A write is sent once.
+
+    A driver for one map has a class attribute `contract`. One for many maps has none: it gets that of its place's kind.
     """
 
-    contract: ClassVar[Contract]
+    contract: Contract
+    clock: Clock
     link: ModbusLink | CanLink
+    inventory = ""
 
     @classmethod
     def at(cls, place: Place) -> Self:
@@ -58,6 +68,45 @@ class Device:
         self.read_attempts = 1
         self.noticed: Callable[[str], object] = lambda _incident: None
         self.afterwards: Callable[[], object] = lambda: None  # called after each request
+
+    @classmethod
+    def _fitted(cls, made: Self, place: Place) -> Self:
+        """A driver with what its place says of it."""
+        made.inventory = place.inventory
+        return made
+
+    @classmethod
+    def _own(cls, place: Place) -> tuple[Contract, ...]:
+        """The contract of its place's kind, if the class has none. Raises UsageError: there is neither."""
+        if hasattr(cls, "contract"):
+            return ()
+        if place.kind is None:
+            raise UsageError(f"{cls.__name__} has no contract of its own; give its place a kind")
+        return (place.kind.contract,)
+
+    def get(self, name: str) -> float:
+        """Physical value of a field, in the contract's unit; NaN: it has no reading. Raises LinkError, DeviceError."""
+        raise NotImplementedError
+
+    def get_many(self, *names: str) -> list[float]:
+        """Physical values of several fields, as `get`."""
+        return [self.get(name) for name in names]
+
+    def held(self, name: str) -> float:
+        """Value of a field, which may be outside the limits. Raises LinkError, DeviceError."""
+        raise NotImplementedError
+
+    def get_text(self, name: str) -> str:
+        """Content of a text field. Raises LinkError, DeviceError."""
+        raise NotImplementedError
+
+    def give(self, name: str, value: Value) -> None:
+        """Write one field, once. Raises RangeError, LinkError, DeviceError."""
+        raise NotImplementedError
+
+    def command(self, name: str) -> None:
+        """Give an order of the contract, and wait until it is done; see `palpate.drivers.devices.commands`."""
+        carry_out(self, name)
 
     def identify(self) -> None:
         """Check that the contract's device answers, and the same one as before. Raises IdentityError, LinkError."""
@@ -95,9 +144,15 @@ class Device:
             )
         return serial
 
-    def _value(self, name: str, data: bytes) -> float:
+    def _value(self, name: str, data: bytes, beside: Mapping[str, float] = NOTHING) -> float:
         """Physical value of a field from its bytes. Raises DeviceError: it is outside the limits, or no choice."""
-        value = self.contract.decode(name, data)
+        try:
+            value = self.contract.decode(name, data, beside)
+        except KeyError:
+            raise DeviceError(
+                f"{self.name}: tells a scale of {name} that the contract does not know ({dict(beside)}); not used. "
+                "Check the map of this device"
+            ) from None
         if fault := self.contract.misread(name, value):
             raise DeviceError(
                 f"{self.name}: reads {fault}; not used. Set it within its limits, or look at its firmware"

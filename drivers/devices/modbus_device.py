@@ -3,78 +3,105 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
-from functools import cache
-from typing import ClassVar, Self
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from typing import Any, Self
+
+from pymodbus.pdu import ModbusPDU
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device, Place
-from palpate.drivers.links.modbus import (
-    BASIC,
-    EXTENDED,
-    REGULAR,
-    ModbusLink,
-    read_identity,
-    read_registers,
-    write_registers,
-)
-from palpate.instrument.contracts.contract import PROBE, Value
-from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError, UsageError
+from palpate.drivers.devices.identified import check_inventory, check_marks, serial_number
+from palpate.drivers.devices.layouts import Read, Reading, Write, companions, reading, write
+from palpate.drivers.devices.told import Told
+from palpate.drivers.devices.wear import Wear
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.requests import BASIC, EXTENDED, READS, REGULAR, WRITES, confirms, read_identity
+from palpate.instrument.contracts.contract import PROBE, Contract, Value
+from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError
 
 VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
+WRITES_REGISTERS = 16  # function code
 
 
 class ModbusDevice(Device):
-    """Reads and writes the fields of the contract by checked requests.
+    """Reads and writes the fields of the contract by checked requests, with the functions that the contract names.
 
     A write is sent once; if it is not confirmed, it is read back. The driver remembers written settings in order to
-    restore them, but no orders.
+    restore them, but no orders. A setting whose memory wears is written only if the device holds another value.
 
     Replies on a serial line have no transaction number. So that a late reply cannot answer the next read, successive
     reads ask for different numbers of registers, if the contract has one more to read.
     """
 
-    orders: ClassVar[frozenset[str]] = frozenset()  # fields that make the device do something
+    orders: frozenset[str] = frozenset()  # fields that make the device do something
 
     @classmethod
     def at(cls, place: Place) -> Self:
         """Make the driver of a device; a driver whose constructor takes more arguments overrides this."""
-        return cls(place.link, place.unit, place.clock)
+        return cls._fitted(cls(place.link, place.unit, place.clock, *cls._own(place)), place)
 
-    def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock, contract: Contract | None = None) -> None:
+        """Make a driver, not connected yet; `contract`: None for a driver that has its own."""
+        if contract is not None:
+            self.contract = contract
         super().__init__(f"{self.contract.title} at {link.name} unit {unit}")
         self.link: ModbusLink = link
         self.unit = unit
         self.clock = clock
+        self.orders = self.orders | {command.field for command in self.contract.commands}
         self._settings: dict[str, Value] = {}
-        self._layout = cache(self.contract.layout)
+        self._reading: Callable[[tuple[str, ...]], Reading] = cache(partial(reading, self.contract))
+        self._unscaled: Callable[[tuple[str, ...]], Reading] = cache(partial(reading, self.contract, scaled=False))
+        self._writing: Callable[[tuple[str, ...]], Write] = cache(partial(write, self.contract))
+        self._companions: Callable[[str], frozenset[str]] = cache(partial(companions, self.contract))
+        self._scales = Told(self)
+        self._wear = Wear(self.name, self.contract, clock)
+        manners = self.contract.manners
+        timing = {"gap": manners.gap, "responds": manners.responds or 0.0}
+        self._timing = {name: seconds for name, seconds in timing.items() if seconds}
         self._last_count = 0  # number of registers in the last read
 
     def identify(self) -> None:
-        """Check that this is the contract's device and that it agrees on the word order.
+        """Check that this is the contract's device, and that it tells the same scales and units as before.
 
         Raises:
-            IdentityError: another vendor, product or major version, another word order, or another serial number
-                than before.
-            LinkError, LinkTimeout, DeviceError: it does not answer, or refuses.
+            IdentityError: another vendor, product or major version, a mark that does not fit, another word order, or
+                another serial number than before; or the bench file does not name a device that cannot be known.
+            LinkError, LinkTimeout, DeviceError: it does not answer, refuses, or tells another scale or unit.
         """
-        objects = self._asked(self._identity)
-        expected = self.contract.identity
-        found = (objects.get(VENDOR, ""), objects.get(PRODUCT, ""), objects.get(REVISION, ""))
-        wanted = (expected.vendor, expected.product, expected.revision)
-        if found[:2] != wanted[:2] or found[2].split(".")[0] != wanted[2].split(".")[0]:
-            raise IdentityError(
-                f"{self.name}: identifies itself as {' '.join(found).strip() or 'nothing'}, the contract is for "
-                f"{' '.join(wanted)}; check the address and unit id in the bench file"
-            )
-        probe = int(self.get("probe"))
-        if probe != PROBE:
+        serial = ""
+        match self.contract.known_by:
+            case "identity":
+                serial = self._check_identity()
+            case "marks":
+                check_marks(self)
+            case "nothing":
+                check_inventory(self)
+        if self.contract.has("probe") and (probe := int(self.get("probe"))) != PROBE:
             raise IdentityError(
                 f"{self.name}: word-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
                 "set the device to big-endian words (most significant first)"
             )
-        self.serial = self._same(objects.get(SERIAL, ""))
+        self._scales.check()
+        self.serial = self._same(serial or serial_number(self))
+
+    def _check_identity(self) -> str:
+        """Check the identity objects that the contract has; returns the serial number among them. Raises as above."""
+        objects = self._asked(self._identity)
+        expected = self.contract.identity
+        found = (objects.get(VENDOR, ""), objects.get(PRODUCT, ""), objects.get(REVISION, ""))
+        wanted = (expected.vendor, expected.product, expected.revision)
+        major = (*found[:2], found[2].split(".")[0])
+        if any(
+            text and given != text for given, text in zip(major, (*wanted[:2], wanted[2].split(".")[0]), strict=True)
+        ):
+            raise IdentityError(
+                f"{self.name}: identifies itself as {' '.join(found).strip() or 'nothing'}, the contract is for "
+                f"{' '.join(wanted).strip()}; check the address and unit id in the bench file"
+            )
         self.simulated = objects.get(APPLICATION, "") == "simulated"
+        return objects.get(SERIAL, "")
 
     def _identity(self) -> dict[int, str]:
         """Identity objects by number; the lower categories are asked for if the extended one leaves them out."""
@@ -84,20 +111,42 @@ class ModbusDevice(Device):
         return objects
 
     def _category(self, category: int) -> dict[int, str]:
-        reply = self.link.transact(self.name, read_identity, category, self.unit)
+        reply = self._transact(read_identity, category)
         return {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
 
+    def _transact(self, request: Callable[..., ModbusPDU], *args: object) -> ModbusPDU:
+        return self.link.transact(self.name, request, *args, self.unit, **self._timing)
+
     def get(self, name: str) -> float:
-        """Physical value of one field, in the contract's unit."""
+        """Physical value of one field, in the contract's unit; NaN: it has no reading. Raises as `get_many`."""
         return self.get_many(name)[0]
 
     def get_many(self, *names: str) -> list[float]:
-        """Physical values of adjacent fields, read in one request, in the contract's units.
+        """Physical values of fields, read in one request if they stand together, in the contract's units.
 
         Raises:
-            LinkError, LinkTimeout, DeviceError: no answer, an exception response, or a value outside its limits.
+            LinkError, LinkTimeout, DeviceError: no answer, an exception response, a value outside its limits, or a
+                scale that has changed.
+            UsageError: one request cannot read a sign together with all values that it belongs to.
         """
-        return self._asked(lambda: list(map(self._value, names, self._read(names))))
+        return self._asked(lambda: self._values(self._reading(names), self._value))
+
+    def _values(self, plan: Reading, value: Callable[..., float]) -> list[float]:
+        """Values of a reading, each made by `value` of its name, its bytes and what is beside it."""
+        if not plan.scaled:
+            return list(map(value, plan.names, self._fetch(plan)))
+        beside = {name: self._scales.scale(name) for name in plan.apart}
+        names = (*plan.names, *plan.along)
+        data = dict(zip(names, self._fetch(plan), strict=True))
+        for name in names:
+            if not self.contract[name].beside:
+                beside[name] = value(name, data[name])
+                self._scales.take(name, beside[name])
+        return [value(name, data[name], beside) for name in plan.names]
+
+    def held(self, name: str) -> float:
+        """Value of a field, which may be outside the limits."""
+        return self._asked(lambda: self._values(self._reading((name,)), self.contract.decode))[0]
 
     def get_text(self, name: str) -> str:
         """Content of a text field. Raises LinkError, LinkTimeout, DeviceError: no answer, or one that is no text."""
@@ -110,40 +159,62 @@ class ModbusDevice(Device):
             raise DeviceError(f"{self.name}: {name} holds no text in UTF-8 ({error}); write it anew") from None
 
     def _read(self, names: tuple[str, ...]) -> list[bytes]:
-        start, count, places = self._layout(names)
-        if self.link.serial and count == self._last_count:
-            start, count, places = self._layout(self.contract.widened(names))
-        self._last_count = count
+        """The bytes of each field, without what tells their scales and signs."""
+        return self._fetch(self._unscaled(names))
+
+    def _fetch(self, plan: Reading) -> list[bytes]:
+        """The bytes of each field of a reading, then those of the fields that are read along."""
+        if plan.direct:
+            return self._ask(plan.requests[0])
+        found: dict[str, bytes] = {}
+        for request in plan.requests:
+            found.update(zip(request.names, self._ask(request), strict=True))
+        return [found[name] for name in (*plan.names, *plan.along)]
+
+    def _ask(self, read: Read) -> list[bytes]:
+        fields = len(read.names)
+        if self.link.serial and read.count == self._last_count and read.wider:
+            read = read.wider
+        self._last_count = read.count
         try:
-            reply = self.link.transact(self.name, read_registers, start, count, self.unit)
+            reply: Any = self._transact(READS[read.function], read.start, read.count)
         except DeviceError as error:
-            raise DeviceError(f"{error}, to a read of {', '.join(names)}", code=error.code) from None
-        if reply.function_code != 3 or len(reply.registers) != count:
+            raise DeviceError(f"{error}, to a read of {', '.join(read.names)}", code=error.code) from None
+        if read.bits:
+            whole = -(-read.count // 8) * 8  # a reply holds whole bytes
+            given, wanted, what = reply.bits if reply.function_code == read.function else [], whole, "bits"
+        else:
+            given, wanted, what = reply.registers, read.count, "registers"
+        if reply.function_code != read.function or len(given) != wanted:
             raise DeviceError(
-                f"{self.name}: answered function {reply.function_code} with {len(reply.registers)} registers "
-                f"where function 3 with {count} was asked; the reply is not used"
+                f"{self.name}: answered function {reply.function_code} with {len(given)} {what} "
+                f"where function {read.function} with {wanted} was asked; the reply is not used"
             )
-        data = struct.pack(f">{count}H", *reply.registers)
-        return [data[place] for place in places[: len(names)]]
+        data = bytes(given) if read.bits else struct.pack(f">{wanted}H", *given)
+        return [data[place] for place in read.places[:fields]]
+
+    def give(self, name: str, value: Value) -> None:
+        """Write one field, once."""
+        self.set(**{name: value})
 
     def set(self, **values: Value) -> None:
-        """Write adjacent fields in one FC16 request, which is never repeated.
+        """Write fields that stand together in one request, which is never repeated.
 
         Raises:
             RangeError: a value outside its limits; nothing is sent.
-            DeviceError: the device refused, naming the fields and values.
+            UsageError: one request cannot write them, or not without others; nothing is sent.
+            DeviceError: the device refused, naming the fields and values; or its memory was written too often.
             LinkError, LinkTimeout: it is not confirmed, and does not read back as written.
         """
-        names = sorted(values, key=lambda name: self.contract[name].address)
-        data = b"".join([self.contract.encode(name, values[name]) for name in names])
-        start, count = self.contract.block(values)
-        if len(data) != 2 * count:
-            raise UsageError(
-                f"{self.contract.title}: {', '.join(values)} are not adjacent in the contract; write them one by one"
-            )
-        registers = [int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2)]
+        plan = self._writing(tuple(values))
+        data = [self._scales.encode(name, values[name]) for name in plan.names]
+        if worn := self._wear.of(values):
+            if all(self.contract[name].access == "rw" for name in values) and not self._differing(values):
+                self._remember(values)
+                return
+            self._wear.count(worn)
         try:
-            self._told(lambda: self._write(start, registers, values))
+            self._told(lambda: self._send(plan, plan.content(data), values))
         except BenchError as error:
             if isinstance(error, LinkError):
                 self._remember(values)  # a write without confirmation may have been carried out
@@ -152,17 +223,30 @@ class ModbusDevice(Device):
             self.noticed(f"{error}; read back, it was carried out")
         self._remember(values)
 
+    def _send(self, plan: Write, content: list[Any], values: Mapping[str, Value]) -> None:
+        if plan.function == WRITES_REGISTERS:
+            self._write(plan.start, content, values)
+        else:
+            self._order(plan.function, plan.start, content, values)
+
     def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> None:
+        self._order(WRITES_REGISTERS, start, registers, values)
+
+    def _order(self, function: int, start: int, content: list[Any], values: Mapping[str, Value]) -> None:
         try:
-            reply = self.link.transact(self.name, write_registers, start, registers, self.unit)
+            reply = self._transact(WRITES[function], start, content)
         except DeviceError as error:
             raise DeviceError(f"{error}, to {self._described(values)}", code=error.code) from None
-        if reply.function_code != 16 or reply.address != start or reply.count != len(registers):
+        if not confirms(reply, function, start, content):
             raise DeviceError(f"{self.name}: did not confirm {self._described(values)}; the setting is uncertain")
+
+    def _is_setting(self, name: str) -> bool:
+        """Whether it can be restored, with all that must be written together with it."""
+        return all(self.contract[each].access == "rw" and each not in self.orders for each in self._companions(name))
 
     def _remember(self, values: Mapping[str, Value]) -> None:
         for name, value in values.items():
-            if self.contract[name].access == "rw" and name not in self.orders:
+            if self._is_setting(name):
                 self._settings[name] = value
 
     def _reads_back(self, values: Mapping[str, Value]) -> bool:
@@ -174,26 +258,36 @@ class ModbusDevice(Device):
         except BenchError:
             return False
 
-    def _differing(self, values: Mapping[str, Value]) -> dict[str, float]:
+    def _differing(self, values: Mapping[str, Value]) -> dict[str, bytes]:
         """Those that the device holds otherwise, as it holds them: within their limits or not."""
         found = dict(zip(values, self._asked(lambda: self._read(tuple(values))), strict=True))
-        return {
-            name: self.contract.decode(name, found[name])
-            for name, value in values.items()
-            if found[name] != self.contract.encode(name, value)
-        }
+        return {name: found[name] for name, value in values.items() if not self._scales.holds(name, found[name], value)}
 
     def differences(self) -> list[str]:
-        """The settings that the device no longer holds. Raises LinkError, DeviceError."""
+        """The settings that the device no longer holds.
+
+        Raises LinkError, DeviceError; DeviceError also where it tells another scale or unit than before.
+        """
+        self._scales.check()
         differing = self._differing(self._settings) if self._settings else {}
         return [
-            f"{self.name}: {name} is {value:g}, was set to {self._settings[name]}" for name, value in differing.items()
+            f"{self.name}: {name} is {self._shown(name, data)}, was set to {self._settings[name]}"
+            for name, data in differing.items()
         ]
+
+    def _shown(self, name: str, data: bytes) -> str:
+        if self.contract[name].type == "text":
+            return repr(data.decode("utf-8", "replace"))
+        return f"{self.contract.decode(name, data, self._scales.beside(name)):g}"
 
     def restore(self) -> None:
         """Write lost settings again, and check that they stay. Raises as `set`, and DeviceError: they do not stay."""
+        restored: set[str] = set()
         for name in self._differing(self._settings) if self._settings else {}:
-            self.set(**{name: self._settings[name]})
+            if name not in restored:
+                together = self._companions(name)
+                self.set(**{each: value for each, value in self._settings.items() if each in together})
+                restored |= together
         if left := self.differences():
             raise DeviceError(f"{'; '.join(left)}: it does not take its settings; look at it")
 

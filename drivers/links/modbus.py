@@ -6,15 +6,16 @@ import logging
 import os
 import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
+from palpate.drivers.clock import Clock, WallClock
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.usual import TcpAddress
@@ -29,7 +30,6 @@ EXCEPTIONS = {
 }  # fmt: skip
 CHECK = "correct the bench file, or check power and cable"
 LARGEST_FRAME = 256  # bytes on a serial line
-BASIC, REGULAR, EXTENDED = 1, 2, 3  # categories of identity objects
 
 
 class _StrictDecoder(DecodePDU):
@@ -64,9 +64,11 @@ class ModbusLink:
     serial line is listened to until it has been silent for a whole time-out before it is used again.
     """
 
-    def __init__(self, name: str, client: ModbusTcpClient | ModbusSerialClient) -> None:
+    def __init__(self, name: str, client: ModbusTcpClient | ModbusSerialClient, clock: Clock | None = None) -> None:
+        """Make a link, closed. `clock`: keeps the silence that a device wants before a request; None: wall clock."""
         self.name = name
         self._client = client
+        self._clock = clock or WallClock()
         self._lock = threading.Lock()
         self._reply_due = False
         self._heard: Callable[[bool, bytes], object] = lambda _sent, _data: None
@@ -93,16 +95,16 @@ class ModbusLink:
         self._client.transaction.trace_packet = trace
 
     @classmethod
-    def tcp(cls, address: TcpAddress | TcpLink) -> ModbusLink:
+    def tcp(cls, address: TcpAddress | TcpLink, clock: Clock | None = None) -> ModbusLink:
         client = ModbusTcpClient(address.host, port=address.port, timeout=address.timeout, retries=0)
-        return cls(f"{address.host}:{address.port}", client)
+        return cls(f"{address.host}:{address.port}", client, clock)
 
     @classmethod
-    def rtu(cls, line: SerialLine) -> ModbusLink:
+    def rtu(cls, line: SerialLine, clock: Clock | None = None) -> ModbusLink:
         client = RtuClient(
             line.port, baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, timeout=line.timeout
         )
-        return cls(line.port, client)
+        return cls(line.port, client, clock)
 
     def open(self) -> None:
         """Connect. Raises LinkError: nothing answers at the address."""
@@ -165,12 +167,38 @@ class ModbusLink:
             raise LinkError(f"{self.name} is lost; check cable and power") from error
         raise LinkError(f"{self.name}: the line does not fall silent; look for a device that babbles")
 
+    @property
+    def _timeout(self) -> float:
+        timeout: float = self._client.comm_params.timeout_connect
+        return timeout
+
+    @contextmanager
+    def _patient(self, timeout: float) -> Iterator[None]:
+        """A context in which a reply may take so long [s]."""
+        params, before = (self._client.comm_params, self._client.transaction.comm_params), self._timeout
+        try:
+            for each in params:
+                each.timeout_connect = timeout
+            yield
+        finally:
+            for each in params:
+                each.timeout_connect = before
+
     def distrust(self) -> None:
         """Called when a reply did not belong to its request. The true one may still come, as after a time-out."""
         self._reply_due = True
 
-    def transact(self, who: str, request: Callable[..., ModbusPDU], *args: object, **kwargs: Any) -> ModbusPDU:
+    def transact(
+        self, who: str, request: Callable[..., ModbusPDU], *args: object, gap: float = 0.0, responds: float = 0.0
+    ) -> ModbusPDU:
         """Send one request and return its reply, which is never an exception response.
+
+        Args:
+            who: name of the device, for messages.
+            request: makes the request, such as `read_registers`.
+            args: its arguments.
+            gap: silence that the device wants before the request [s], which is waited by the bench's clock.
+            responds: time that the device may take until it replies, if it is longer than the link's time-out [s].
 
         Raises:
             LinkTimeout, LinkError: no reply, or no connection.
@@ -182,15 +210,18 @@ class ModbusLink:
                     self._connect()
                 except LinkError as error:
                     raise LinkError(f"{who}: {error}") from None
+            if gap:
+                self._clock.wait(gap)
             self._reply_due = True
+            patience = max(responds, self._timeout)
             try:
-                reply = request(self._client, *args, **kwargs)
+                with self._patient(patience) if responds else nullcontext():
+                    reply = request(self._client, *args)
             except ConnectionException as error:
                 raise LinkError(f"{who}: the connection to {self.name} is lost; check cable and power") from error
             except ModbusIOException as error:
                 raise LinkTimeout(
-                    f"{who}: no valid answer on {self.name} within {self._client.comm_params.timeout_connect:g} s; "
-                    f"{self._why_none()}"
+                    f"{who}: no valid answer on {self.name} within {patience:g} s; {self._why_none()}"
                 ) from error
             except (ModbusException, OSError) as error:
                 raise LinkError(f"{who}: {self.name} failed: {error}; check cable and power") from error
@@ -203,21 +234,3 @@ class ModbusLink:
             code = reply.exception_code
             raise DeviceError(f"{who}: answered exception {code}, {EXCEPTIONS.get(code, 'unknown')}", code=code)
         return reply
-
-
-def read_registers(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
-    """A request for `ModbusLink.transact`: read holding registers (function 3)."""
-    reply: ModbusPDU = client.read_holding_registers(address, count=count, device_id=unit)
-    return reply
-
-
-def write_registers(client: Any, address: int, registers: list[int], unit: int) -> ModbusPDU:
-    """A request for `ModbusLink.transact`: write holding registers (function 16)."""
-    reply: ModbusPDU = client.write_registers(address, registers, device_id=unit)
-    return reply
-
-
-def read_identity(client: Any, category: int, unit: int) -> ModbusPDU:
-    """A request for `ModbusLink.transact`: read a category of identity objects (function 43/14)."""
-    reply: ModbusPDU = client.read_device_information(read_code=category, object_id=0, device_id=unit)
-    return reply

@@ -24,7 +24,7 @@ from pymodbus.pdu import DecodePDU
 
 from palpate.instrument.bench.serial_line import FASTEST, character_bits, earliest_reply
 
-READ, WRITE = 3, 16  # functions
+READS_BITS, READS_REGISTERS, WRITES_ONE, WRITES_SOME = (1, 2), (3, 4), (5, 6), (15, 16)  # functions
 REFUSED = 0x80  # bit of a function code that marks a refusal
 LARGEST_REPLY = 4096  # greatest number of bytes for one request, with late replies
 CHECK_SUM, OF_REFUSAL, OF_CONFIRMATION = 2, 5, 8  # bytes of a check sum, a refusal, a confirmation
@@ -39,12 +39,12 @@ class ReplyFramer(FramerRTU):
     """
 
     request = b""
+    early = b""  # what came since the request, too soon for a reply
+    echoes = False  # whether the line gives back what is sent, as far as the last read has shown
 
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
         """Decode as pymodbus asks for. Two replies that differ count as none, because either may be the true one."""
-        echo = data.find(self.request) if self.request else -1
-        first = 0 if echo < 0 else echo + len(self.request)
-        at, found = first, dict[bytes, int]()
+        at, found = self._behind_echo(data), dict[bytes, int]()
         while at <= len(data) - OF_REFUSAL:
             if frame := self._reply(data[at:]):
                 found.setdefault(frame, at)
@@ -54,10 +54,31 @@ class ReplyFramer(FramerRTU):
         ((frame, at),) = found.items()
         return at + len(frame), frame[0], 0, frame[1:-CHECK_SUM]
 
+    def _behind_echo(self, data: bytes) -> int:
+        """Where in the data the echo of the request ends; 0: there is none.
+
+        The confirmation of a single coil or register is equal to its request. It counts as an echo if the line has
+        given back the read before it.
+        """
+        if not self.request:
+            return 0
+        if self._confirmed_alike and not self.echoes:
+            return 0
+        came = self.early + data
+        at = came.find(self.request)
+        if not self._confirmed_alike:
+            self.echoes = at >= 0
+        return 0 if at < 0 else max(at + len(self.request) - len(self.early), 0)
+
+    @property
+    def _confirmed_alike(self) -> bool:
+        return self.request[1] in WRITES_ONE
+
     def _reply(self, data: bytes) -> bytes:
         """The complete reply at the beginning of these bytes; empty: there is none."""
         frame = data[: self._size(data)]
-        whole = len(frame) >= OF_REFUSAL and self.request[: len(frame)] != frame  # a part of the echo is not a reply
+        # a part of the echo is not a reply
+        whole = len(frame) >= OF_REFUSAL and (self._confirmed_alike or self.request[: len(frame)] != frame)
         return frame if whole and self.check_CRC(frame[:-CHECK_SUM], int.from_bytes(frame[-CHECK_SUM:])) else b""
 
     def _size(self, data: bytes) -> int:
@@ -67,9 +88,11 @@ class ReplyFramer(FramerRTU):
             return 0
         if data[1] & REFUSED:
             size = OF_REFUSAL
-        elif data[1] == READ:
+        elif data[1] in READS_REGISTERS:
             size = HEAD + data[2] + CHECK_SUM if data[2] == 2 * int.from_bytes(request[4:6]) else 0
-        elif data[1] == WRITE:
+        elif data[1] in READS_BITS:
+            size = HEAD + data[2] + CHECK_SUM if data[2] == -(-int.from_bytes(request[4:6]) // 8) else 0
+        elif data[1] in (*WRITES_ONE, *WRITES_SOME):
             size = OF_CONFIRMATION if data[2:6] == request[2:6] else 0
         else:
             kind = self.decoder.lookupPduClass(data)
@@ -101,6 +124,7 @@ class RtuClient(ModbusSerialClient):
             while unasked < LARGEST_REPLY and self._ready(0.0):
                 unasked += len(self._heard())
             self.replies.request = request
+            self.replies.early = b""
             self.too_soon = 0
             self._earliest = self._now() + earliest_reply(len(request), self.speed, self._bits)
             return self._write(request)
@@ -120,6 +144,7 @@ class RtuClient(ModbusSerialClient):
                     if self._now() > self._earliest:  # now it can no longer be told whether they came too soon
                         return heard
                     self.too_soon += len(heard)
+                    self.replies.early += heard
             return self._heard() if self._ready(self._patience()) else b""
         except OSError:
             raise self._lost() from None
@@ -143,7 +168,7 @@ class RtuClient(ModbusSerialClient):
         return self.socket
 
     def _patience(self) -> float:
-        timeout: float = self._line().timeout
+        timeout: float = self.comm_params.timeout_connect
         return timeout
 
     def _now(self) -> float:

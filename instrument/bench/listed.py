@@ -13,10 +13,11 @@ from pydantic import Field
 from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind, kind_in_file
 from palpate.instrument.bench.links import LINKS, CanLink, Link, TcpLink
 from palpate.instrument.config import Config, check
+from palpate.instrument.contracts.manners import LARGEST_UNIT
 from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
 from palpate.instrument.errors import ConfigError, UnknownName
 
-Unit = Annotated[int, Field(ge=1, le=247, strict=True)]
+Unit = Annotated[int, Field(ge=1, le=LARGEST_UNIT, strict=True)]
 NodeId = Annotated[int, Field(ge=1, le=127, strict=True)]
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}")
 RESERVED = ("all", "line", "can")  # names that faults use for links, and for all
@@ -28,10 +29,12 @@ class _Section(Config):
     kind: str | None = None
     map: str | None = None  # path of a map file, instead of a kind
     link: str
-    unit: Unit | None = None  # on Modbus
+    unit: Annotated[int, Field(ge=0, le=LARGEST_UNIT, strict=True)] | None = None  # on Modbus
     node: NodeId | None = None  # on CANopen
     role: Role | None = None
     optional: bool = False
+    inventory: str = ""  # its label, if it tells nothing by which it is known
+    confirmed: bool = False  # that the labelled device is there, so that nobody is asked
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,8 @@ class Listed:
         settings: settings of its kind.
         role: the role that the file gives it; None: it fills any role of its kind.
         optional: whether the bench can be used without it.
+        inventory: its label, if it tells nothing by which it is known.
+        confirmed: whether nobody has to confirm that it is the labelled one.
     """
 
     name: str
@@ -55,6 +60,8 @@ class Listed:
     settings: Any
     role: Role | None = None
     optional: bool = False
+    inventory: str = ""
+    confirmed: bool = False
 
 
 def filling(role: Role, devices: Sequence[Listed]) -> list[Listed]:
@@ -97,8 +104,30 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
             f"{where}: a device on link {section.link} needs a {key} and must have no {other}; give {key} = NUMBER"
         )
     unit: int = getattr(section, key)
+    _check_unit(where, kind, key, unit)
+    _check_inventory(where, kind, section)
     settings = check(table, kind.settings, where)
-    return Listed(name, kind, section.link, unit, settings, section.role, section.optional)
+    return Listed(
+        name, kind, section.link, unit, settings, section.role, section.optional, section.inventory, section.confirmed
+    )
+
+
+def _check_unit(where: str, kind: DeviceKind, key: str, unit: int) -> None:
+    """Raises ConfigError: such a device cannot answer at this unit id."""
+    low, high = kind.contract.manners.units
+    if key == "unit" and not low <= unit <= high:
+        raise ConfigError(f"{where}: unit = {unit}: a {kind.name} answers at {low} to {high} alone")
+
+
+def _check_inventory(where: str, kind: DeviceKind, section: _Section) -> None:
+    """Raises ConfigError: a label is missing, or is given for a device that is known without it."""
+    unknown = kind.contract.known_by == "nothing"
+    if unknown and not section.inventory.strip():
+        raise ConfigError(
+            f'{where}: a {kind.name} tells nothing by which it is known; write inventory = "LABEL", as it is labelled'
+        )
+    if not unknown and (section.inventory or section.confirmed):
+        raise ConfigError(f"{where}: a {kind.name} is known by what it tells; leave inventory and confirmed out")
 
 
 def beside(file: Path, data: dict[str, Any]) -> dict[str, Any]:

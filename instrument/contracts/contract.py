@@ -104,12 +104,12 @@ class Contract:
     def misread(self, name: str, value: float) -> str:
         """What is wrong with a value that a device gave; "" where nothing is.
 
-        Values that are read are held to the same limits and choices as values that are written. A float of a field
-        without limits may be NaN, which says that the device has no reading.
+        Values that are read are held to the same limits and choices as values that are written. NaN says that the
+        device has no reading; a field may read so if it has a raw value for that, or is a float without limits.
         """
         f = self[name]
         bounded = f.choices or f.minimum is not None or f.maximum is not None
-        if self.allows(name, value) or (math.isnan(value) and not bounded):
+        if self.allows(name, value) or (math.isnan(value) and (f.missing or not bounded)):
             return ""
         return f.beyond(value)
 
@@ -250,18 +250,12 @@ class Contract:
         end = max(f.address + f.width for f in fields)
         return start, end - start
 
-    def layout(self, names: tuple[str, ...]) -> tuple[int, int, list[slice]]:
-        """First register, number of registers, and the place of each named field in their bytes (Modbus)."""
-        start, count = self.block(names)
-        ends = [(2 * (f.address - start), f.size) for f in (self[name] for name in names)]
-        return start, count, [slice(at, at + size) for at, size in ends]
-
-    def widened(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """These fields and one number field beside them that can be read with them, if there is one (Modbus)."""
-        start, count = self.block(names)
-        readable = [f for f in self.fields if f.access != "wo" and f.type != "text"]
-        beside = [f.name for f in readable if start + count == f.address or f.address + f.width == start]
-        return (*names, *beside[-1:])
+    def command(self, name: str) -> Command:
+        """An order that the device takes. Raises UnknownName."""
+        found = {command.name: command for command in self.commands}
+        if name not in found:
+            raise UnknownName(f"command of the {self.title}", name, found)
+        return found[name]
 
     def sent(self, name: str) -> Pdo:
         """Process data that a node sends. Raises UnknownName."""

@@ -88,8 +88,16 @@ def _check_beside(contract: Contract, f: Field, fields: Mapping[str, Field]) -> 
     if f.sign is not None:
         name, bit = f.sign
         other = _number(contract, f"{where}: its sign", name, fields)
+        if contract.bus != "modbus" or f.access != "ro":
+            raise ConfigError(f"{where}: its sign is in {name}; that is for fields of Modbus that are only read")
         if bit not in other.bits:
             raise ConfigError(f"{where}: its sign is in {name}.{bit}; valid bits: {', '.join(other.bits) or 'none'}")
+        count = contract.block([f.name, name])[1]
+        if other.table != f.table or count > contract.manners.most_read:
+            raise ConfigError(
+                f"{where}: its sign is in {name}, which one request cannot read with it, so that the sign could be of "
+                f"another moment; a reply holds {contract.manners.most_read} registers of one table"
+            )
     if f.unit_in:
         other = _number(contract, f"{where}: its unit", f.unit_in, fields)
         if f.unit not in other.choices:

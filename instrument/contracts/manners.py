@@ -93,9 +93,10 @@ class Manners:
         most_read: greatest number of registers that it gives in one reply.
         most_written: greatest number of registers that it takes in one request.
         gap: shortest silence between a reply and the next request [s], beside that of the line itself.
-        responds: longest time until it begins to reply [s]; None: that of the link.
+        responds: longest time until it begins to reply [s], if that exceeds the link's time-out; None: it does not.
         units: least and greatest unit id at which it can answer.
         together: runs of fields that a request must write whole, or else they are half old and half new.
+        holes: whether a request may read over registers that no field has; many devices refuse that.
     """
 
     most_read: int = MOST_READ
@@ -104,6 +105,7 @@ class Manners:
     responds: float | None = None
     units: tuple[int, int] = (1, LARGEST_UNIT)
     together: tuple[tuple[str, ...], ...] = ()
+    holes: bool = True
 
     def __post_init__(self) -> None:
         """Check that the limits are possible. Raises ConfigError."""

@@ -11,7 +11,8 @@ from typing import Any
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.links.can import CanLink, FrameCallback
-from palpate.drivers.links.modbus import ModbusLink, read_identity, write_registers
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.requests import read_identity, write_registers
 from palpate.instrument.contracts.contract import Contract, Pdo, sdo
 from palpate.instrument.errors import BenchError
 

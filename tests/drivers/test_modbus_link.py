@@ -16,7 +16,8 @@ from pymodbus.pdu import ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
 
 from palpate.drivers.links import modbus
-from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink, read_identity, read_registers, write_registers
+from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
+from palpate.drivers.links.requests import read_identity, read_registers, write_registers
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
 from palpate.instrument.bench.description import SerialLine, TcpAddress
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout

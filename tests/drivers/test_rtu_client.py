@@ -205,7 +205,7 @@ class Port:
 def test_a_request_that_the_system_takes_in_part_is_sent_to_its_end(
     taken: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    client: Any = RtuClient("/dev/ttyS0", baudrate=9600)
+    client: Any = RtuClient("/dev/ttyS0", baudrate=9600, timeout=0.25)
     reads, writes = os.pipe()
     try:
         client.socket = port = Port(writes)

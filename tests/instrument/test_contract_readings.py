@@ -113,35 +113,6 @@ def test_a_setting_is_described_with_what_may_be_written() -> None:
     assert OVEN.described("order", 7) == "order = 7 (0 to 9)"
 
 
-# --- registers that are read together ------------------------------------------------------------------
-
-
-def test_fields_that_are_read_together_lie_in_the_bytes_where_their_registers_are() -> None:
-    assert OVEN.layout(("heat", "setpoint")) == (0x10, 8, [slice(12, 16), slice(0, 2)])
-    assert OVEN.layout(("hours",)) == (0x19, 2, [slice(0, 4)])
-
-
-@pytest.mark.parametrize(
-    ("names", "widened"),
-    [
-        (("setpoint",), ("setpoint", "heater")),
-        (("heater",), ("heater", "setpoint")),  # a text behind it
-        (("status",), ("status", "heat")),
-        (("status", "heat"), ("status", "heat")),  # a text before, an order behind
-        (("hours",), ("hours",)),  # an order before, a gap behind
-        (("cycles",), ("cycles",)),
-    ],
-)
-def test_a_read_is_widened_by_a_number_that_stands_beside_it(names: tuple[str, ...], widened: tuple[str, ...]) -> None:
-    """It is not widened by a text, by an order, which nobody can read, or over a gap."""
-    assert OVEN.widened(names) == widened
-
-
-def test_of_two_numbers_beside_a_field_one_is_read_with_it() -> None:
-    fields = tuple(Field(name, address, "uint16", name) for address, name in enumerate("abc"))
-    assert Contract("toy", "toy", "modbus", OVEN.identity, fields).widened(("b",)) == ("b", "c")
-
-
 def test_the_word_order_probe_tells_its_bytes_apart() -> None:
     field = probe(0x40)
     contract = Contract("toy", "toy", "modbus", OVEN.identity, (field,))

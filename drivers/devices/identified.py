@@ -1,0 +1,71 @@
+"""How a device without an identity object is known: by marks in its fields, or by a person alone."""
+
+from __future__ import annotations
+
+from palpate.drivers.devices.device import Device
+from palpate.instrument.contracts.contract import Mark
+from palpate.instrument.errors import DeviceError, IdentityError
+
+
+def check_marks(device: Device) -> None:
+    """Check that each mark of the contract fits.
+
+    Raises:
+        IdentityError: another device answers; the message names what was found and wanted.
+        LinkError, LinkTimeout: none answers.
+    """
+    for mark in device.contract.marks:
+        found = _found(device, mark)
+        fits = found.startswith(str(mark.value)) if isinstance(found, str) else _equal(device, mark, found)
+        if not fits:
+            shown = repr(found) if isinstance(found, str) else f"{found:.10g}"
+            raise IdentityError(
+                f"{device.name}: {mark.field} reads {shown}, should "
+                + (f"begin with {mark.value!r}" if isinstance(mark.value, str) else f"be {mark.value:.10g}")
+                + "; this is another device or firmware: check the address in the bench file",
+                device=device.name,
+            )
+
+
+def _equal(device: Device, mark: Mark, found: float) -> bool:
+    f = device.contract[mark.field]
+    return found == found and f.to_raw(found) == f.to_raw(float(mark.value))
+
+
+def _found(device: Device, mark: Mark) -> float | str:
+    try:
+        return device.get_text(mark.field) if isinstance(mark.value, str) else device.held(mark.field)
+    except DeviceError as error:
+        raise IdentityError(
+            f"{device.name}: cannot read {mark.field}, by which it is known ({error}); this is another device or "
+            "firmware: check the address in the bench file",
+            device=device.name,
+        ) from None
+
+
+def check_inventory(device: Device) -> None:
+    """Check that the bench file names a device that tells nothing of itself, and that one answers at its address.
+
+    Raises:
+        IdentityError: the bench file does not name it.
+        LinkError, LinkTimeout: none answers.
+    """
+    if not device.inventory:
+        raise IdentityError(
+            f'{device.name}: tells nothing by which it is known; write inventory = "LABEL" in its section of the bench '
+            "file, as it is labelled",
+            device=device.name,
+        )
+    readable = [f.name for f in device.contract.fields if f.access != "wo" and f.type != "text" and not f.beside]
+    if readable:
+        device.held(readable[0])
+
+
+def serial_number(device: Device) -> str:
+    """Its serial number from the field that the contract names, or its label. Raises LinkError, DeviceError."""
+    name = device.contract.serial
+    if not name:
+        return device.inventory
+    if device.contract[name].type == "text":
+        return device.get_text(name)
+    return f"{device.held(name):.20g}"
