@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import Any, Self
 
-from pymodbus.pdu import ModbusPDU
-
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device, Place
 from palpate.drivers.devices.identified import check_inventory, check_marks, serial_number
@@ -114,7 +112,7 @@ class ModbusDevice(Device):
         reply = self._transact(read_identity, category)
         return {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
 
-    def _transact(self, request: Callable[..., ModbusPDU], *args: object) -> ModbusPDU:
+    def _transact(self, request: Callable[..., Any], *args: object) -> Any:
         return self.link.transact(self.name, request, *args, self.unit, **self._timing)
 
     def get(self, name: str) -> float:

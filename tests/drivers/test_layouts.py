@@ -1,4 +1,4 @@
-"""Which requests read and write some fields: as few as the device's limits allow, and never a sign of another moment."""
+"""Which requests read and write some fields: as few as the device allows, and never a sign of another moment."""
 
 from __future__ import annotations
 
