@@ -65,8 +65,8 @@ class Bench(Fitted):
 
     @property
     def simulated(self) -> bool:
-        """Whether any device says that it is simulated."""
-        return any(device.simulated for device in self.devices)
+        """Whether any device, or the bench file, says that it is simulated."""
+        return self.description.simulated or any(device.simulated for device in self.devices)
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:

@@ -183,6 +183,8 @@ class SimulatedBench:
         sections |= self._guest_sections(links, ports, timeouts)
         if any("exciter" in guest.kind.roles and not guest.kind.contract.has("watchdog") for guest in scene.devices):
             sections["watchdog"] = NO_WATCHDOG
+        if any(guest.kind.map for guest in scene.devices):
+            sections["simulated"] = True
         return check(sections, BenchDescription, f"scene {scene.name}")
 
     def _on(self, link: str) -> list[str]:

@@ -64,6 +64,7 @@ class BenchDescription(Config):
     positioner: RtuAddress | None = None
     can: CanBus | None = None
     sample_changer: TcpAddress | None = None  # None: a person mounts the samples
+    simulated: bool = False  # whether it is simulated although no device on it says so, as twins of makers' devices
     link: dict[str, dict[str, Any]] | None = None
     device: dict[str, dict[str, Any]] | None = None
 
@@ -141,6 +142,8 @@ class BenchDescription(Config):
         data: dict[str, Any] = usual(self)
         if self.unguarded:
             data["watchdog"] = NO_WATCHDOG
+        if not self.simulated:
+            del data["simulated"]
         return {key: value for key, value in data.items() if value is not None or key not in ("link", "device")}
 
     @property
