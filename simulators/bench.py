@@ -169,16 +169,16 @@ class SimulatedBench:
             "bitrate": self.bitrate,
             "timeout": timeouts.get(CAN, TIMEOUT),
         }
-        own = [name for name in ON_LINE if name in self.devices]
+        whole = all(name in self.devices for name in ON_LINE)  # the section [line] stands for both of ours
         sections: dict[str, Any] = {
             "name": f"{NAMED}, scene {scene.name}",
             "design": scene.design.name,
             "pickup": scene.pickup,
             **tcp,
-            **({LINE: SerialLine(**line), **self._units(own)} if own else {}),
+            **({LINE: SerialLine(**line), **self._units()} if whole else {}),
             **({CAN: CanBus(**can, nodes=tuple(self._node_ids))} if self._node_ids else {}),
         }
-        links = {} if own else {LINE: {"kind": "modbus-rtu", **line}}
+        links = {} if whole else {LINE: {"kind": "modbus-rtu", **line}}
         links |= {} if self._node_ids else {CAN: {"kind": "canopen", **can}}
         sections |= self._guest_sections(links, ports, timeouts)
         if any("exciter" in guest.kind.roles and not guest.kind.contract.has("watchdog") for guest in scene.devices):
@@ -201,10 +201,10 @@ class SimulatedBench:
         """Names of the devices on the CAN bus, by node id."""
         return {self.devices[name].id: name for name in self._on("canopen")}
 
-    def _units(self, own: Sequence[str]) -> dict[str, Any]:
-        """Sections of our own devices on the serial line; None for one whose place a guest has taken."""
+    def _units(self) -> dict[str, Any]:
+        """Sections of our own devices on the serial line."""
         unit = {"strain_indicator": Indicator, "positioner": RtuAddress}
-        return {name: unit[name](unit=self._addresses[name]) if name in own else None for name in ON_LINE}
+        return {name: unit[name](unit=self._addresses[name]) for name in ON_LINE}
 
     def _guest_sections(
         self, shared: Mapping[str, Any], ports: Mapping[str, int], timeouts: Mapping[str, Any]
@@ -212,11 +212,15 @@ class SimulatedBench:
         """Sections of the bench file for the additional devices; each device on TCP has a link of its own.
 
         Args:
-            shared: tables of the line and of the CAN bus, if none of our own devices is on them.
+            shared: tables of the line, unless both of our own devices are on it, and of the CAN bus, if none is.
             ports: TCP port of each device.
             timeouts: time-outs of the links that have faults.
         """
         links, devices = {}, {}
+        for name in ON_LINE if LINE in shared else ():
+            if name in self.devices:  # the other one's place is taken
+                links[LINE] = shared[LINE]
+                devices[name] = {"kind": name, "link": LINE, "unit": self._addresses[name]}
         for guest in self.scene.devices:
             name, link = guest.name, guest.kind.links[0]
             if link == "modbus-tcp":
