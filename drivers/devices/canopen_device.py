@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 from typing import Self
 
@@ -68,7 +69,8 @@ class CanopenDevice(Device):
         """Join the bus and identify the node. Raises as `identify`."""
         self._node = self.link.add_node(self.id)
         self.identify()
-        self.simulated = self._text(sdo(0x1009)) == "simulated"
+        with suppress(DeviceError):  # not every node has a hardware version
+            self.simulated = self._text(sdo(0x1009)) == "simulated"
 
     def identify(self) -> None:
         """Check that this is the contract's device, and that it tells the same scales and units as before.
@@ -156,9 +158,12 @@ class CanopenDevice(Device):
             )
         return data
 
-    def give(self, name: str, value: Value) -> None:
-        """Write one object, once."""
-        self.set(name, value)
+    def give(self, **values: Value) -> None:
+        """Write objects one by one, in this order, as `set`; all values are checked before the first is sent."""
+        for name, value in values.items():
+            self._scales.encode(name, value)
+        for name, value in values.items():
+            self.set(name, value)
 
     def set(self, name: str, value: Value) -> None:
         """Write one object, once.

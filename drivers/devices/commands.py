@@ -42,10 +42,10 @@ def _in_order(contract: Contract, name: str) -> list[Command]:
 
 
 def _give(device: Device, command: Command) -> None:
-    device.give(command.field, command.value)
+    device.give(**{command.field: command.value})
     failure = _await(device, command) if command.done or command.failed else ""
     if command.clear is not None:
-        device.give(command.field, command.clear)
+        device.give(**{command.field: command.clear})
     if failure:
         raise DeviceError(f"{device.name}: {failure}", device=device.name)
 

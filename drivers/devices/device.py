@@ -53,6 +53,7 @@ class Device:
     contract: Contract
     clock: Clock
     link: ModbusLink | CanLink
+    kind: DeviceKind | None = None
     inventory = ""
 
     @classmethod
@@ -72,7 +73,7 @@ class Device:
     @classmethod
     def _fitted(cls, made: Self, place: Place) -> Self:
         """A driver with what its place says of it."""
-        made.inventory = place.inventory
+        made.kind, made.inventory = place.kind, place.inventory
         return made
 
     @classmethod
@@ -100,8 +101,11 @@ class Device:
         """Content of a text field. Raises LinkError, DeviceError."""
         raise NotImplementedError
 
-    def give(self, name: str, value: Value) -> None:
-        """Write one field, once. Raises RangeError, LinkError, DeviceError."""
+    def give(self, **values: Value) -> None:
+        """Write fields, once: in one request on Modbus, in which they must stand together; one by one on CANopen.
+
+        Raises RangeError, UsageError before anything is sent; LinkError, DeviceError.
+        """
         raise NotImplementedError
 
     def command(self, name: str) -> None:

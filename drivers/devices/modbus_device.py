@@ -191,9 +191,9 @@ class ModbusDevice(Device):
         data = bytes(given) if read.bits else struct.pack(f">{wanted}H", *given)
         return [data[place] for place in read.places[:fields]]
 
-    def give(self, name: str, value: Value) -> None:
-        """Write one field, once."""
-        self.set(**{name: value})
+    def give(self, **values: Value) -> None:
+        """As `set`."""
+        self.set(**values)
 
     def set(self, **values: Value) -> None:
         """Write fields that stand together in one request, which is never repeated.

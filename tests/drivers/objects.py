@@ -9,6 +9,7 @@ from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.sensor_node import SensorNode
 from palpate.instrument.contracts.contract import Contract, Value
 from palpate.instrument.contracts.sensor_node import CONTRACT
+from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 
 
@@ -30,7 +31,7 @@ class Objects:
         self.done: list[tuple[Any, ...]] = []
         self.failures: list[Exception | None] = []
         self.subscribed: dict[int, Callable[..., None]] = {}
-        self.put(**{field.name: field.default for field in contract.fields})
+        self.put(**{field.name: field.default for field in contract.fields if not field.beside})
         self.put(**values)
 
     def put(self, **values: Value) -> None:
@@ -75,7 +76,10 @@ class Objects:
         self.done.append(done)
         if self.failures and (failure := self.failures.pop(0)):
             raise failure
-        return call()
+        try:
+            return call()
+        except KeyError:
+            raise DeviceError("node: aborted the transfer: Object does not exist") from None
 
 
 DEFAULTS: dict[str, Any] = {"emergency_cob_id": 0x83, "device_name": "Palpate SN-1"}

@@ -5,11 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from pymodbus.pdu.bit_message import (
+    ReadCoilsResponse,
+    ReadDiscreteInputsResponse,
+    WriteMultipleCoilsResponse,
+    WriteSingleCoilResponse,
+)
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
-from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, WriteMultipleRegistersResponse
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersResponse,
+    ReadInputRegistersResponse,
+    WriteMultipleRegistersResponse,
+    WriteSingleRegisterResponse,
+)
 
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.contracts.contract import Contract, Field, Identity, Value, probe
+from palpate.instrument.contracts.field import BITS
 from palpate.simulators.clock import VirtualClock
 
 Change = Callable[[Any], Any]
@@ -33,6 +45,8 @@ class Registers:
         self.contract = contract
         self.serial = serial
         self.words: dict[int, int] = {}
+        self.tables: dict[str, dict[int, int]] = {"holding": self.words, "input": {}, "coil": {}, "discrete": {}}
+        self.timing: list[dict[str, float]] = []
         self.asked: list[tuple[Any, ...]] = []
         self.failures: list[Exception | None] = []
         self.late: list[Exception] = []
@@ -41,7 +55,8 @@ class Registers:
         self.replied: Change = lambda reply: reply
         self.written: Callable[[], object] = lambda: None
         self.distrusted = 0
-        self.put(**{field.name: field.default for field in contract.fields if not field.minimum})
+        plain = [field for field in contract.fields if not field.minimum and not field.beside]
+        self.put(**{field.name: field.default for field in plain})
         self.put(**values)
 
     def put(self, **values: Value) -> None:
@@ -51,20 +66,29 @@ class Registers:
             if field.type == "text":
                 data = self.contract.encode_text(name, str(value))
             else:
-                data = self.contract.pack(name, field.choices[value] if isinstance(value, str) else value)
-            for at in range(0, len(data), 2):
-                self.words[field.address + at // 2] = int.from_bytes(data[at : at + 2], "big")
+                beside = {other: self.held(other) for other in field.beside}
+                data = self.contract.pack(name, field.choices[value] if isinstance(value, str) else value, beside)
+            words, size = self.tables[field.table], 1 if field.table in BITS else 2
+            for at in range(0, len(data), size):
+                word = int.from_bytes(data[at : at + size], "big")
+                kept = 0
+                if field.part:
+                    kept = words.get(field.address, 0) & ~((1 << field.part[1]) - 1 << field.part[0])
+                words[field.address + at // size] = word | kept
 
     def held(self, name: str) -> float:
         """What a field holds."""
         field = self.contract[name]
-        words = (self.words[field.address + at] for at in range(field.size // 2))
-        return self.contract.decode(name, b"".join(word.to_bytes(2, "big") for word in words))
+        size = 1 if field.table in BITS else 2
+        words = (self.tables[field.table][field.address + at] for at in range(field.width))
+        beside = {other: self.held(other) for other in field.beside}
+        return self.contract.decode(name, b"".join(word.to_bytes(size, "big") for word in words), beside)
 
     def distrust(self) -> None:
         self.distrusted += 1
 
-    def transact(self, _who: str, function: Callable[..., Any], *asked: Any) -> Any:
+    def transact(self, _who: str, function: Callable[..., Any], *asked: Any, **timing: float) -> Any:
+        self.timing.append(timing)
         self.asked.append((function.__name__, *asked))
         if self.failures and (failure := self.failures.pop(0)):
             raise failure
@@ -86,6 +110,35 @@ class Registers:
         self.words.update(enumerate(registers, address))
         self.written()
         return WriteMultipleRegistersResponse(address=address, count=len(registers))
+
+    def read_input_registers(self, address: int, *, count: int, device_id: int) -> Any:
+        inputs = self.tables["input"]
+        return ReadInputRegistersResponse(registers=[inputs.get(address + at, 0) for at in range(count)])
+
+    def _bits(self, table: str, address: int, count: int) -> list[bool]:
+        held = self.tables[table]
+        return [bool(held.get(address + at, 0)) if at < count else False for at in range(-(-count // 8) * 8)]
+
+    def read_coils(self, address: int, *, count: int, device_id: int) -> Any:
+        return ReadCoilsResponse(bits=self._bits("coil", address, count))
+
+    def read_discrete_inputs(self, address: int, *, count: int, device_id: int) -> Any:
+        return ReadDiscreteInputsResponse(bits=self._bits("discrete", address, count))
+
+    def write_register(self, address: int, register: int, *, device_id: int) -> Any:
+        self.words[address] = register
+        self.written()
+        return WriteSingleRegisterResponse(address=address, registers=[register])
+
+    def write_coil(self, address: int, coil: bool, *, device_id: int) -> Any:
+        self.tables["coil"][address] = coil
+        self.written()
+        return WriteSingleCoilResponse(address=address, bits=[coil])
+
+    def write_coils(self, address: int, coils: list[bool], *, device_id: int) -> Any:
+        self.tables["coil"].update(enumerate(coils, address))
+        self.written()
+        return WriteMultipleCoilsResponse(address=address, count=len(coils))
 
     def read_device_information(self, *, read_code: int, object_id: int, device_id: int) -> Any:
         information = {number: text.encode(errors="surrogateescape") for number, text in self.objects.items()}
