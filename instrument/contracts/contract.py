@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from palpate.instrument.contracts.declared import check_contract
+from palpate.instrument.contracts.declaration import Declaration
+from palpate.instrument.contracts.declared import check_declaration
 from palpate.instrument.contracts.digest import digest
 from palpate.instrument.contracts.field import PROBE, Access, Field, Scaling, Value, probe, sdo
-from palpate.instrument.contracts.manners import USUAL, Command, Condition, Identity, Manners, Mark
+from palpate.instrument.contracts.manners import Command, Condition, Identity, Manners, Mark
 from palpate.instrument.contracts.pdo import Pdo
 from palpate.instrument.contracts.wire_types import NUL, Codec, codec, swapped
-from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.errors import RangeError
 
 __all__ = [
     "PROBE", "Access", "Command", "Condition", "Contract", "Field", "Identity", "Manners", "Mark", "Pdo", "Scaling",
@@ -29,58 +30,17 @@ NOTHING: Mapping[str, float] = {}
 
 
 @dataclass(frozen=True)
-class Contract:
-    """All fields of one kind of device.
+class Contract(Declaration):
+    """A declaration that is possible on its bus, and how its values become bytes; see `Declaration`."""
 
-    Modbus contracts address 16-bit registers, coils and discrete inputs; CANopen contracts address objects, which are
-    little-endian.
-
-    Attributes:
-        identity: vendor, product and revision: as the device reports them if `known_by` is `identity`, else for people.
-        pdos: process data that a node sends; the first one has its COB-ID and its transmission type in 1800h.
-        receives: process data that a node takes; the first one has its COB-ID in 1400h.
-        about: for people: whose map it is, and what it imitates.
-        known_by: how the right device is told from others: by its `identity` object, by `marks`, or by nothing, so that
-            a person must confirm it.
-        marks: what its fields read on each such device; all of them must fit.
-        serial: field that holds its serial number; "": it is in its identity object, or nowhere.
-        commands: orders that it takes.
-        manners: limits on its bus.
-    """
-
-    name: str
-    title: str
-    bus: Literal["modbus", "canopen"]
-    identity: Identity
-    fields: tuple[Field, ...]
-    pdos: tuple[Pdo, ...] = ()
-    about: str = field(default="", compare=False)
-    receives: tuple[Pdo, ...] = ()
-    known_by: Literal["identity", "marks", "nothing"] = "identity"
-    marks: tuple[Mark, ...] = ()
-    serial: str = ""
-    commands: tuple[Command, ...] = ()
-    manners: Manners = USUAL
-    _by_name: dict[str, Field] = field(init=False, repr=False, compare=False)
     _codec: dict[str, Codec] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check that the declaration is possible on this bus. Raises ConfigError."""
-        by_name = {f.name: f for f in self.fields}
+        super().__post_init__()
         order: Literal[">", "<"] = ">" if self.bus == "modbus" else "<"
-        object.__setattr__(self, "_by_name", by_name)
         object.__setattr__(self, "_codec", {f.name: codec(f.type, order) for f in self.fields if f.type != "text"})
-        check_contract(self, by_name)
-
-    def __getitem__(self, name: str) -> Field:
-        try:
-            return self._by_name[name]
-        except KeyError:
-            raise UnknownName(f"field of the {self.title}", name, self._by_name) from None
-
-    def has(self, name: str) -> bool:
-        """Whether there is a field of that name."""
-        return name in self._by_name
+        check_declaration(self, self.encode)
 
     def raw(self, name: str, value: Value) -> float:
         """Raw value that belongs to `value`, which is checked against the field's limits.
@@ -242,34 +202,6 @@ class Contract:
         if f.bits:
             return f"{name} = {' '.join(sorted(self.set_bits(name, value))) or 'none'}"
         return f"{name} = {value:.10g} {f.unit}".rstrip()
-
-    def block(self, names: Iterable[str]) -> tuple[int, int]:
-        """First register and number of registers that hold the named fields (Modbus)."""
-        fields = [self[n] for n in names]
-        start = min(f.address for f in fields)
-        end = max(f.address + f.width for f in fields)
-        return start, end - start
-
-    def command(self, name: str) -> Command:
-        """An order that the device takes. Raises UnknownName."""
-        found = {command.name: command for command in self.commands}
-        if name not in found:
-            raise UnknownName(f"command of the {self.title}", name, found)
-        return found[name]
-
-    def sent(self, name: str) -> Pdo:
-        """Process data that a node sends. Raises UnknownName."""
-        return self._pdo(name, self.pdos, "sends")
-
-    def taken(self, name: str) -> Pdo:
-        """Process data that a node takes. Raises UnknownName."""
-        return self._pdo(name, self.receives, "takes")
-
-    def _pdo(self, name: str, among: Sequence[Pdo], does: str) -> Pdo:
-        found = {pdo.name: pdo for pdo in among}
-        if name not in found:
-            raise UnknownName(f"PDO that the {self.title} {does}", name, found)
-        return found[name]
 
     def packed(self, pdo: Pdo, values: Mapping[str, Value]) -> bytes:
         """Data of a PDO. Raises RangeError as `raw` does, and where a field has no value."""

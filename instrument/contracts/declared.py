@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
 
+from palpate.instrument.contracts.declaration import Declaration
 from palpate.instrument.contracts.field import BITS, Field, Value
 from palpate.instrument.contracts.manners import Condition
 from palpate.instrument.contracts.wire_types import SIZE
 from palpate.instrument.errors import ConfigError, RangeError
 
-if TYPE_CHECKING:
-    from palpate.instrument.contracts.contract import Contract
-
+Encode = Callable[[str, Value], bytes]
 LARGEST_PDO = 8  # bytes
 LAST = {"modbus": 0xFFFF, "canopen": 0xFFFFFF}  # greatest address
 WHOLE = ", ".join([*(name for name, size in SIZE.items() if size % 2 == 0), "text of an even length"])
 
 
-def check_contract(contract: Contract, fields: Mapping[str, Field]) -> None:
+def check_declaration(contract: Declaration, encode: Encode) -> None:
     """Check what its fields alone cannot know.
 
     Args:
-        contract: the contract.
-        fields: its fields, by name.
+        contract: the declaration.
+        encode: makes the wire bytes of a field's value.
 
     Raises:
         ConfigError: something in it is impossible; the message names the device, the field and what is allowed.
     """
+    fields = {f.name: f for f in contract.fields}
     names = [f.name for f in contract.fields]
     _check_once(contract, "fields", names)
     for f in contract.fields:
@@ -38,16 +37,16 @@ def check_contract(contract: Contract, fields: Mapping[str, Field]) -> None:
     _check_overlaps(contract)
     _check_pdos(contract, fields)
     _check_marks(contract, fields)
-    _check_commands(contract, fields)
+    _check_commands(contract, fields, encode)
     _check_together(contract, fields)
 
 
-def _check_once(contract: Contract, what: str, names: Sequence[str]) -> None:
+def _check_once(contract: Declaration, what: str, names: Sequence[str]) -> None:
     if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise ConfigError(f"{contract.title}: several {what} have the name {', '.join(twice)}; each needs its own")
 
 
-def _check_place(contract: Contract, f: Field) -> None:
+def _check_place(contract: Declaration, f: Field) -> None:
     """Raises ConfigError: the field cannot be on this bus, or its address is none."""
     where = f"{contract.title}: {f.name}"
     if contract.bus == "canopen":
@@ -69,7 +68,7 @@ def _check_place(contract: Contract, f: Field) -> None:
             raise ConfigError(f"{where} takes {f.width} registers, but a request holds {limits.most_written}")
 
 
-def _check_beside(contract: Contract, f: Field, fields: Mapping[str, Field]) -> None:
+def _check_beside(contract: Declaration, f: Field, fields: Mapping[str, Field]) -> None:
     """Raises ConfigError: the fields that tell its scale, sign or unit cannot tell it."""
     where = f"{contract.title}: {f.name}"
     if f.scaling is not None:
@@ -106,7 +105,7 @@ def _check_beside(contract: Contract, f: Field, fields: Mapping[str, Field]) -> 
             )
 
 
-def _number(contract: Contract, where: str, name: str, fields: Mapping[str, Field]) -> Field:
+def _number(contract: Declaration, where: str, name: str, fields: Mapping[str, Field]) -> Field:
     """A number field that can be read. Raises ConfigError: there is none of that name."""
     f = fields.get(name)
     if f is None or f.type == "text" or f.access == "wo":
@@ -117,7 +116,7 @@ def _number(contract: Contract, where: str, name: str, fields: Mapping[str, Fiel
     return f
 
 
-def _check_overlaps(contract: Contract) -> None:
+def _check_overlaps(contract: Declaration) -> None:
     """Raises ConfigError: two fields are at one place, and are not different parts of one register."""
     modbus = contract.bus == "modbus"
     tables = {f.table for f in contract.fields}
@@ -131,7 +130,7 @@ def _check_overlaps(contract: Contract) -> None:
             raise ConfigError(f"{contract.title}: {first.name} and {second.name} overlap at 0x{second.address:x}")
 
 
-def _check_pdos(contract: Contract, fields: Mapping[str, Field]) -> None:
+def _check_pdos(contract: Declaration, fields: Mapping[str, Field]) -> None:
     """Raises ConfigError: a PDO cannot be sent on a CAN bus, or cannot hold one of its fields."""
     if contract.bus != "canopen" and (contract.pdos or contract.receives):
         raise ConfigError(f"{contract.title}: has PDOs, which are for CANopen only; leave them out")
@@ -147,7 +146,7 @@ def _check_pdos(contract: Contract, fields: Mapping[str, Field]) -> None:
     _check_once(contract, "PDOs", [pdo.name for pdo in (*contract.pdos, *contract.receives)])
 
 
-def _check_marks(contract: Contract, fields: Mapping[str, Field]) -> None:
+def _check_marks(contract: Declaration, fields: Mapping[str, Field]) -> None:
     """Raises ConfigError: a mark or the serial number is in no field that can be read, or there should be no marks."""
     if (contract.known_by == "marks") != bool(contract.marks):
         has = "has marks, but is known by " + contract.known_by if contract.marks else "is known by marks, but has none"
@@ -163,7 +162,7 @@ def _check_marks(contract: Contract, fields: Mapping[str, Field]) -> None:
         raise ConfigError(f"{contract.title}: its serial number is in {contract.serial!r}, which cannot be read")
 
 
-def _check_commands(contract: Contract, fields: Mapping[str, Field]) -> None:
+def _check_commands(contract: Declaration, fields: Mapping[str, Field], encode: Encode) -> None:
     """Raises ConfigError: a command cannot be given, or what it waits for cannot be read."""
     _check_once(contract, "commands", [command.name for command in contract.commands])
     known: list[str] = []
@@ -174,35 +173,37 @@ def _check_commands(contract: Contract, fields: Mapping[str, Field]) -> None:
             able = [each.name for each in contract.fields if each.access != "ro"]
             raise ConfigError(f"{where}: {command.field!r} cannot be written; valid: {', '.join(able) or 'none'}")
         for value in (command.value, *(() if command.clear is None else (command.clear,))):
-            _check_value(contract, where, f, value)
+            _check_value(where, f, value, encode)
         for condition in (command.done, command.failed):
             _check_condition(contract, where, condition, fields)
         if unknown := [name for name in command.after if name not in known]:
             raise ConfigError(
-                f"{where}: comes after {unknown[0]!r}, no command before it; valid: {', '.join(known) or 'none'}"
+                f"{where}: is after {unknown[0]!r}, no command before it; valid: {', '.join(known) or 'none'}"
             )
         known.append(command.name)
 
 
-def _check_value(contract: Contract, where: str, f: Field, value: Value) -> None:
+def _check_value(where: str, f: Field, value: Value, encode: Encode) -> None:
     try:
-        contract.encode(f.name, value)
+        encode(f.name, value)
     except RangeError as error:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _check_condition(contract: Contract, where: str, condition: Condition | None, fields: Mapping[str, Field]) -> None:
+def _check_condition(
+    contract: Declaration, where: str, condition: Condition | None, fields: Mapping[str, Field]
+) -> None:
     if condition is None:
         return
     f = _number(contract, f"{where}: what it waits for", condition.field, fields)
     mask = (1 << 8 * f.size) - 1 if condition.mask is None else condition.mask
     if not condition.values or any(value & ~mask for value in condition.values):
         raise ConfigError(
-            f"{where}: waits for {list(condition.values)} in {f.name}, which it cannot read there (mask 0x{mask:X})"
+            f"{where}: waits for {list(condition.values)} in {f.name}, which cannot read so (mask 0x{mask:X})"
         )
 
 
-def _check_together(contract: Contract, fields: Mapping[str, Field]) -> None:
+def _check_together(contract: Declaration, fields: Mapping[str, Field]) -> None:
     """Raises ConfigError: fields that must be written together cannot be, or a part stands alone."""
     for run in contract.manners.together:
         if unknown := [name for name in run if name not in fields or fields[name].access == "ro"]:

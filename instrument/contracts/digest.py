@@ -6,12 +6,10 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from palpate.instrument.contracts.declaration import Declaration
 from palpate.instrument.contracts.field import Field
-
-if TYPE_CHECKING:
-    from palpate.instrument.contracts.contract import Contract
 
 # Keys of the first digests. All others were added later, and are left out where they have their default, so that the
 # digest of a contract that does not use them is still that of the first runs.
@@ -23,14 +21,14 @@ FIRST_OF_CONTRACT = ("name", "bus", "identity", "fields", "pdos")
 FOR_PEOPLE = ("title",)
 
 
-def digest(contract: Contract) -> str:
+def digest(contract: Declaration) -> str:
     """SHA-256 of a whole declaration, without what is for people only."""
     declared = _said(contract, FIRST_OF_CONTRACT)
     declared["fields"] = [_said(f, FIRST_OF_FIELD) for f in contract.fields]
     return hashlib.sha256(json.dumps(declared, sort_keys=True, default=_plain).encode()).hexdigest()
 
 
-def _said(thing: Field | Contract, first: tuple[str, ...]) -> dict[str, Any]:
+def _said(thing: Field | Declaration, first: tuple[str, ...]) -> dict[str, Any]:
     """The first keys of a field or contract, and those of the others that are not at their default."""
     found: dict[str, Any] = {}
     for each in fields(thing):

@@ -200,7 +200,7 @@ def test_a_field_that_no_device_has_is_refused(given: Mapping[str, Any], message
         ((ORDER,), {"commands": (Command("go", "order", 70000),)}, "order = 70000"),
         ((ORDER,), {"commands": (Command("go", "order", 1, after=("arm",)),)}, "after 'arm', no command before it"),
         ((ORDER,), {"commands": (Command("go", "order", 1, done=Condition("order", (2,), 0x1)),)},
-         "waits for [2] in order, which it cannot read there (mask 0x1)"),
+         "waits for [2] in order, which cannot read so (mask 0x1)"),
         ((ORDER,), {"commands": (Command("go", "order", 1), Command("go", "order", 2))}, "several commands"),
         ((ORDER,), {"marks": (Mark("order", "text"),), "known_by": "marks"}, "is no value of a field"),
         ((ORDER,), {"known_by": "marks"}, "known by marks, but has none"),

@@ -101,7 +101,7 @@ def test_a_bench_file_names_a_map_beside_it(tmp_path: Path) -> None:
     written(tmp_path)
     bench = tmp_path / "bench.toml"
     link = '[link.line]\nkind = "modbus-rtu"\nport = "/dev/ttyS9"\n'
-    device = f'{link}[device.scale]\nmap = "map.toml"\nlink = "line"\nunit = 1\n'
+    device = f'{link}[device.scale]\nmap = "map.toml"\nlink = "line"\nunit = 1\ninventory = "no. 7"\n'
     bench.write_text(f'name = "b"\n{device}', encoding="utf-8")
     (found,) = read_bench(bench).devices
     assert found.kind.name == "transmitter"
