@@ -30,36 +30,36 @@ def kind_of(found: DeviceMap) -> DeviceKind:
     """
     if problems := prove(found.contract, found.frames).problems:
         raise ConfigError("\n".join(f"{found.file}: {problem}" for problem in problems))
-    serves = _serves(found)
-    first = next(iter(serves.values()), None)
+    served = serves(found)
+    first = next(iter(served.values()), None)
     driver, simulator = PLAIN[found.contract.bus]
     if first is not None:
         driver, simulator = first.generic_driver, first.generic_simulator
         if first.driver:
             driver = f"{MAKERS}.{first.driver}"
-    limits = {key: value for each in serves.values() for key, value in each.limits(found.contract).items()}
-    settings = [each.settings for each in serves.values() if each.settings is not None]
+    limits = {key: value for each in served.values() for key, value in each.limits(found.contract).items()}
+    settings = [each.settings for each in served.values() if each.settings is not None]
     return DeviceKind(
         found.contract,
         found.links,
         driver,
         simulator,
         settings[0] if len(settings) == 1 else create_model("Settings", __base__=(*settings, NoSettings)),
-        tuple(serves),  # type: ignore[arg-type]  # the keys of ROLE_MAPS are roles
+        tuple(served),  # type: ignore[arg-type]  # the keys of ROLE_MAPS are roles
         **limits,
         map=found,
-        serves=serves,
+        serves=served,
     )
 
 
-def _serves(found: DeviceMap) -> dict[str, RoleMap]:
-    """The checked table of each role. Raises ConfigError."""
-    serves: dict[str, RoleMap] = {}
+def serves(found: DeviceMap) -> dict[str, RoleMap]:
+    """The checked table of each role of a map. Raises ConfigError."""
+    found_for: dict[str, RoleMap] = {}
     for role, table in found.roles.items():
         where = f"{found.file}: role.{role}"
         if role not in ROLE_MAPS:
             raise ConfigError(f"{where}: {UnknownName('role of a map', role, ROLE_MAPS)}")
-        serves[role] = check(dict(table), ROLE_MAPS[role], where)
-        if problems := serves[role].wrong(found.contract):
+        found_for[role] = check(dict(table), ROLE_MAPS[role], where)
+        if problems := found_for[role].wrong(found.contract):
             raise ConfigError("\n".join(f"{where}: {problem}" for problem in problems))
-    return serves
+    return found_for

@@ -33,8 +33,8 @@ class DeviceTable(Config):
     bus: Literal["modbus", "canopen"]
     links: Annotated[tuple[Link, ...], Key(min_length=1)]
     vendor: Name
-    product: Name
-    revision: Name
+    product: str = ""
+    revision: str = ""
     about: str = ""
     documents: tuple[str, ...] = ()
     known_by: Literal["identity", "marks", "nothing"] = "identity"
@@ -129,12 +129,15 @@ def read_map(path: Path) -> DeviceMap:
 
     Raises ConfigError: it cannot be read, or says something impossible; each problem with file, table and key.
     """
-    return _map_of(path, read_bytes(path))
+    return map_of(path, read_bytes(path))
 
 
 @cache
-def _map_of(path: Path, data: bytes) -> DeviceMap:
-    """The map in the content of a file, which is kept, because a bench asks for its kinds again and again."""
+def map_of(path: Path, data: bytes) -> DeviceMap:
+    """The map in the content of a file; it is kept, because a bench asks for its kinds again and again.
+
+    Raises ConfigError as `read_map` does.
+    """
     content = parse(data, MapFile, str(path))
     device, read = content.device, _Reader(str(path))
     parts = {

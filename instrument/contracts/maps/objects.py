@@ -1,0 +1,76 @@
+"""Names and meanings of the objects that CiA's profiles define, in our own words."""
+
+from __future__ import annotations
+
+from palpate.instrument.contracts.contract import sdo
+
+# by address: name and meaning (CiA 301, 401, 402, 404)
+STANDARD: dict[int, tuple[str, str]] = {
+    sdo(0x1000): ("device_type", "profile that the device follows"),
+    sdo(0x1001): ("error_register", "kinds of errors that are there"),
+    sdo(0x1005): ("sync_cob_id", "COB-ID of SYNC, and whether the device produces it"),
+    sdo(0x1006): ("sync_period", "period of SYNC in microseconds"),
+    sdo(0x1008): ("device_name", "name that the maker gives"),
+    sdo(0x1009): ("hardware_version", "version of the hardware"),
+    sdo(0x100A): ("software_version", "version of the firmware"),
+    sdo(0x100C): ("guard_time", "period of node guarding in milliseconds"),
+    sdo(0x100D): ("life_time_factor", "guard times without guarding after which the master counts as gone"),
+    sdo(0x1010, 1): ("save_all", "keeps all settings when the power goes"),
+    sdo(0x1014): ("emergency_cob_id", "COB-ID of emergency messages"),
+    sdo(0x1016, 1): ("heartbeat_consumed_1", "whose heartbeat the device waits for, and how long in milliseconds"),
+    sdo(0x1016, 2): ("heartbeat_consumed_2", "whose heartbeat the device waits for, and how long in milliseconds"),
+    sdo(0x1017): ("heartbeat", "period of its heartbeat in milliseconds"),
+    sdo(0x1018, 1): ("vendor", "number of the maker"),
+    sdo(0x1018, 2): ("product", "number of the product"),
+    sdo(0x1018, 3): ("revision", "number of the revision"),
+    sdo(0x1018, 4): ("serial", "serial number"),
+    sdo(0x1019): ("sync_counter_overflow", "value at which the counter of SYNC begins anew"),
+    sdo(0x1029, 1): ("on_communication_error", "state that the device goes to on a loss of communication"),
+    sdo(0x6007): ("on_abort_of_connection", "what a drive does on a loss of communication"),
+    sdo(0x603F): ("error_code", "code of the last error of a drive"),
+    sdo(0x6040): ("controlword", "orders of a drive"),
+    sdo(0x6041): ("statusword", "state of a drive"),
+    sdo(0x605A): ("quick_stop_option", "how a drive stops quickly"),
+    sdo(0x6060): ("mode", "mode of operation that is asked for"),
+    sdo(0x6061): ("mode_shown", "mode of operation that the drive is in"),
+    sdo(0x6064): ("position", "position of a drive"),
+    sdo(0x6065): ("following_error_window", "greatest following error"),
+    sdo(0x606C): ("velocity", "velocity of a drive"),
+    sdo(0x6071): ("target_torque", "torque that is asked for, in thousandths of the rated one"),
+    sdo(0x6072): ("torque_limit", "greatest torque, in thousandths of the rated one"),
+    sdo(0x6075): ("rated_current", "rated current"),
+    sdo(0x6076): ("rated_torque", "rated torque"),
+    sdo(0x6077): ("torque", "torque of a drive, in thousandths of the rated one"),
+    sdo(0x607A): ("target_position", "position that is asked for"),
+    sdo(0x607C): ("home_offset", "position of the home switch"),
+    sdo(0x607D, 1): ("position_limit_low", "least position"),
+    sdo(0x607D, 2): ("position_limit_high", "greatest position"),
+    sdo(0x6081): ("profile_velocity", "velocity of a move"),
+    sdo(0x6083): ("profile_acceleration", "acceleration of a move"),
+    sdo(0x6084): ("profile_deceleration", "deceleration of a move"),
+    sdo(0x6087): ("torque_slope", "greatest change of torque in a second"),
+    sdo(0x6098): ("homing_method", "way of homing"),
+    sdo(0x60B2): ("torque_offset", "torque that is added"),
+    sdo(0x60FF): ("target_velocity", "velocity that is asked for"),
+    sdo(0x6502): ("modes_supported", "modes of operation that the drive has"),
+    **{sdo(0x6000, n): (f"digital_input_{n}", f"digital inputs, byte {n}") for n in range(1, 9)},
+    **{sdo(0x6200, n): (f"digital_output_{n}", f"digital outputs, byte {n}") for n in range(1, 9)},
+    **{sdo(0x6401, n): (f"analogue_input_{n}", f"analogue input {n}") for n in range(1, 17)},
+    **{sdo(0x6403, n): (f"analogue_input_float_{n}", f"analogue input {n}") for n in range(1, 17)},
+    **{sdo(0x6411, n): (f"analogue_output_{n}", f"analogue output {n}") for n in range(1, 17)},
+    **{
+        sdo(index, n): (f"{name}_{n}", f"{meaning} of channel {n}")
+        for index, name, meaning in (
+            (0x6443, "output_error_mode", "whether an output takes its error value on a loss of communication"),
+            (0x6444, "output_error_value", "value of an output on a loss of communication"),
+            (0x6110, "sensor_type", "kind of sensor"),
+            (0x6125, "auto_zero", "order to take the present value as zero"),
+            (0x6131, "unit_of_value", "unit of the process value"),
+            (0x6132, "decimals", "decimals of the process value"),
+            (0x6150, "input_status", "state of the process value"),
+            (0x7130, "process_value", "process value, 16 bits"),
+            (0x8130, "process_value_24", "process value, 24 bits"),
+        )
+        for n in range(1, 5)
+    },
+}  # fmt: skip
