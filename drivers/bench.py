@@ -71,6 +71,7 @@ class Bench(Fitted):
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(BenchLock(self.description))
+            self._confirm_devices()
             stack.enter_context(taken(TERMINATIONS, _terminate))
             members = self._exciter.members if self._exciter else ()
             opened = []
@@ -96,6 +97,13 @@ class Bench(Fitted):
             self._stack = stack.pop_all()
         self.is_open = True
         return self
+
+    def _confirm_devices(self) -> None:
+        """Let a person confirm each device that tells nothing by which it is known. Raises BenchError: nobody does."""
+        for each in self._listed.values():
+            if each.unknowable and not each.confirmed:
+                title = each.kind.contract.title
+                self.operator.confirm_device(f"{each.name} ({title}, {each.unit} on {each.link})", each.inventory)
 
     def _while_there(self, step: Callable[[], object], of: Device | ModbusLink | CanLink) -> None:
         """Do a step; if it gets no answer and only optional devices need it, go on without these devices."""

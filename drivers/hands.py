@@ -46,6 +46,9 @@ class Hands:
         else:
             self._person.set_temperature(kelvin)
 
+    def confirm_device(self, what: str, label: str) -> None:
+        self._person.confirm_device(what, label)
+
     @property
     def has_warmed(self) -> bool:
         """Whether a chamber was told to warm the sensor."""

@@ -20,6 +20,7 @@ from palpate.instrument.errors import ConfigError, UnknownName
 Unit = Annotated[int, Field(ge=1, le=LARGEST_UNIT, strict=True)]
 NodeId = Annotated[int, Field(ge=1, le=127, strict=True)]
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}")
+OF_LINK = ("baudrate", "parity", "stopbits", "bitrate")  # settings that all devices on a link share
 RESERVED = ("all", "line", "can")  # names that faults use for links, and for all
 
 
@@ -35,6 +36,7 @@ class _Section(Config):
     optional: bool = False
     inventory: str = ""  # its label, if it tells nothing by which it is known
     confirmed: bool = False  # that the labelled device is there, so that nobody is asked
+    set_to_link: bool = False  # that it was set to the link's baud rate and parity, or bit rate
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class Listed:
         optional: whether the bench can be used without it.
         inventory: its label, if it tells nothing by which it is known.
         confirmed: whether nobody has to confirm that it is the labelled one.
+        set_to_link: whether it no longer has the baud rate and parity, or the bit rate, with which it left the factory.
     """
 
     name: str
@@ -62,6 +65,12 @@ class Listed:
     optional: bool = False
     inventory: str = ""
     confirmed: bool = False
+    set_to_link: bool = False
+
+    @property
+    def unknowable(self) -> bool:
+        """Whether it tells nothing by which it is known."""
+        return self.kind.contract.known_by == "nothing"
 
 
 def filling(role: Role, devices: Sequence[Listed]) -> list[Listed]:
@@ -108,8 +117,9 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
     _check_inventory(where, kind, section)
     settings = check(table, kind.settings, where)
     return Listed(
-        name, kind, section.link, unit, settings, section.role, section.optional, section.inventory, section.confirmed
-    )
+        name, kind, section.link, unit, settings, section.role, section.optional, section.inventory, section.confirmed,
+        section.set_to_link,
+    )  # fmt: skip
 
 
 def _check_unit(where: str, kind: DeviceKind, key: str, unit: int) -> None:
@@ -170,10 +180,29 @@ def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
         names.add(each.name)
         by_place[place] = each.name
     for name, link in links.items():
+        _check_factory(name, [each for each in devices if each.link == name])
         if isinstance(link, CanLink):
             _check_identifiers(name, [each for each in devices if each.link == name])
     if idle := [name for name in links if name not in {each.link for each in devices}]:
         raise ConfigError(f"link.{idle[0]}: no device is on it; leave it out, or list one")
+
+
+def _check_factory(link: str, devices: Sequence[Listed]) -> None:
+    """Raises ConfigError: two devices on a link leave the factory with settings that one link cannot have."""
+    known: dict[str, tuple[str, object]] = {}
+    for each in devices:
+        line = None if each.kind.map is None or each.set_to_link else each.kind.map.line
+        for key in OF_LINK:
+            value = getattr(line, key, None)
+            if value is None:
+                continue
+            other, before = known.setdefault(key, (each.name, value))
+            if value != before:
+                raise ConfigError(
+                    f"link.{link}: {other} has {key} = {before!r} and {each.name} has {key} = {value!r} as they leave "
+                    "the factory, but a link has one: set a device to the link's and write set_to_link = true in its "
+                    "section, or give it a link of its own"
+                )
 
 
 def _gateways(links: Mapping[str, Link]) -> dict[str, str]:

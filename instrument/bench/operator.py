@@ -39,3 +39,9 @@ class Operator(Protocol):
 
     def set_temperature(self, kelvin: float) -> None:
         """Make the surroundings of the sensor warmer by this than they were at the start [K]."""
+
+    def confirm_device(self, what: str, label: str) -> None:
+        """Look that `what`, a device that tells nothing by which it is known, is the one with this label.
+
+        This comes before anything is sent to the bench.
+        """

@@ -53,6 +53,15 @@ class ConsoleOperator:
     def set_temperature(self, kelvin: float) -> None:
         self._ask(f"Make the surroundings of the sensor {kelvin:g} K warmer than at the start", f"{kelvin:g}")
 
+    def confirm_device(self, what: str, label: str) -> None:
+        if self._ask is confirm and not at_terminal():
+            raise BenchError(
+                f"{what} tells nothing by which it is known, and nobody can confirm that it is {label}, because "
+                "standard input is no terminal; look at its label, then write confirmed = true in its section of the "
+                f"bench file, or run palpate in a terminal, or give {ASSUME}"
+            )
+        self._ask(f"Look that {what} is the device labelled {label}", label)
+
 
 def _described(sample: Sample) -> str:
     return f"{sample.name} ({sample.material}, {show(sample.thickness, 'm')})"

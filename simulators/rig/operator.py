@@ -64,3 +64,6 @@ class SimulatedOperator:
                     f"the probe stands at {1e3 * self._rig.position:g} mm: move it home before mounting a sample"
                 )
             put()
+
+    def confirm_device(self, what: str, label: str) -> None:
+        """A simulated device is what its bench says."""
