@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -66,14 +67,15 @@ origin = "computed"
 """
 
 
-def written(folder: Path, text: str = TRANSMITTER, **replaced: str) -> Path:
-    """A map file with parts of its text replaced."""
+def written(folder: Path, text: str = TRANSMITTER) -> Path:
+    """A map file."""
     file = folder / "map.toml"
     file.write_text(text, encoding="utf-8")
     return file
 
 
 def changed(folder: Path, changes: Mapping[str, str]) -> Path:
+    """The map with parts of its text replaced, each of which it has once."""
     text = TRANSMITTER
     for old, new in changes.items():
         assert text.count(old) == 1, old
@@ -125,3 +127,81 @@ def test_two_maps_of_one_name_that_say_different_things_cannot_be_on_one_bench(t
 def test_an_unknown_kind_names_the_shipped_maps() -> None:
     with pytest.raises(UnknownName, match="did you mean 'flintec-dad-141'"):
         device_kind("flintec-dad-14")
+
+
+# --- what is wrong -------------------------------------------------------------------------------------
+
+SCALED = """
+[field.decimals]
+address = 20
+type = "uint16"
+meaning = "decimals of the display"
+access = "rw"
+[field.tare]
+address = 11
+type = "int32"
+meaning = "tare"
+scaling = { told_by = "decimals" }
+[command.save]"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "wrong"),
+    [
+        ("address = 9", "address = 8", "weight transmitter: gross and net overlap at 0x8"),
+        ("address = 9", "address = 65535", "net ends at address 65536; the addresses go from 0 to 65535"),
+        ("address = 9", "address = -2", "net ends at address -1; the addresses go from 0 to 65535"),
+        ("address = 9", 'address = "nine"', "field.net: address: 'nine' is no address; give a number"),
+        ("address = 9", "address = true", r"field.net: address: .* valid integer \(got True\)"),
+        ("address = 9", "address = 9\nscale = 0", "field net: scale 0 is not finite and above 0"),
+        (
+            "address = 9",
+            "address = 9\nscal = 2.0",
+            "field.net: scal: unknown key .did you mean 'scale'.*; valid: access,",
+        ),
+        ("[command.save]", SCALED, "tare: its scale is in decimals, which has access 'rw'; it must be 'ro'"),
+        ('value = "save"', 'value = "tare"', "command save: .*command = 'tare' is no choice; valid: save"),
+        ('says = "command save"', 'says = "save"', """frame 2: says: 'save': give "read", "write", "command","""),
+        ("00 01 11 C8", "00 01 11 C", "frame 2: reply: '.* 11 C' is no message; give bytes as"),
+        ('bus = "modbus"', 'bus = "profibus"', r"device.bus: .*'modbus' or 'canopen' \(got 'profibus'\)"),
+        ('name = "transmitter"', 'name = "../transmitter"', "device.name: .*got '../transmitter'"),
+    ],
+)
+def test_an_impossible_map_is_refused_with_file_table_value_and_what_is_allowed(
+    old: str, new: str, wrong: str, tmp_path: Path
+) -> None:
+    file = changed(tmp_path, {old: new})
+    with pytest.raises(ConfigError, match=f"^{re.escape(str(file))}: .*{wrong}"):
+        read_map(file)
+
+
+def test_all_wrong_tables_of_a_map_are_named_at_once(tmp_path: Path) -> None:
+    file = changed(tmp_path, {'meaning = "gross weight"': "", 'meaning = "net weight"': "scale = 2"})
+    with pytest.raises(ConfigError) as failure:
+        read_map(file)
+    assert [line.split(": ")[1] for line in str(failure.value).splitlines()] == ["field.gross", "field.net"]
+
+
+def test_a_map_with_the_name_of_one_of_our_own_kinds_is_refused(tmp_path: Path) -> None:
+    file = changed(tmp_path, {'name = "transmitter"': 'name = "positioner"'})
+    with pytest.raises(ConfigError, match=r"device.name: 'positioner' is a kind of palpate's own; give another name"):
+        kind_in_file(file)
+
+
+def test_a_map_whose_frame_does_not_fit_is_no_kind(tmp_path: Path) -> None:
+    file = changed(tmp_path, {"net = -1000": "net = -1001"})
+    wrong = r"frame 1 \(read status, gross, net\): net: -1001 kg wanted \(00 00 03 E9\), -1000 found \(00 00 03 E8\)"
+    with pytest.raises(ConfigError, match=f"^{re.escape(str(file))}: {wrong}"):
+        kind_in_file(file)
+
+
+def test_a_table_of_an_unknown_role_is_refused(tmp_path: Path) -> None:
+    file = written(tmp_path, f"{TRANSMITTER}\n[role.coffee_machine]\n")
+    with pytest.raises(ConfigError, match=r"role.coffee_machine: unknown role of a map 'coffee_machine'"):
+        kind_in_file(file)
+
+
+@pytest.mark.parametrize("name", ["../maps/flintec-dad-141", "/etc/passwd", "", "flintec-dad-141.toml", "x" * 5000])
+def test_the_name_of_a_kind_is_no_path(name: str) -> None:
+    with pytest.raises(UnknownName):
+        device_kind(name)

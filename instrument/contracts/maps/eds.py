@@ -76,6 +76,8 @@ def read_sheet(path: Path) -> DataSheet:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")  # CiA 306 asks for ASCII; makers use what their editors do
+    if "[DeviceInfo]" not in text:
+        raise ConfigError(f"{path}: has no section [DeviceInfo]; give an EDS or DCF")
     text = COMMENTS.sub("", EMPTY_NUMBER.sub("", text))
     try:
         objects: Any = import_eds(io.StringIO(text), 0)  # type: ignore[no-untyped-call]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
+from palpate.instrument.config import LARGEST_FILE
 from palpate.instrument.contracts.field import Field, sdo
 from palpate.instrument.contracts.maps import eds
 from palpate.instrument.contracts.maps.map_file import map_of
@@ -75,7 +77,10 @@ def imported(path: Path, objects: Sequence[str], name: str = "", node: int | Non
     }
     notes = "".join(f"# Left out: {each}\n" for each in left_out)
     text = HEAD.format(title=title, file=sheet.name) + notes + tomli_w.dumps(data)
-    map_of(path.with_suffix(".toml"), text.encode())
+    content = text.encode()
+    if len(content) > LARGEST_FILE:
+        raise ConfigError(f"{path}: a map of {len(fields)} objects is larger than {LARGEST_FILE} bytes; name fewer")
+    map_of(path.with_suffix(".toml"), content)
     return text
 
 
@@ -101,6 +106,12 @@ def _fields(
                 refused.append(str(error))
             elif address not in (*map(sdo, ALWAYS), *identity):
                 left_out.append(str(error))
+    names = Counter(f.name for f in fields.values())
+    refused += [
+        f"{sheet.name}: {count} objects are called {name}; name them apart"
+        for name, count in names.items()
+        if count > 1
+    ]
     if refused:
         raise ConfigError("\n".join(refused))
     return fields, left_out

@@ -21,6 +21,7 @@ from palpate.instrument.errors import ConfigError
 
 SHIPPED = Path(__file__).parent
 NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+LONGEST_NAME = 40  # characters
 Link = Literal["modbus-tcp", "modbus-rtu", "canopen"]
 Tables = dict[str, dict[str, Any]]
 
@@ -28,7 +29,7 @@ Tables = dict[str, dict[str, Any]]
 class DeviceTable(Config):
     """The table `[device]`: what it is, and how it is known."""
 
-    name: Annotated[str, Key(pattern=f"^{NAME.pattern}$", max_length=40)]
+    name: Annotated[str, Key(pattern=f"^{NAME.pattern}$", max_length=LONGEST_NAME)]
     title: Name
     bus: Literal["modbus", "canopen"]
     links: Annotated[tuple[Link, ...], Key(min_length=1)]
@@ -116,7 +117,7 @@ def shipped() -> list[str]:
 def shipped_map(name: str) -> DeviceMap | None:
     """The map of that name that comes with palpate; None: there is none. Raises ConfigError: it is damaged."""
     path = SHIPPED / f"{name}.toml"
-    if not NAME.fullmatch(name) or not path.is_file():
+    if not NAME.fullmatch(name) or len(name) > LONGEST_NAME or not path.is_file():
         return None
     found = read_map(path)
     if found.name != name:
