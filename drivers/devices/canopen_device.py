@@ -2,54 +2,33 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import partial
-from typing import Self
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.device import Device, Place
-from palpate.drivers.devices.identified import check_inventory, check_marks, serial_number
-from palpate.drivers.devices.told import Told
-from palpate.drivers.devices.wear import Wear
-from palpate.drivers.links.can import CanLink, FrameCallback
-from palpate.instrument.contracts.contract import PROBE, Contract, Pdo, Value, sdo
+from palpate.drivers.devices.canopen_node import CanopenNode
+from palpate.drivers.devices.pdo_set_up import NO_RTR, entries, steps
+from palpate.drivers.links.can import HEARTBEAT, CanLink, FrameCallback
+from palpate.instrument.contracts.contract import Contract, Pdo, Value
+from palpate.instrument.contracts.pdo import COB_ID
 from palpate.instrument.contracts.sensor_node import EMERGENCY, SILENT
-from palpate.instrument.errors import DeviceError, IdentityError
+from palpate.instrument.errors import DeviceError
 
 MOST_EMERGENCIES = 10_000  # emergency messages that are kept for a node
-DEVICE_TYPE = 0x1000
-IDENTITY, REVISION = 0x1018, 3  # object, and its part of which the upper half counts
-HEARTBEAT = 0x700
+DEVICE_TYPE, CONSUMER = 0x1000, 0x1016  # objects
 BOOTED = 0
 MISSED = 3  # missing heartbeats after which an incident is noted
 
 
-class CanopenDevice(Device):
-    """Reads and writes the objects of the contract by checked SDO transfers, and exchanges its process data (PDOs).
+class CanopenDevice(CanopenNode):
+    """Exchanges the process data (PDOs) of the contract as well, and sets them up where the contract says so.
 
-    A write is sent once. The driver remembers written settings in order to restore them, but no orders. If the contract
-    has these objects, the driver also hears emergencies (1014h), heartbeats (1017h) and restarts of the node.
+    If the contract has these objects, the driver also hears emergencies (1014h), heartbeats (1017h) and restarts of the
+    node.
     """
-
-    orders: frozenset[str] = frozenset()  # objects that make the node do something
-
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        """Make the driver of a node; a driver whose constructor takes more arguments overrides this."""
-        return cls._fitted(cls(place.link, place.unit, place.clock, *cls._own(place)), place)
 
     def __init__(self, link: CanLink, node_id: int, clock: Clock, contract: Contract | None = None) -> None:
         """Make a driver, not connected yet; `contract`: None for a driver that has its own."""
-        if contract is not None:
-            self.contract = contract
-        super().__init__(f"{self.contract.title} {node_id} at {link.name}")
-        self.link: CanLink = link
-        self.id = node_id
-        self.clock = clock
-        self.orders = self.orders | {command.field for command in self.contract.commands}
-        self._settings: dict[str, Value] = {}
-        self._scales = Told(self)
-        self._wear = Wear(self.name, self.contract, clock)
+        super().__init__(link, node_id, clock, contract)
         self.emergencies: list[bytes] = []
         self._noticed = 0  # number of emergencies that were reported as notices
         self._restarted = False
@@ -58,140 +37,57 @@ class CanopenDevice(Device):
         self._heartbeat = 0.0
         self._received: dict[str, bytes] = {}
         self._started = False
+        self._watched = b""  # what its heartbeat consumer was set to
 
     def connect(self) -> None:
-        """Join the bus, identify the node, and listen to what it tells by itself. Raises as `identify`."""
+        """Join the bus, identify the node, set its PDOs up, and listen to what it tells by itself.
+
+        Raises as `identify`; DeviceError: the node does not take a PDO.
+        """
         self._join()
+        self._set_pdos_up()
         self._read_heartbeat()
         self._listen()
-
-    def _join(self) -> None:
-        """Join the bus and identify the node. Raises as `identify`."""
-        self._node = self.link.add_node(self.id)
-        self.identify()
-        with suppress(DeviceError):  # not every node has a hardware version
-            self.simulated = self._text(sdo(0x1009)) == "simulated"
-
-    def identify(self) -> None:
-        """Check that this is the contract's device, and that it tells the same scales and units as before.
-
-        Raises:
-            IdentityError: another vendor, product or major revision (1018h), a mark that does not fit, another byte
-                order, or another serial number than before; or the bench file does not name a device that cannot be
-                known.
-            LinkError, LinkTimeout, DeviceError: the node does not answer, refuses, or tells another scale or unit.
-        """
-        match self.contract.known_by:
-            case "identity":
-                self._check_identity()
-            case "marks":
-                check_marks(self)
-            case "nothing":
-                check_inventory(self)
-        if self.contract.has("probe") and (probe := int(self.get("probe"))) != PROBE:
-            raise IdentityError(
-                f"{self.name}: byte-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
-                "this node is not little-endian as CANopen asks; update its firmware"
-            )
-        self._scales.check()
-        self.serial = self._same(self._serial_number())
-
-    def _check_identity(self) -> None:
-        """Check those parts of 1018h that the contract has. Raises IdentityError, LinkError, DeviceError."""
-        expected = self.contract.identity
-        wanted = {
-            number: int(text, 16)
-            for number, text in enumerate((expected.vendor, expected.product, expected.revision), 1)
-            if text
-        }
-        found = {number: self._asked(partial(self._identity, number)) for number in wanted}
-        if any(found[n] >> 16 != wanted[n] >> 16 if n == REVISION else found[n] != wanted[n] for n in wanted):
-            raise IdentityError(
-                f"{self.name}: identifies itself as {' '.join(f'0x{v:08X}' for v in found.values())}, the contract is "
-                f"for {' '.join(f'0x{v:08X}' for v in wanted.values())}; check the node id in the bench file"
-            )
-
-    def _identity(self, part: int) -> int:
-        """A part of the identity object. Raises DeviceError: it has no 4 bytes."""
-        data = self.link.upload(self.name, self._node, IDENTITY, part, 4)
-        if len(data) != 4:
-            raise DeviceError(
-                f"{self.name}: 1018h:{part} has {len(data)} bytes instead of 4, so it is not used; check the node's "
-                "firmware"
-            )
-        return int.from_bytes(data, "little")
-
-    def _serial_number(self) -> str:
-        if not self.contract.serial and self.contract.has("serial"):
-            return f"{int(self.get('serial')):08X}"
-        return serial_number(self)
-
-    def get(self, name: str) -> float:
-        """Physical value of one object; NaN: it has no reading.
-
-        Raises LinkError, LinkTimeout; DeviceError: an abort, or a value outside its limits.
-        """
-        return self._asked(lambda: self._value(name, self._get(name), self._scales.beside(name)))
-
-    def held(self, name: str) -> float:
-        """Value of an object, which may be outside the limits."""
-        return self.contract.decode(name, self._held(name), self._scales.beside(name))
-
-    def get_text(self, name: str) -> str:
-        """Content of a text object. Raises LinkError, LinkTimeout, DeviceError."""
-        return self._asked(lambda: self._text(self.contract[name].address))
-
-    def _held(self, name: str) -> bytes:
-        """The bytes of an object, without a check of their value."""
-        return self._asked(lambda: self._get(name))
-
-    def _get(self, name: str) -> bytes:
-        field = self.contract[name]
-        try:
-            data = self.link.upload(self.name, self._node, field.index, field.subindex, field.size)
-        except DeviceError as error:
-            raise DeviceError(f"{error}, reading {name}") from None
-        if len(data) != field.size:
-            raise DeviceError(
-                f"{self.name}: {name} has {len(data)} bytes instead of {field.size}, so it is not used; check the "
-                "node's firmware"
-            )
-        return data
-
-    def give(self, **values: Value) -> None:
-        """Write objects one by one, in this order, as `set`; all values are checked before the first is sent."""
-        for name, value in values.items():
-            self._scales.encode(name, value)
-        for name, value in values.items():
-            self.set(name, value)
-
-    def set(self, name: str, value: Value) -> None:
-        """Write one object, once.
-
-        Raises:
-            RangeError: a value outside its limits; nothing is sent.
-            DeviceError: the node aborts; or its memory was written too often.
-        """
-        data = self._scales.encode(name, value)
-        if worn := self._wear.of((name,)):
-            if self.contract[name].access == "rw" and self._held(name) == data:
-                self._remember(name, value)
-                return
-            self._wear.count(worn)
-        self._told(lambda: self._set(name, value, data))
-        self._remember(name, value)
-
-    def _set(self, name: str, value: Value, data: bytes) -> None:
-        field = self.contract[name]
-        try:
-            self.link.download(self.name, self._node, field.index, field.subindex, data)
-        except DeviceError as error:
-            raise DeviceError(f"{error}, writing {self.contract.described(name, value)}") from None
 
     def _read_heartbeat(self) -> None:
         """Read the heartbeat period, if the node has one."""
         if self.contract.has("heartbeat"):
             self._heartbeat = self.get("heartbeat")
+
+    @property
+    def _to_set_up(self) -> list[Pdo]:
+        return [pdo for pdo in (*self.contract.pdos, *self.contract.receives) if pdo.index]
+
+    def _set_pdos_up(self) -> None:
+        """Set up the PDOs for which the contract says so. The node is pre-operational then, and nothing is saved."""
+        if self._to_set_up:
+            self.link.command(self._node, "PRE-OPERATIONAL")
+        for pdo in self._to_set_up:
+            held = self._asked(partial(self._object, pdo.index, COB_ID, 4))
+            for step in steps(self.contract, pdo, self.id, int.from_bytes(held, "little")):
+                self._told(partial(self._store, f"PDO {pdo.name}", *step))
+
+    def _lost_pdos(self) -> list[str]:
+        """Names of the PDOs that are no longer set up. Raises LinkError, DeviceError."""
+        lost = []
+        for pdo in self._to_set_up:
+            held = int.from_bytes(self._asked(partial(self._object, pdo.index, COB_ID, 4)), "little")
+            mapped = all(
+                self._asked(partial(self._object, index, subindex, len(content))) == content
+                for index, subindex, content in entries(self.contract, pdo)
+            )
+            if held & ~NO_RTR != pdo.cob_id(self.id) or not mapped:
+                lost.append(pdo.name)
+        return lost
+
+    def watch(self, master: int, within: float) -> None:
+        """Let the node act when it has not heard the heartbeat of node id `master` for so long [s] (1016h).
+
+        What it does then is its own setting, as of 6007h. The program must send that heartbeat from now on; see
+        `CanLink.beat`. Raises DeviceError: the node has no heartbeat consumer.
+        """
+        self._watched = (master << 16 | round(1e3 * within)).to_bytes(4, "little")
+        self._told(partial(self._store, "its heartbeat consumer", CONSUMER, 1, self._watched))
 
     def _barrier(self) -> None:
         """Ask for an object. What the node sent before its answer has come by then."""
@@ -199,7 +95,7 @@ class CanopenDevice(Device):
             if self.contract.has(name):
                 self._get(name)
                 return
-        self.link.upload(self.name, self._node, DEVICE_TYPE, 0, 4)
+        self._object(DEVICE_TYPE, 0, 4)
 
     def _listen(self) -> None:
         """Subscribe to the node's process data, emergencies and heartbeats."""
@@ -284,10 +180,6 @@ class CanopenDevice(Device):
         for name, value in values.items():
             self._remember(name, value)
 
-    def _remember(self, name: str, value: Value) -> None:
-        if self.contract[name].access == "rw" and name not in self.orders:
-            self._settings[name] = value
-
     def notices(self) -> list[str]:
         """Emergencies since the last call, and a heartbeat that has stopped.
 
@@ -319,16 +211,20 @@ class CanopenDevice(Device):
             if not self._scales.holds(name, held, value):
                 shown = self.contract.decode(name, held, self._scales.beside(name))
                 found.append(f"{self.name}: {name} is {shown:g}, was set to {value}")
+        found += [f"{self.name}: PDO {name} is no longer set up" for name in self._lost_pdos()]
+        if self._watched and self._asked(partial(self._object, CONSUMER, 1, 4)) != self._watched:
+            found.append(f"{self.name}: its heartbeat consumer is no longer set")
         return [*([f"{self.name}: has started anew"] if self._restarted else []), *found]
 
     def restore(self) -> None:
         """Write the settings again, and start the node again if it was started. Raises as `set` does."""
         self._restarted = False
         self._received.clear()
+        if self._lost_pdos():
+            self._set_pdos_up()
+        if self._watched:
+            self._told(partial(self._store, "its heartbeat consumer", CONSUMER, 1, self._watched))
         if self._started:
             self.start()
         for name, value in self._settings.items():
             self.set(name, value)
-
-    def _text(self, address: int) -> str:
-        return self.link.upload(self.name, self._node, address >> 8, address & 0xFF).decode("ascii", "replace")

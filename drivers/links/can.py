@@ -27,6 +27,9 @@ for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever 
     logging.getLogger(_name).addHandler(logging.NullHandler())
 canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
 
+HEARTBEAT = 0x700  # identifier of a heartbeat, without the node id
+OPERATIONAL = b"\x05"  # state that it tells
+
 FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
 
@@ -205,6 +208,10 @@ class CanLink:
             for _ in range(LATE_ANSWERS):
                 node.sdo.responses.get(timeout=self._description.timeout)
             raise LinkError(f"{who}: keeps sending unasked answers; look for a second SDO client on the bus")
+
+    def beat(self, master: int) -> None:
+        """Send one heartbeat of this program as node id `master`, which nodes can watch. Raises LinkError."""
+        self.send(HEARTBEAT + master, OPERATIONAL)
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send one frame, once. Raises LinkError."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from palpate.instrument.contracts.declaration import Declaration
 from palpate.instrument.contracts.field import BITS, Field, Value
 from palpate.instrument.contracts.manners import Condition
+from palpate.instrument.contracts.pdo import LONGEST_INHIBIT, PDOS, SENT, TAKEN, Pdo
 from palpate.instrument.contracts.wire_types import SIZE
 from palpate.instrument.errors import ConfigError, RangeError
 
@@ -143,11 +144,43 @@ def _check_pdos(contract: Declaration, fields: Mapping[str, Field]) -> None:
                 )
         if not 0 < (size := sum(fields[name].size for name in pdo.fields)) <= LARGEST_PDO:
             raise ConfigError(f"{contract.title}: PDO {pdo.name} has {size} bytes; give 1 to {LARGEST_PDO}")
+    for first, pdos in ((SENT, contract.pdos), (TAKEN, contract.receives)):
+        set_up = [pdo for pdo in pdos if pdo.index]
+        for pdo in set_up:
+            _check_set_up(contract, pdo, first)
+        _check_once(contract, "PDOs", [f"0x{pdo.index:X}" for pdo in set_up])
     _check_once(contract, "PDOs", [pdo.name for pdo in (*contract.pdos, *contract.receives)])
 
 
+def _is_hexadecimal(text: str) -> bool:
+    try:
+        int(text, 16)
+    except ValueError:
+        return False
+    return True
+
+
+def _check_set_up(contract: Declaration, pdo: Pdo, first: int) -> None:
+    """Raises ConfigError: no driver can set this PDO up."""
+    for what, given, least, most in (
+        ("index", pdo.index, first, first + PDOS - 1),
+        ("transmission", pdo.transmission, 0, 255),
+        ("inhibit", pdo.inhibit, 0, LONGEST_INHIBIT),
+    ):
+        if not least <= given <= most:
+            limits = f"0x{least:X} to 0x{most:X}" if what == "index" else f"{least} to {most:g}"
+            raise ConfigError(f"{contract.title}: PDO {pdo.name}: {what} = {given:g} is outside {limits}")
+
+
 def _check_marks(contract: Declaration, fields: Mapping[str, Field]) -> None:
-    """Raises ConfigError: a mark or the serial number is in no field that can be read, or there should be no marks."""
+    """Raises ConfigError: it cannot be known by what it says, or its serial number is in no field that can be read."""
+    identity = contract.identity
+    parts = [part for part in (identity.vendor, identity.product, identity.revision) if part]
+    if contract.bus == "canopen" and contract.known_by == "identity" and not all(map(_is_hexadecimal, parts)):
+        raise ConfigError(
+            f"{contract.title}: is known by vendor, product and revision {parts}; a node tells numbers: give them in "
+            'hexadecimal, as "0x2BE", or "" for one that it does not tell'
+        )
     if (contract.known_by == "marks") != bool(contract.marks):
         has = "has marks, but is known by " + contract.known_by if contract.marks else "is known by marks, but has none"
         raise ConfigError(f"{contract.title}: {has}; give marks where known_by is 'marks', and only there")

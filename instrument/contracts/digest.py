@@ -10,6 +10,7 @@ from typing import Any
 
 from palpate.instrument.contracts.declaration import Declaration
 from palpate.instrument.contracts.field import Field
+from palpate.instrument.contracts.pdo import Pdo
 
 # Keys of the first digests. All others were added later, and are left out where they have their default, so that the
 # digest of a contract that does not use them is still that of the first runs.
@@ -18,6 +19,7 @@ FIRST_OF_FIELD = (
     "length",
 )  # fmt: skip
 FIRST_OF_CONTRACT = ("name", "bus", "identity", "fields", "pdos")
+FIRST_OF_PDO = ("name", "base", "fields")
 FOR_PEOPLE = ("title",)
 
 
@@ -28,8 +30,8 @@ def digest(contract: Declaration) -> str:
     return hashlib.sha256(json.dumps(declared, sort_keys=True, default=_plain).encode()).hexdigest()
 
 
-def _said(thing: Field | Declaration, first: tuple[str, ...]) -> dict[str, Any]:
-    """The first keys of a field or contract, and those of the others that are not at their default."""
+def _said(thing: Field | Declaration | Pdo, first: tuple[str, ...]) -> dict[str, Any]:
+    """The first keys of a field, contract or PDO, and those of the others that are not at their default."""
     found: dict[str, Any] = {}
     for each in fields(thing):
         default = each.default if each.default is not MISSING else None
@@ -41,4 +43,6 @@ def _said(thing: Field | Declaration, first: tuple[str, ...]) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     """A mapping or dataclass as a dict, for JSON."""
+    if isinstance(value, Pdo):
+        return _said(value, FIRST_OF_PDO)
     return dict(value) if isinstance(value, Mapping) else asdict(value)

@@ -12,15 +12,30 @@ OF_A_NODE = {"emergencies": 0x80, "SDO answers": 0x580, "SDO requests": 0x600, "
 SENT, TAKEN = 0x1800, 0x1400  # objects of the first PDO that a node sends, and of the first that it takes
 COB_ID, TRANSMISSION_TYPE = 1, 2  # their subindices
 AT_SYNC = range(1, 241)  # transmission types
+PDOS = 0x200  # PDOs that a node can have in each direction, and objects between one's communication and its mapping
+INHIBIT_STEP, LONGEST_INHIBIT = 1e-4, 6.5535  # s
 
 
 @dataclass(frozen=True, slots=True)
 class Pdo:
-    """A process data object: COB-ID `base + node id`, fields packed in order."""
+    """A process data object: COB-ID `base + node id`, fields packed in order.
+
+    Attributes:
+        name: its name.
+        base: its COB-ID without the node id.
+        fields: its fields.
+        index: its communication object (1800h and on, or 1400h and on), if a driver sets the PDO when it connects; 0:
+            the node has it as it is.
+        transmission: its transmission type, which is then set; 1: at every SYNC, 255: when the node wants.
+        inhibit: least time between two frames that a node sends, which is then set [s].
+    """
 
     name: str
     base: int
     fields: tuple[str, ...]
+    index: int = 0
+    transmission: int = 1
+    inhibit: float = 0.0
 
     def cob_id(self, node_id: int) -> int:
         return self.base + node_id
@@ -29,4 +44,4 @@ class Pdo:
 def is_relative(index: int, subindex: int) -> bool:
     """Whether an object holds a COB-ID, to whose default the node id is added."""
     emergency = index == 0x1014
-    return emergency or (subindex == COB_ID and (TAKEN <= index < TAKEN + 0x200 or SENT <= index < SENT + 0x200))
+    return emergency or (subindex == COB_ID and (TAKEN <= index < TAKEN + PDOS or SENT <= index < SENT + PDOS))

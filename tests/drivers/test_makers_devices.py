@@ -22,10 +22,11 @@ from palpate.instrument.contracts.contract import (
     Identity,
     Manners,
     Mark,
+    Pdo,
     Scaling,
     sdo,
 )
-from palpate.instrument.errors import DeviceError, IdentityError, RangeError, UsageError
+from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, RangeError, UsageError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.objects import Objects
 from tests.drivers.registers import Registers
@@ -405,3 +406,102 @@ def test_no_object_is_written_if_one_of_the_values_is_beyond_its_limits() -> Non
     with pytest.raises(RangeError):
         driver.give(mode=1, burn=256)
     assert link.done == []
+
+
+# --- process data of a node ----------------------------------------------------------------------------
+
+SENDS = Pdo("force", 0x280, ("force", "decimals"), index=0x1801, transmission=1, inhibit=0.01)
+TAKES = Pdo("mode", 0x300, ("mode",), index=0x1401, transmission=255)
+WITH_PDOS = replace(NODE, pdos=(SENDS,), receives=(TAKES,))
+
+
+def piece(number: int, size: int) -> bytes:
+    return number.to_bytes(size, "little")
+
+
+def test_process_data_are_set_up_when_the_driver_connects_and_nothing_is_saved() -> None:
+    driver, link, _ = node(WITH_PDOS)
+    link.held[0x1801, 1], link.held[0x1401, 1] = piece(0xC000_0283, 4), piece(0x8000_0303, 4)
+    driver.connect()
+    done = [each[2:] for each in link.done if each[0] == "download"]
+    assert done == [
+        (0x1801, 1, piece(0xC000_0283, 4)),  # off, and bit 30 as it was
+        (0x1A01, 0, b"\0"),
+        (0x1A01, 1, piece(0x8130_0118, 4)),
+        (0x1A01, 2, piece(0x6132_0108, 4)),
+        (0x1A01, 0, b"\2"),
+        (0x1801, 2, b"\1"),
+        (0x1801, 3, piece(100, 2)),
+        (0x1801, 1, piece(0x4000_0283, 4)),
+        (0x1401, 1, piece(0x8000_0303, 4)),
+        (0x1601, 0, b"\0"),
+        (0x1601, 1, piece(0x2000_0008, 4)),
+        (0x1601, 0, b"\1"),
+        (0x1401, 2, b"\xff"),
+        (0x1401, 1, piece(0x303, 4)),
+    ]
+    assert ("command", 3, "PRE-OPERATIONAL") in link.done
+    assert driver.differences() == []
+    driver.save()
+    assert link.done[-1] == ("download", 3, 0x1010, 1, b"save")
+
+
+def test_process_data_that_a_restart_has_reset_are_set_up_again() -> None:
+    driver, link, _ = node(WITH_PDOS)
+    link.held[0x1801, 1], link.held[0x1401, 1] = piece(0x283, 4), piece(0x303, 4)
+    driver.connect()
+    driver.start()
+    driver.watch(127, 0.1)
+    assert link.held[0x1016, 1] == bytes.fromhex("64 00 7F 00")
+    link.held[0x1A01, 1], link.held[0x1016, 1] = piece(0x6000_0008, 4), bytes(4)
+    assert driver.differences() == [
+        "node 3 at bus: PDO force is no longer set up", "node 3 at bus: its heartbeat consumer is no longer set",
+    ]  # fmt: skip
+    driver.restore()
+    assert (driver.differences(), link.done.count(("command", 3, "OPERATIONAL"))) == ([], 2)
+
+
+def test_a_node_that_does_not_take_a_mapping_is_told_with_its_object() -> None:
+    driver, link, _ = node(WITH_PDOS)
+    link.held[0x1801, 1], link.held[0x1401, 1] = piece(0x283, 4), piece(0x303, 4)
+    download = link.download
+
+    def refuses(who: str, number: int, index: int, subindex: int, data: bytes) -> None:
+        if (index, subindex) == (0x1A01, 1):
+            raise DeviceError("node: aborted the transfer: 06040041")
+        download(who, number, index, subindex, data)
+
+    link.download = refuses
+    with pytest.raises(DeviceError, match="writing 1A01h:1 for PDO force; the node does not take this, check its map"):
+        driver.connect()
+    assert link.held[0x1801, 1] == piece(0x8000_0283, 4)  # it stays off
+
+
+@pytest.mark.parametrize(
+    ("pdo", "message"),
+    [
+        (replace(SENDS, index=0x1401), "PDO force: index = 5121 is outside 0x1800 to 0x19FF"),
+        (replace(SENDS, transmission=256), "PDO force: transmission = 256 is outside 0 to 255"),
+        (replace(SENDS, inhibit=7.0), "PDO force: inhibit = 7 is outside 0 to 6.5535"),
+    ],
+)
+def test_process_data_that_no_node_has_are_refused(pdo: Pdo, message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        replace(NODE, pdos=(pdo,))
+
+
+def test_a_contract_whose_process_data_are_not_set_up_has_the_digest_that_it_had() -> None:
+    fields = (
+        Field("mode", sdo(0x2000), "uint8", "mode", access="rw"),
+        Field("force", sdo(0x8130, 1), "int16", "f", "N"),
+    )
+    plain = Contract(
+        "node", "node", "canopen", Identity("0x5F", "", ""), fields, pdos=(Pdo("force", 0x280, ("force",)),)
+    )
+    assert plain.digest() == "2b57e1e9f52cfaf8341e03021ae933bbc5305ec4b44e49061fca6b57b1e28981"
+    assert replace(plain, pdos=(replace(SENDS, fields=("force",)),)).digest() != plain.digest()
+
+
+def test_a_node_known_by_its_identity_has_numbers_in_it() -> None:
+    with pytest.raises(ConfigError, match=r"known by vendor, product and revision \['Baumer'\]; a node tells numbers"):
+        replace(NODE, known_by="identity", marks=(), identity=Identity("Baumer", "", ""))

@@ -28,12 +28,13 @@ from palpate.instrument.contracts.field import Order
 from palpate.instrument.contracts.wire_types import SIZE
 from palpate.instrument.errors import ConfigError
 
-NOBODY = Identity("Maker", "Thing", "1.0")
+NOBODY, NUMBERED = Identity("Maker", "Thing", "1.0"), Identity("0x5F", "0x1", "0x10000")
 ORDERS = get_args(Order)
 
 
 def contract(*fields: Field, bus: Any = "modbus", **more: Any) -> Contract:
-    return Contract("thing", "thing", bus, NOBODY, fields, **more)
+    identity = NOBODY if bus == "modbus" else NUMBERED
+    return Contract("thing", "thing", bus, identity, fields, **more)
 
 
 def one(**given: Any) -> Contract:
