@@ -143,7 +143,7 @@ class BenchDescription(Config):
         if self.unguarded:
             data["watchdog"] = NO_WATCHDOG
         if not self.simulated:
-            del data["simulated"]
+            data.pop("simulated", None)  # `comparison` leaves it out
         return {key: value for key, value in data.items() if value is not None or key not in ("link", "device")}
 
     @property

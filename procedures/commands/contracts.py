@@ -67,7 +67,8 @@ def check(file: Path, as_json: bool, quiet: bool) -> None:
 
 @contracts.command(epilog="Examples:\n\n  palpate contracts frames my_indicator.toml >> my_indicator.toml")
 @click.argument("file", type=FILE_NAME)
-def frames(file: Path) -> None:
+@output_options
+def frames(file: Path, as_json: bool, quiet: bool) -> None:
     """Print frames, worked out from a map FILE itself, for those of its fields that have none.
 
     Hold each against the manual before you put it into the map.
@@ -76,9 +77,13 @@ def frames(file: Path) -> None:
     from palpate.instrument.contracts.maps.golden_frames import prove
     from palpate.instrument.contracts.maps.map_file import read_map
 
+    output = Output(as_json, quiet)
     found = read_map(file)
-    for table in computed(found.contract, prove(found.contract, found.frames).without):
-        click.echo(f"\n{table}", nl=False)
+    tables = list(computed(found.contract, prove(found.contract, found.frames).without))
+    if output.as_json:
+        output.json({"file": str(file), "frames": tables})
+    for table in tables:
+        output.line(f"\n{table.rstrip()}")
 
 
 @contracts.command(name="import", epilog="Examples:\n\n  palpate contracts import my.eds --object 6071 --out my.toml")

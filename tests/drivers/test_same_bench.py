@@ -158,3 +158,14 @@ def test_devices_of_one_kind_on_a_simulated_bench_may_have_any_ports() -> None:
     before = {**rest, "devices": {"oven at 127.0.0.1:1": "A", "oven at 127.0.0.1:2": "B"}}
     now = {**rest, "devices": {"oven at 127.0.0.1:1": "B", "oven at 127.0.0.1:2": "A"}}
     assert comparable(before) == comparable(now)
+
+
+def test_a_changed_map_of_a_makers_device_is_told_by_its_kind() -> None:
+    header = {
+        "settings": {}, "scene": None, "bench": OLD, "contracts": "", "calibration": {}, "film_calibration": None,
+        "versions": {}, "devices": {}, "maps": {"scale": "1" * 64},
+    }  # fmt: skip
+    (said,) = differences(comparable(header), comparable({**header, "maps": {"scale": "2" * 64}}))
+    assert said.startswith('maps.scale: "1111')
+    without = {key: value for key, value in header.items() if key != "maps"}
+    assert comparable(without)["maps"] == {}
