@@ -20,6 +20,7 @@ from tests.benchmarks import (
     disk,
     driver_call,
     estimates,
+    estimates_solid,
     estimators,
     exponential,
     faults,
@@ -72,11 +73,12 @@ PARTS = {
     "first_result": first_result.measure,
     "walk_through": walk_through.measure,
 }
-# A quarter of an hour and more (bounds, estimates: hours, resumable): only by name.
+# A quarter of an hour and more (bounds, estimates, estimates_solid: hours, resumable): only by name.
 LONG = {
     "agreement": agreement.measure,
     "bounds": bounds.measure,
     "estimates": estimates.measure,
+    "estimates_solid": estimates_solid.measure,
     "faults": faults.measure,
     "kills": kills.measure,
     "load": load.measure,

@@ -1,4 +1,4 @@
-"""A share of `python -m tests.benchmarks estimates`, and what its figures are made of."""
+"""A share of `python -m tests.benchmarks estimates estimates_solid`, and what their figures are made of."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.film_material import PVDF
-from tests.benchmarks import estimates
+from tests.benchmarks import claims, estimates, estimates_solid
 from tests.settings import disc, solid_sensors
 
 # Random sensors whose errors were above an earlier estimate: narrow gaps, thin objects, a cap, voltages that cross.
@@ -63,14 +63,25 @@ def test_no_estimate_of_some_random_sensors_is_below_the_error(number: int) -> N
     assert all(0 < claim["ratio"] <= 1 for claim in result.claims)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [23, 31])
+def test_layers_are_not_trusted_where_the_degree_leaves_most(number: int) -> None:
+    """The third mesh of these random discs has more layers than the second, and hardly another ratio; it errs twice as
+    much as an estimate from these two alone.
+    """
+    result = estimates_solid.tried(number)
+    (_, third) = result.claims
+    assert 0.1 < third["ratio"] <= 1
+
+
 def test_an_estimate_below_the_error_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     sensor = RoundParameters(support="rigid")
     curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2, 3)]
     monkeypatch.setattr(estimates.axisymmetric, "estimates", lambda *_: (np.full(61, 1e-9), np.full(61, math.inf)))
     (claim,) = estimates.claims(2, sensor, curves)
     assert claim.ratio > 100
-    result = estimates.Tried(2, [asdict(claim)])
-    (missed,) = [row for row in estimates.rows([result], goal=1) if "of the ratio above" in row.figure]
+    result = claims.Tried(2, [asdict(claim)])
+    (missed,) = [row for row in claims.rows([result], goal=1) if "of the ratio above" in row.figure]
     assert missed.met is False and "sensor 2" in missed.measured
 
 

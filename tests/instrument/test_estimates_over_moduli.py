@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.finite_elements.error_estimate import PLAIN, REGULAR, SPECIAL, Manner, estimates
+from palpate.instrument.models.axisymmetric.model import REGULAR, SPECIAL
+from palpate.instrument.models.finite_elements.error_estimate import Manner, estimates
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
@@ -31,6 +32,10 @@ def _one_pole(rate: float, ratio: float) -> Curve:
     )
 
 
+PLAIN = Manner(product=1.0, factors=(1.0,), voltages=(4.0,), luck=0.0)
+BY_STEP = Manner(product=1.0, factors=(2.0, 1.0, 0.5), voltages=(4.0,), luck=0.12)
+
+
 def _ratio_bound(curves: Sequence[Curve], modulus: float, manner: Manner = PLAIN) -> float:
     ratio, _ = estimates(curves, np.array([modulus]), manner)
     return float(ratio[0])
@@ -41,8 +46,8 @@ COARSE, FINE = _one_pole(1.2e-5, 1.02), _one_pole(1e-5, 1.0)
 
 def test_many_moduli_have_the_bounds_of_each() -> None:
     moduli = np.array([3.1e4, 1e5, 7.7e8, 2.4, 1e5])
-    ratio, voltage = estimates([COARSE, FINE], moduli)
-    each = [estimates([COARSE, FINE], moduli[[place]]) for place in range(len(moduli))]
+    ratio, voltage = estimates([COARSE, FINE], moduli, PLAIN)
+    each = [estimates([COARSE, FINE], moduli[[place]], PLAIN) for place in range(len(moduli))]
     assert np.array_equal(np.concatenate(each, axis=1), [ratio, voltage])
 
 
@@ -61,7 +66,7 @@ def test_two_meshes_that_cross_at_a_modulus_are_told_apart_there(modulus: float)
 def test_the_bound_of_voltages_is_of_the_greatest_change_nearby() -> None:
     at = np.array([1e5 * 10**0.5])
     change = np.abs(COARSE.voltages(at) - FINE.voltages(at)).max()
-    _, (voltage,) = estimates([COARSE, FINE], np.array([1e5]))
+    _, (voltage,) = estimates([COARSE, FINE], np.array([1e5]), PLAIN)
     assert voltage >= 4 * change > 0
 
 
@@ -69,13 +74,16 @@ def _constant(ratio: float) -> Curve:
     return replace(_one_pole(1e-5, 0.0), share=ratio)
 
 
-def test_a_bound_falls_with_the_root_of_the_rate_where_errors_fall_regularly_and_else_to_a_tenth_at_most() -> None:
-    meshes = [_constant(ratio) for ratio in (0.5, 0.4, 0.39, 0.389, 0.389)]
-    at = 1e5
-    regular, special = ([_ratio_bound(meshes[:k], at, each) for k in (2, 3, 4)] for each in (REGULAR, SPECIAL))
-    assert regular == pytest.approx([0.7 * 0.1, 1.4 * 0.01 * 0.1**0.5, 1.4 * 0.001 * 0.1**0.5])
-    assert special == pytest.approx([2 * 0.1, 0.1 * 0.2, 0.1 * 0.02])
-    assert _ratio_bound(meshes, at, SPECIAL) == pytest.approx(0.1 * 0.002)
+def test_a_bound_falls_with_the_root_of_the_rate_where_errors_fall_regularly() -> None:
+    meshes = [_constant(ratio) for ratio in (0.5, 0.4, 0.39, 0.389)]
+    bounds = [_ratio_bound(meshes[:k], 1e5, REGULAR) for k in (2, 3, 4)]
+    assert bounds == pytest.approx([0.7 * 0.1, 1.4 * 0.01 * 0.1**0.5, 1.4 * 0.001 * 0.1**0.5])
+
+
+def test_each_step_of_the_meshes_has_its_factor_and_no_bound_falls_below_a_share_of_the_one_before() -> None:
+    meshes = [_constant(ratio) for ratio in (0.5, 0.4, 0.36, 0.359, 0.359)]
+    bounds = [_ratio_bound(meshes[:k], 1e5, BY_STEP) for k in (2, 3, 4, 5)]
+    assert bounds == pytest.approx([2 * 0.1, 0.04, 0.12 * 0.04, 0.12 * 0.12 * 0.04])
 
 
 def test_errors_that_hardly_fall_are_believed_to_add_up() -> None:
@@ -119,15 +127,21 @@ def test_bounds_are_three_times_as_wide_where_a_gap_is_closed(monkeypatch: pytes
     assert open_bounds.min() > 0
 
 
-@pytest.mark.parametrize(("count", "factor"), [(2, 1.5), (3, 1.0), (4, 0.5)])
-@pytest.mark.parametrize(("inner", "narrow"), [(1.2, 1.0), (1.04, 9.0)])
+@pytest.mark.parametrize(("count", "factor", "of_voltages"), [(2, 2.0, 12.0), (3, 1.0, 8.0), (4, 0.5, 4.0)])
+@pytest.mark.parametrize(("inner", "narrow"), [(1.2, 1.0), (1.04, 4.0)])
 def test_the_solid_model_believes_its_meshes_as_its_decision_says(
-    count: int, factor: float, inner: float, narrow: float
+    count: int, factor: float, of_voltages: float, inner: float, narrow: float
 ) -> None:
     """By their number, and less where the gap is below a twentieth of the tooth's radius."""
     sensor = SolidParameters(ring_inner_radius=inner * SolidParameters().tooth_radius)
     at = np.array([1e5])
-    ratio, voltage = estimates([COARSE, FINE], at)
+    ratio, voltage = estimates([COARSE, FINE], at, Manner(0.15, (1.0,), (1.0,), luck=0.0, reach=8))
     found = solid.estimates([COARSE, FINE, COARSE, FINE][-count:], sensor, at)
     assert found[0] - 1e-8 == pytest.approx(factor * narrow * ratio)
-    assert found[1] == pytest.approx(2 * factor * narrow * voltage)
+    assert found[1] == pytest.approx(of_voltages * narrow * voltage)
+
+
+def test_the_solid_model_does_not_trust_layers_where_the_degree_leaves_most() -> None:
+    at, sensor = np.array([1e5]), SolidParameters()
+    before, after = (np.array(solid.estimates(meshes, sensor, at)) for meshes in ([COARSE, FINE], [COARSE, FINE, FINE]))
+    assert after - [[1e-8], [0.0]] == pytest.approx(0.12 * (before - [[1e-8], [0.0]]))

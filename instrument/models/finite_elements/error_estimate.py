@@ -5,10 +5,13 @@ there the change is zero while the error is not. Energies do not cross. The forc
 jump, the object raised by 1 from the teeth. On nested meshes such a work changes by at most √(ΔJ ΔJ'), where J and J'
 are twice the energies under the load and by the jump (Cauchy and Schwarz). That is about the error of the coarser mesh.
 Pressures are projected, and meshes around a circle are not quite nested; so a bound is the greater of change and
-product, over a window of the modulus (`python -m tests.benchmarks estimates solid`).
+product, over a window of the modulus (`python -m tests.benchmarks estimates estimates_solid`).
+
+Two meshes may also agree because the finer one has more layers where the degree leaves most. So no bound falls below a
+share of the bound before.
 
 For a voltage the same kind of product would be a thousand times the error, because a film's own energy lies at its
-edges. So four times the greatest change of any voltage counts for each.
+edges. So the greatest change of any voltage, several times, counts for each.
 """
 
 from __future__ import annotations
@@ -24,11 +27,9 @@ from palpate.instrument.models.finite_elements.poles import Curve
 
 Array = NDArray[np.float64]
 
-# Factor on the greatest change of a voltage; no error was more than a third of the result.
-VOLTAGE_SAFETY = 4.0
-# Meshes are compared at moduli of a fixed grid: within half a decade of the one that is asked, and next to these. Where
-# two meshes cross at one modulus, they do not at all of these.
-STEPS, REACH = 8, 4  # of the grid in a decade, and on either side
+# Meshes are compared at moduli of a fixed grid: so many in a decade, as far as half a decade from the one that is asked
+# or further, and next to these. Where two meshes cross at one modulus, they do not at all of these.
+STEPS, HALF_DECADE = 8, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,63 +38,56 @@ class Manner:
 
     Attributes:
         product: share of the product of energies that counts beside the change.
-        first: factor on the greater of both for two meshes alone.
-        later: factor with more meshes.
+        factors: factors on the greater of both from each mesh to the next; the last one counts for all further meshes.
+        voltages: the same on the greatest change of any voltage.
+        luck: least bound over the bound before: two meshes may agree by luck, or because the finer one is finer only
+            in what does not matter.
         falls: whether errors are known to fall at the rate of the last two results, so that the root of this rate
             counts, too. The product is about the error of the coarser mesh, that of the finer one is less by the rate.
-        luck: least bound over the bound before: two meshes may agree by luck.
+        reach: how far away moduli count, in steps of the grid.
     """
 
     product: float
-    first: float
-    later: float
-    falls: bool
+    factors: tuple[float, ...]
+    voltages: tuple[float, ...]
     luck: float
+    falls: bool = False
+    reach: int = HALF_DECADE
 
 
-# Of the solid model, which has factors of its own.
-PLAIN = Manner(product=1.0, first=1.0, later=1.0, falls=False, luck=0.0)
-# Of the round model, for sensors that are special (`is_special`) and for all others. The numbers are not derived: with
-# these the bounds hold for random sensors (`python -m tests.benchmarks estimates`). Two meshes of one of those sensors
-# agreed by chance, and were off by 2.7 times a bound without `luck`.
-REGULAR = Manner(product=0.3, first=0.7, later=1.4, falls=True, luck=0.05)
-SPECIAL = Manner(product=1.0, first=2.0, later=1.0, falls=False, luck=0.1)
 SLOWEST = 0.9  # greatest rate at which errors are believed to fall; a least one would never count beside `luck`
-# Factor where tooth and ring meet in a closed gap, because the error only halves from mesh to mesh there.
-SLOW = 3.0
 
 
-def estimates(
-    curves: Sequence[Curve], moduli: Array, manner: Manner = PLAIN, safety: float = 1.0
-) -> tuple[Array, Array]:
+def estimates(curves: Sequence[Curve], moduli: Array, manner: Manner, safety: float = 1.0) -> tuple[Array, Array]:
     """Bounds on the errors of force ratio and voltages [V] of the last of two or more meshes, each finer than the one
     before.
 
-    That of the ratio comes from the greatest change of it between two meshes, or product of energies, over half a
-    decade of the modulus on either side, in a `Manner`. That of the voltages is likewise four times the change of any.
+    That of the ratio comes from the greatest change of it between two meshes, or product of energies, over some of the
+    modulus on either side, in a `Manner`. That of the voltages is likewise the greatest change of any, times a factor.
     More moduli cost next to nothing.
 
     Args:
         curves: the curves of the meshes.
         moduli: moduli of the object [Pa].
         manner: how errors fall.
-        safety: factor on the bounds, for errors that fall slowly.
+        safety: factor on the bounds.
     """
-    around = _around(moduli)
+    around = _around(moduli, manner.reach)
     ratio, voltage, before = np.zeros(len(moduli)), np.zeros(len(moduli)), None
-    for coarse, fine in pairwise(curves):
+    for step, (coarse, fine) in enumerate(pairwise(curves)):
         greatest, volts = (_greatest(each, around) for each in _changes(coarse, fine, around.grid, manner.product))
-        if before is None:
-            ratio = safety * manner.first * greatest
-        elif manner.falls:
+        found = _of_step(manner.factors, step) * greatest
+        if manner.falls and before is not None:
             rate = np.minimum(np.divide(greatest, before, out=np.ones_like(before), where=before > 0), SLOWEST)
-            fallen = safety * manner.later * greatest * np.maximum(np.sqrt(rate), rate / (1 - rate))
-            ratio = np.maximum(fallen, manner.luck * ratio)
-        else:
-            ratio = np.maximum(safety * manner.later * greatest, manner.luck * ratio)
-        voltage = np.maximum(safety * VOLTAGE_SAFETY * volts, manner.luck * voltage)
+            found *= np.maximum(np.sqrt(rate), rate / (1 - rate))
+        ratio = np.maximum(safety * found, manner.luck * ratio)
+        voltage = np.maximum(safety * _of_step(manner.voltages, step) * volts, manner.luck * voltage)
         before = greatest
     return ratio, voltage
+
+
+def _of_step(factors: Sequence[float], step: int) -> float:
+    return factors[min(step, len(factors) - 1)]
 
 
 def differences(one: Curve, other: Curve, moduli: Array, factor: float) -> tuple[Array, Array]:
@@ -104,7 +98,7 @@ def differences(one: Curve, other: Curve, moduli: Array, factor: float) -> tuple
         moduli: moduli of the object.
         factor: how many times the other's voltages are to be taken.
     """
-    around = _around(moduli)
+    around = _around(moduli, HALF_DECADE)
     ratio = np.abs(one.force_ratios(around.grid) - other.force_ratios(around.grid)).max(axis=1)
     voltages = np.abs(one.voltages(around.grid) - factor * other.voltages(around.grid))
     voltage = voltages.max(axis=(1, 2), initial=0.0)
@@ -129,9 +123,9 @@ class _Around:
     last: NDArray[np.intp]
 
 
-def _around(moduli: Array) -> _Around:
+def _around(moduli: Array, reach: int) -> _Around:
     places = STEPS * np.log10(moduli)
-    first, last = np.floor(places).astype(np.intp) - REACH, np.ceil(places).astype(np.intp) + REACH
+    first, last = np.floor(places).astype(np.intp) - reach, np.ceil(places).astype(np.intp) + reach
     start, stop = (int(first.min()), int(last.max()) + 1) if len(moduli) else (0, 1)
     return _Around(10.0 ** (np.arange(start, stop) / STEPS), first - start, last - start)
 
@@ -139,6 +133,7 @@ def _around(moduli: Array) -> _Around:
 def _greatest(values: Array, around: _Around) -> Array:
     """The greatest value from `first` to `last`, for each pair."""
     # Places between two points of the grid have one more of them than those on a point.
-    places = np.minimum(around.first[:, None] + np.arange(2 * REACH + 2), around.last[:, None])
+    most = int((around.last - around.first).max(initial=0)) + 1
+    places = np.minimum(around.first[:, None] + np.arange(most), around.last[:, None])
     found: Array = values[places].max(axis=1)
     return found
