@@ -21,6 +21,7 @@ from palpate.instrument.sensor.film_material import FilmMaterial
 Array = NDArray[np.float64]
 
 GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
+NEAR = 1e-9  # share of its distance from the axis by which a corner is beside another; nearer ones are one
 # Size of the elements at a corner [m], and number of layers within.
 Corner = tuple[float, int]
 
@@ -135,7 +136,10 @@ def _heights(p: RoundParameters, layers: int, levels: Array, base: float, seat: 
 
 def _line(corners: Mapping[float, Corner | None], longest: float) -> Array:
     """Grid lines through all corners, with layers at each and no element above `longest`."""
-    ends = sorted(corners)
+    ends: list[float] = []
+    for corner in sorted(corners):
+        if not ends or corner - ends[-1] > NEAR * corner:
+            ends.append(corner)
     pieces = [_interval(low, high, corners[low], corners[high], longest) for low, high in pairwise(ends)]
     return np.concatenate([[ends[0]], *pieces])
 

@@ -18,6 +18,8 @@ Vector = NDArray[np.float64]
 
 HELD, UNNAMED = -1, -2
 ALL, NORMAL = (0, 1, 2), (2,)
+# Share of half a cell. A gap below it is closed: on the finest mesh, points across it would have one place.
+LEAST_GAP = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,10 +251,11 @@ class Stack:
 
 
 def _cell(parameters: SolidParameters) -> Cell:
+    tooth, inner, half = parameters.tooth_radius, parameters.ring_inner_radius, parameters.cell_length / 2
     return Cell(
-        half_length=parameters.cell_length / 2,
+        half_length=half,
         half_width=parameters.cell_width / 2,
-        tooth_radius=parameters.tooth_radius,
-        inner_radius=parameters.ring_inner_radius,
+        tooth_radius=tooth,
+        inner_radius=inner if inner - tooth > LEAST_GAP * half else tooth,
         outer_radius=parameters.ring_outer_radius,
     )
