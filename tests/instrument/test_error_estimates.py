@@ -85,10 +85,10 @@ def test_an_estimate_below_the_error_is_seen(monkeypatch: pytest.MonkeyPatch) ->
     assert missed.met is False and "sensor 2" in missed.measured
 
 
-def test_the_voltages_of_a_nearly_incompressible_sensor_are_known_to_a_hundredth() -> None:
-    """Its rounding is told by the same mesh in another unit of length, in which all voltages are others."""
+def test_rounding_leaves_a_hundredth_of_the_voltages_of_a_nearly_incompressible_sensor_at_most() -> None:
+    """It is told by the same mesh in another unit of length, in which all voltages are others."""
     sensor = RoundParameters(compliant_poisson=0.4999)
-    curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2, 3)]
+    curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2)]
     modulus = np.array([sensor.sensed_modulus])
-    _, bound = axisymmetric.estimates(curves, sensor, modulus)
+    _, bound = axisymmetric.rounding(curves, sensor, modulus)
     assert 0 < bound < 0.01 * np.abs(curves[-1].voltages(modulus)).max()
