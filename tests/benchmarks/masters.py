@@ -22,7 +22,7 @@ import can
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
-from palpate.drivers.links.modbus import read_registers
+from palpate.drivers.links.requests import read_registers
 from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.logs.pcapng import Link, read_pcapng
 from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
