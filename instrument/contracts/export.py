@@ -28,6 +28,10 @@ HEARTBEAT, EMERGENCY = 0x700, 0x80  # COB-IDs of node 0, CiA 301
 NMT_STATES = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}  # CiA 301
 
 _OURS = "These maps are Palpate's own and no real device's"
+_WHOSE = (
+    "The maps of the usual devices are Palpate's own and no real device's; the real maps that one imitates are named "
+    "with it. The others describe devices of makers or of packages."
+)
 _COLUMNS = ("address", "name", "type", "unit", "scale", "access", "limits", "default", "choices or bits", "meaning")
 # CiA 306 requires dates. All are 1970-01-01, so that two exports are equal to the byte.
 _EDS_FILE = {
@@ -76,7 +80,7 @@ def export_contracts(folder: Path, contracts: Iterable[Contract] = tuple(CONTRAC
 
 def registers(contracts: Iterable[Contract]) -> str:
     """Markdown text: an introduction, then each device with its identity and its register table."""
-    parts = ["# Registers and objects", f"{_OURS}; the real maps that one imitates are named with it."]
+    parts = ["# Registers and objects", _WHOSE]
     for contract in contracts:
         parts += [
             f"## {contract.title}",
@@ -100,15 +104,17 @@ def register_table(contract: Contract) -> str:
 
 
 def _wire(contract: Contract) -> str:
+    modbus = contract.bus == "modbus"
+    held = "Modbus registers, high word first where not said otherwise" if modbus else "CANopen objects, little-endian"
+    if contract.known_by == "marks":
+        known = "Known by " + ", ".join(f"{mark.field} = {mark.value}" for mark in contract.marks)
+    elif contract.known_by == "nothing":
+        known = "Tells nothing by which it is known, so that its label counts"
+    else:
+        known = f"Identity ({'function 43/14' if modbus else 'object 0x1018'})"
     identity = contract.identity
-    if contract.bus == "modbus":
-        return (
-            f"Modbus holding registers, high word first. Identity (function 43/14): vendor {identity.vendor},"
-            f" product {identity.product}, revision {identity.revision}."
-        )
     return (
-        f"CANopen objects, little-endian. Identity (object 0x1018): vendor {identity.vendor},"
-        f" product {identity.product}, revision {identity.revision}."
+        f"{held}. {known}: vendor {identity.vendor}, product {identity.product}, revision {identity.revision or 'any'}."
     )
 
 
@@ -118,12 +124,31 @@ def _pdo_line(pdo: Pdo, what: str) -> str:
 
 def _row(contract: Contract, f: Field) -> tuple[str, ...]:
     address = f"0x{f.address:04X}" if contract.bus == "modbus" else f"0x{f.index:04X}:{f.subindex:02X}"
+    address = address if f.table == "holding" else f"{f.table} {address}"
     named = [f"{raw} {choice}" for choice, raw in f.choices.items()]
     named += [f"bit {number} {bit}" for bit, number in f.bits.items()]
     return (
-        address, f.name, f.type, f.unit, "" if f.type == "text" else _number(f.scale), f.access,
+        address, f.name, _type(f), f.unit, "" if f.type == "text" else _scale(f), f.access,
         _limits(f), _default(contract, f), ", ".join(named), f.meaning,
     )  # fmt: skip
+
+
+def _type(f: Field) -> str:
+    """The type, with what of its bytes is not usual."""
+    said: list[str] = [f.type]
+    said += ["low word first"] if f.words == "little" else []
+    said += ["low byte first"] if f.octets == "little" else []
+    said += [f"bits {f.part[0]} to {sum(f.part) - 1}"] if f.part else []
+    return ", ".join(said)
+
+
+def _scale(f: Field) -> str:
+    """The scale, with the fields that tell it, the zero and the sign."""
+    said = [_number(f.scale)]
+    said += [f"from {_number(f.offset)}"] if f.offset else []
+    said += [f"{f.scaling.by} in {f.scaling.told_by}"] if f.scaling else []
+    said += [f"sign in {f.sign[0]}.{f.sign[1]}"] if f.sign else []
+    return ", ".join(said)
 
 
 def _limits(f: Field) -> str:

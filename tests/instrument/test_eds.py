@@ -80,6 +80,7 @@ def test_a_map_is_made_of_a_makers_file(tmp_path: Path) -> None:
     assert (limit.minimum, limit.maximum, limit.default) == (None, None, 1000)  # 0 to 0 is no limit
     assert contract["process_value_24_1"].type == "int24"
     (pdo,) = contract.pdos  # bit 31 switches the second one off
+    assert (pdo.index, pdo.transmission) == (0x1800, 255)
     assert (pdo.base, pdo.fields) == (0x180, ("statusword", "process_value_24_1"))
     assert found.eds is not None
     assert found.eds.sha256 == hashlib.sha256((tmp_path / "drive.eds").read_bytes()).hexdigest()

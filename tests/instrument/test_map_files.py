@@ -124,6 +124,14 @@ def test_two_maps_of_one_name_that_say_different_things_cannot_be_on_one_bench(t
         check_identities(kinds)
 
 
+def test_the_map_of_the_documentation_is_one_and_its_frame_fits(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "map.md").read_text(encoding="utf-8")
+    device, frame = page.split("```\n")[1], page.split("```\n")[3]
+    found = read_map(written(tmp_path, device.partition("[role")[0] + frame))
+    proof = prove(found.contract, found.frames)
+    assert (set(proof.proved), proof.problems) == ({"net", "status"}, ())
+
+
 def test_an_unknown_kind_names_the_shipped_maps() -> None:
     with pytest.raises(UnknownName, match="did you mean 'flintec-dad-141'"):
         device_kind("flintec-dad-14")

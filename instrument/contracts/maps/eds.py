@@ -22,7 +22,7 @@ from canopen.objectdictionary.eds import import_eds
 from palpate.instrument.contracts.field import Access, Field, sdo
 from palpate.instrument.contracts.maps.objects import STANDARD
 from palpate.instrument.contracts.maps.tables import OBJECT
-from palpate.instrument.contracts.pdo import COB_ID, LARGEST, is_relative
+from palpate.instrument.contracts.pdo import COB_ID, LARGEST, PDOS, TRANSMISSION_TYPE, is_relative
 from palpate.instrument.contracts.wire_types import Type, codec
 from palpate.instrument.errors import ConfigError, check_path
 
@@ -39,8 +39,6 @@ ACCESS: dict[str, Access] = {"const": "ro", "ro": "ro", "wo": "wo", "rw": "rw", 
 EMPTY_NUMBER = re.compile(r"(?m)^(?:VendorNumber|ProductNumber|RevisionNumber|Granularity|NrOf\wXPDO)\s*=\s*$")
 COMMENTS = re.compile(r"(?ms)^\[Comments\].*?(?=^\[|\Z)")  # their number of lines is often wrong
 IDENTITY = 0x1018
-MAPPING = 0x200  # distance from the index of a PDO's COB-ID to that of its mapping
-PDOS = 0x200  # most PDOs of a direction
 INVALID = 1 << 31  # bit of a COB-ID: the PDO is not used
 
 
@@ -194,22 +192,24 @@ def identity(sheet: DataSheet) -> tuple[str, str, str]:
 
 @dataclass(frozen=True)
 class Mapped:
-    """A PDO as the maker maps it: its number, the base of its COB-ID, and the addresses of its objects."""
+    """A PDO as the maker maps it: its communication object, the base of its COB-ID, and its objects' addresses."""
 
-    number: int
+    index: int
     base: int
     objects: tuple[int, ...]
+    transmission: int
 
 
 def mapped(sheet: DataSheet, first: int) -> Iterator[Mapped]:
     """The PDOs that are in use; `first` is 1800h for those that the node sends, and 1400h for those that it takes."""
     for number in range(PDOS):
-        if first + number not in sheet.objects or first + MAPPING + number not in sheet.objects:
+        if first + number not in sheet.objects or first + PDOS + number not in sheet.objects:
             continue
         try:
             place = variable(sheet, sdo(first + number, COB_ID))
-            count = _told(variable(sheet, sdo(first + MAPPING + number, 0))) or 0
-            entries = [_told(variable(sheet, sdo(first + MAPPING + number, n))) for n in range(1, count + 1)]
+            kind = _told(variable(sheet, sdo(first + number, TRANSMISSION_TYPE)))
+            count = _told(variable(sheet, sdo(first + PDOS + number, 0))) or 0
+            entries = [_told(variable(sheet, sdo(first + PDOS + number, n))) for n in range(1, count + 1)]
         except (ConfigError, TypeError):
             continue
         cob_id = place.default  # without the node id; a DCF's own value is for one node id
@@ -218,7 +218,8 @@ def mapped(sheet: DataSheet, first: int) -> Iterator[Mapped]:
             cob_id = used - sheet.node
         if cob_id is None or (used or cob_id) & INVALID or not cob_id & LARGEST > 0 or not entries or None in entries:
             continue
-        yield Mapped(number + 1, cob_id & LARGEST, tuple(int(entry or 0) >> 8 for entry in entries))
+        objects = tuple(int(entry or 0) >> 8 for entry in entries)
+        yield Mapped(first + number, cob_id & LARGEST, objects, 255 if kind is None else kind)
 
 
 def _told(found: Any) -> Any:

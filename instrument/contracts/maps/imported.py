@@ -18,6 +18,7 @@ from palpate.instrument.contracts.pdo import SENT, TAKEN
 from palpate.instrument.errors import ConfigError
 
 ALWAYS = (0x1000, 0x1001, 0x1017)  # objects that every node has or may have
+FIRST = {"sends": SENT, "takes": TAKEN}  # communication objects of the first PDOs
 HEAD = """# {title}: made from {file}, which belongs to its maker.
 # Units, scales and roles are not in such a file: take them from the manual.
 
@@ -41,7 +42,7 @@ def imported(path: Path, objects: Sequence[str], name: str = "", node: int | Non
     title = "".join(each for each in str(told.product_name or "") if each.isprintable()) or Path(sheet.name).stem
     vendor, product, revision = eds.identity(sheet)
     asked = eds.chosen(sheet, objects)
-    pdos = {"sends": list(eds.mapped(sheet, SENT)), "takes": list(eds.mapped(sheet, TAKEN))}
+    pdos = {direction: list(eds.mapped(sheet, first)) for direction, first in FIRST.items()}
     fields, left_out = _fields(sheet, asked, [each for several in pdos.values() for each in several])
     device = {
         "name": name or slug(title),
@@ -68,7 +69,12 @@ def imported(path: Path, objects: Sequence[str], name: str = "", node: int | Non
         "field": {f.name: _table(f) for f in fields.values()},
         **{
             direction: {
-                f"{direction}_{each.number}": {"base": each.base, "fields": [fields[at].name for at in each.objects]}
+                f"{direction}_{each.index - FIRST[direction] + 1}": {
+                    "base": each.base,
+                    "fields": [fields[at].name for at in each.objects],
+                    "index": each.index,
+                    "transmission": each.transmission,
+                }
                 for each in several
                 if all(at in fields for at in each.objects)
             }
