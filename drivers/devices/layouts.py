@@ -27,6 +27,7 @@ class Read:
         count: number of these.
         places: place of each field in the bytes of the reply; a coil takes one byte.
         bits: whether it reads coils or discrete inputs.
+        registers: makes bytes of the registers of its reply.
         wider: a request for the same fields and one beside them; None: there is none.
     """
 
@@ -36,6 +37,7 @@ class Read:
     count: int
     places: list[slice]
     bits: bool
+    registers: struct.Struct
     wider: Read | None = None
 
 
@@ -169,7 +171,7 @@ def _read(contract: Contract, names: tuple[str, ...], *, wider: bool = False) ->
     wide = widened(contract, names) if wider else names
     places = [slice(at, at + length) for at, length in ends]
     wider_read = _read(contract, wide) if wide != names else None
-    return Read(names, READS[fields[0].table], start, count, places, size == 1, wider_read)
+    return Read(names, READS[fields[0].table], start, count, places, size == 1, struct.Struct(f">{count}H"), wider_read)
 
 
 def widened(contract: Contract, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import Any, Self
@@ -53,6 +52,7 @@ class ModbusDevice(Device):
         self._unscaled: Callable[[tuple[str, ...]], Reading] = cache(partial(reading, self.contract, scaled=False))
         self._writing: Callable[[tuple[str, ...]], Write] = cache(partial(write, self.contract))
         self._companions: Callable[[str], frozenset[str]] = cache(partial(companions, self.contract))
+        self._is_setting: Callable[[str], bool] = cache(self._restorable)
         self._scales = Told(self)
         self._wear = Wear(self.name, self.contract, clock)
         manners = self.contract.manners
@@ -113,7 +113,9 @@ class ModbusDevice(Device):
         return {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
 
     def _transact(self, request: Callable[..., Any], *args: object) -> Any:
-        return self.link.transact(self.name, request, *args, self.unit, **self._timing)
+        if self._timing:
+            return self.link.transact(self.name, request, *args, self.unit, **self._timing)
+        return self.link.transact(self.name, request, *args, self.unit)
 
     def get(self, name: str) -> float:
         """Physical value of one field, in the contract's unit; NaN: it has no reading. Raises as `get_many`."""
@@ -127,7 +129,10 @@ class ModbusDevice(Device):
                 scale that has changed.
             UsageError: one request cannot read a sign together with all values that it belongs to.
         """
-        return self._asked(lambda: self._values(self._reading(names), self._value))
+        plan = self._reading(names)
+        if plan.direct and not plan.scaled:
+            return self._asked(lambda: list(map(self._value, names, self._ask(plan.requests[0]))))
+        return self._asked(lambda: self._values(plan, self._value))
 
     def _values(self, plan: Reading, value: Callable[..., float]) -> list[float]:
         """Values of a reading, each made by `value` of its name, its bytes and what is beside it."""
@@ -170,26 +175,26 @@ class ModbusDevice(Device):
         return [found[name] for name in (*plan.names, *plan.along)]
 
     def _ask(self, read: Read) -> list[bytes]:
-        fields = len(read.names)
+        names = read.names
         if self.link.serial and read.count == self._last_count and read.wider:
             read = read.wider
-        self._last_count = read.count
+        self._last_count = count = read.count
         try:
-            reply: Any = self._transact(READS[read.function], read.start, read.count)
+            reply: Any = self._transact(READS[read.function], read.start, count)
         except DeviceError as error:
             raise DeviceError(f"{error}, to a read of {', '.join(read.names)}", code=error.code) from None
         if read.bits:
-            whole = -(-read.count // 8) * 8  # a reply holds whole bytes
-            given, wanted, what = reply.bits if reply.function_code == read.function else [], whole, "bits"
-        else:
-            given, wanted, what = reply.registers, read.count, "registers"
-        if reply.function_code != read.function or len(given) != wanted:
+            count = -(-count // 8) * 8  # a reply holds whole bytes
+        given = getattr(reply, "bits" if read.bits else "registers", [])
+        if reply.function_code != read.function or len(given) != count:
+            what = "bits" if read.bits else "registers"
             raise DeviceError(
                 f"{self.name}: answered function {reply.function_code} with {len(given)} {what} "
-                f"where function {read.function} with {wanted} was asked; the reply is not used"
+                f"where function {read.function} with {count} was asked; the reply is not used"
             )
-        data = bytes(given) if read.bits else struct.pack(f">{wanted}H", *given)
-        return [data[place] for place in read.places[:fields]]
+        data = bytes(given) if read.bits else read.registers.pack(*given)
+        places = read.places if read.names is names else read.places[: len(names)]
+        return [data[place] for place in places]
 
     def give(self, **values: Value) -> None:
         """As `set`."""
@@ -238,7 +243,7 @@ class ModbusDevice(Device):
         if not confirms(reply, function, start, content):
             raise DeviceError(f"{self.name}: did not confirm {self._described(values)}; the setting is uncertain")
 
-    def _is_setting(self, name: str) -> bool:
+    def _restorable(self, name: str) -> bool:
         """Whether it can be restored, with all that must be written together with it."""
         return all(self.contract[each].access == "rw" and each not in self.orders for each in self._companions(name))
 

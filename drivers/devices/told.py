@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol
 
-from palpate.instrument.contracts.contract import Contract, Value
+from palpate.instrument.contracts.contract import NOTHING, Contract, Value
 from palpate.instrument.errors import DeviceError
 
 
@@ -27,6 +27,7 @@ class Told:
         self._scales = tuple(dict.fromkeys(f.scaling.told_by for f in fields if f.scaling))
         self._units = {f.unit_in: f.unit for f in fields if f.unit_in}
         self._known: dict[str, float] = {}
+        self._scaled = {f.name: f.scaling.told_by for f in fields if f.scaling}
 
     def check(self) -> None:
         """Ask for all of them again. Raises DeviceError: one has changed, or the unit is another than the contract's.
@@ -65,12 +66,15 @@ class Told:
 
     def beside(self, name: str) -> Mapping[str, float]:
         """What is needed beside a field's value in order to write it. Raises as `check`."""
-        scaling = self._device.contract[name].scaling
-        return {scaling.told_by: self.scale(scaling.told_by)} if scaling else {}
+        if name not in self._scaled:
+            return NOTHING
+        told_by = self._scaled[name]
+        return {told_by: self.scale(told_by)}
 
     def encode(self, name: str, value: Value) -> bytes:
         """Wire bytes of a setting. Raises RangeError, and as `check`."""
-        return self._device.contract.encode(name, value, self.beside(name))
+        contract = self._device.contract
+        return contract.encode(name, value, self.beside(name)) if name in self._scaled else contract.encode(name, value)
 
     def holds(self, name: str, data: bytes, value: Value) -> bool:
         """Whether the bytes of a field hold a setting. Raises as `check`."""

@@ -21,6 +21,8 @@ class Wear:
 
     def of(self, names: Collection[str]) -> list[str]:
         """Those of some fields that wear."""
+        if not self._written:
+            return []
         return [name for name in names if name in self._written]
 
     def count(self, names: Collection[str]) -> None:

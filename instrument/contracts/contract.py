@@ -34,12 +34,18 @@ class Contract(Declaration):
     """A declaration that is possible on its bus, and how its values become bytes; see `Declaration`."""
 
     _codec: dict[str, Codec] = field(init=False, repr=False, compare=False)
+    # of most fields: codec, scale, and what divides a number if the scale is below 1
+    _plain: dict[str, tuple[Codec, float, float]] = field(init=False, repr=False, compare=False)
+    _raw_limits: dict[str, tuple[float, float]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check that the declaration is possible on this bus. Raises ConfigError."""
         super().__post_init__()
         order: Literal[">", "<"] = ">" if self.bus == "modbus" else "<"
         object.__setattr__(self, "_codec", {f.name: codec(f.type, order) for f in self.fields if f.type != "text"})
+        plain = {f.name: (self._codec[f.name], f.scale, 1.0 / f.scale) for f in self.fields if _is_plain(f)}
+        object.__setattr__(self, "_plain", plain)
+        object.__setattr__(self, "_raw_limits", {f.name: _raw_limits(f) for f in self.fields})
         check_declaration(self, self.encode)
 
     def raw(self, name: str, value: Value) -> float:
@@ -68,10 +74,10 @@ class Contract(Declaration):
         device has no reading; a field may read so if it has a raw value for that, or is a float without limits.
         """
         f = self[name]
-        bounded = f.choices or f.minimum is not None or f.maximum is not None
-        if self.allows(name, value) or (math.isnan(value) and (f.missing or not bounded)):
+        if self.allows(name, value):
             return ""
-        return f.beyond(value)
+        bounded = f.choices or f.minimum is not None or f.maximum is not None
+        return "" if math.isnan(value) and (f.missing or not bounded) else f.beyond(value)
 
     def described(self, name: str, value: Value) -> str:
         """Text of a setting with its unit and its limits or choices, for messages."""
@@ -82,7 +88,7 @@ class Contract(Declaration):
         f = self[name]
         if not math.isfinite((value - f.offset) / f.scale):
             return False
-        low, high = (f.to_raw(limit) if math.isfinite(limit) else limit for limit in f.limits)
+        low, high = self._raw_limits[name]
         return low <= f.to_raw(value) <= high and (not f.choices or value in f.choices.values())
 
     def pack(self, name: str, value: float, beside: Mapping[str, float] = NOTHING) -> bytes:
@@ -108,13 +114,15 @@ class Contract(Declaration):
     def encode(self, name: str, value: Value, beside: Mapping[str, float] = NOTHING) -> bytes:
         """Wire bytes of `value`; see `decode`. Raises RangeError as `raw` does; for a text as `encode_text` does."""
         f = self[name]
+        plain = name in self._plain
         if f.type == "text":
             return self.encode_text(name, str(value))
-        if f.beside and not isinstance(value, str):
+        if not plain and f.beside and not isinstance(value, str):
             self.raw(name, value)  # the limits are those of the physical value
             return self.pack(name, value, beside)
         try:
-            return self._packed(f, self.raw(name, value))
+            raw = self.raw(name, value)
+            return self._plain[name][0].pack(raw) if plain else self._packed(f, raw)
         except struct.error:
             raise RangeError(
                 f"{self.title}: {name} = {value:g} {f.unit}".rstrip() + f" does not fit a {f.type}"
@@ -132,6 +140,10 @@ class Contract(Declaration):
             struct.error: the length is wrong.
             KeyError: `beside` lacks a value, or the device names a scale that the contract does not know.
         """
+        if name in self._plain:  # most fields, and quicker
+            packed, scale, divisor = self._plain[name]
+            number: float = packed.unpack(data)[0]
+            return number * scale if scale >= 1.0 else number / divisor
         f = self._by_name[name]
         raw: float = self._codec[name].unpack(self._ordered(f, data))[0]
         if f.part is not None:
@@ -225,3 +237,13 @@ class Contract(Declaration):
     def digest(self) -> str:
         """SHA-256 of the whole declaration. Each run keeps it."""
         return digest(self)
+
+
+def _is_plain(f: Field) -> bool:
+    """Whether its value is its number in the usual order, times its scale."""
+    return f.type != "text" and not (f.part or f.missing or f.offset or f.beside or "little" in (f.words, f.octets))
+
+
+def _raw_limits(f: Field) -> tuple[float, float]:
+    low, high = (f.to_raw(limit) if math.isfinite(limit) else limit for limit in f.limits)
+    return low, high

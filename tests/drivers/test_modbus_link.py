@@ -323,3 +323,26 @@ def test_a_tap_is_told_of_a_request_before_it_goes_and_once_of_all_that_came_for
         assert heard == [(True, b"ask"), (False, b"answer")] * count
     link.transact("oven", answers())  # for which nothing came
     assert len(heard) == 4
+
+
+def test_a_device_gets_its_silence_and_its_patience_and_no_other_request_does() -> None:
+    waited, patience = list[float](), list[float]()
+
+    class Slow:
+        def now_ns(self) -> int:
+            return 0
+
+        def wait(self, duration: float) -> None:
+            waited.append(duration)
+
+    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", timeout="0.5 s"), Slow())
+
+    def request(client: Any) -> Any:
+        patience.append(client.comm_params.timeout_connect)
+        patience.append(client.transaction.comm_params.timeout_connect)
+        return REPLY
+
+    link.transact("oven", request, gap=0.005, responds=2.0)
+    link.transact("oven", request, responds=0.1)  # the link waits longer anyway
+    link.transact("oven", request)
+    assert (waited, patience) == ([0.005], [2.0, 2.0, 0.5, 0.5, 0.5, 0.5])

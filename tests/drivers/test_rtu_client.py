@@ -82,6 +82,48 @@ def test_what_does_not_answer_the_request_is_no_reply(request_: bytes, data: byt
     assert framer.decode(data) == NONE
 
 
+COILS, COILS_REPLY = checked(bytes.fromhex("02 01 0000 0009")), checked(bytes.fromhex("02 01 02 ff01"))
+DISCRETE, DISCRETE_REPLY = checked(bytes.fromhex("02 02 0005 0001")), checked(bytes.fromhex("02 02 01 01"))
+INPUTS, INPUTS_REPLY = checked(bytes.fromhex("02 04 0000 0001")), checked(bytes.fromhex("02 04 02 1234"))
+SOME, SOME_CONFIRMED = checked(bytes.fromhex("02 0f 0000 0002 01 03")), checked(bytes.fromhex("02 0f 0000 0002"))
+COIL, REGISTER = checked(bytes.fromhex("00 05 0195 ff00")), checked(bytes.fromhex("02 06 0014 0007"))
+
+
+@pytest.mark.parametrize(
+    ("request_", "reply"),
+    [(COILS, COILS_REPLY), (DISCRETE, DISCRETE_REPLY), (INPUTS, INPUTS_REPLY), (SOME, SOME_CONFIRMED)],
+)
+def test_each_function_has_its_reply_also_behind_an_echo(request_: bytes, reply: bytes) -> None:
+    framer = ReplyFramer(DecodePDU(False))
+    framer.request = request_
+    for before in (b"", b"\xff", request_):
+        assert framer.decode(before + reply)[3] == reply[1:-2]
+        assert framer.decode(before + reply[:-1]) == NONE
+    assert framer.decode(checked(reply[:2] + b"\x04" + bytes(4))) == NONE  # another number
+
+
+@pytest.mark.parametrize("request_", [COIL, REGISTER])
+def test_a_single_write_is_confirmed_by_its_own_bytes_unless_the_line_gives_them_back(request_: bytes) -> None:
+    framer = ReplyFramer(DecodePDU(False))
+    framer.request = request_
+    assert framer.decode(request_)[3] == request_[1:-2]
+    assert framer.decode(checked(request_[:4] + b"\x12\x34")) == NONE  # another value
+    framer.request = READ
+    framer.decode(READ + REPLY)
+    framer.request = request_
+    assert framer.decode(request_) == NONE  # it is the echo
+    assert framer.decode(request_ + request_)[:2] == (16, request_[0])
+    refused = checked(bytes([request_[0], request_[1] | 0x80, 4]))
+    assert framer.decode(request_ + refused)[3] == refused[1:-2]
+    framer.early = request_[:5]  # a part of the echo came too soon
+    assert framer.decode(request_[5:]) == NONE
+    assert framer.decode(request_[5:] + request_)[3] == request_[1:-2]
+    framer.early, framer.request = b"", READ
+    framer.decode(REPLY)  # the echo is off
+    framer.request = request_
+    assert framer.decode(request_)[3] == request_[1:-2]
+
+
 # --- sending and hearing -------------------------------------------------------------------------------
 
 

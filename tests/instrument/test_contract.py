@@ -161,7 +161,7 @@ def test_every_decimal_comes_back_as_it_was_written() -> None:
 
 def test_word_order_follows_the_bus() -> None:
     assert TOY.pack("position", 1e-6) == b"\x00\x00\x00\x01"
-    assert replace(TOY, bus="canopen").pack("position", 1e-6) == b"\x01\x00\x00\x00"
+    assert replace(TOY, bus="canopen", identity=Identity("0x1", "", "")).pack("position", 1e-6) == b"\x01\x00\x00\x00"
 
 
 def test_a_block_holds_the_named_fields() -> None:
@@ -228,7 +228,7 @@ def test_what_fills_no_whole_register_is_refused_on_modbus(type_: Any) -> None:
     field = Field("part", 0x30, type_, "part of a register")
     with pytest.raises(ConfigError, match=f"toy device: part is of type {type_}, .* valid: uint16, int16, uint32"):
         replace(TOY, fields=(*TOY.fields, field))
-    replace(TOY, bus="canopen", fields=(field,))
+    replace(TOY, bus="canopen", identity=Identity("0x1", "", ""), fields=(field,))
 
 
 def test_fields_that_overlap_or_share_a_name_are_refused() -> None:
