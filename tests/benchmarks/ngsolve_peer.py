@@ -14,10 +14,8 @@ from palpate.instrument.models.axisymmetric import mesh as own_mesh
 from palpate.instrument.models.axisymmetric.mesh import inside
 from palpate.instrument.models.parameters import RoundParameters
 
-THREADS = 2
 
-
-def axisymmetric_ratio(parameters: RoundParameters, degree: int, layers: int, threads: int = THREADS) -> float:
+def axisymmetric_ratio(parameters: RoundParameters, degree: int, layers: int, threads: int) -> float:
     """Force ratio of a bonded sensor on elastic plates; tooth force from the mean stress of the tooth."""
     import ngsolve as ng
 
@@ -51,12 +49,12 @@ def axisymmetric_ratio(parameters: RoundParameters, degree: int, layers: int, th
     return -force / parameters.sensor_height
 
 
-def solid_ratio(parameters: RoundParameters, degree: int, levels: int, size: float) -> float:
+def solid_ratio(parameters: RoundParameters, degree: int, levels: int, size: float, threads: int) -> float:
     """Force ratio of a bonded round sensor on a rigid support, a quarter of it in space; size of elements [mm]."""
     import ngsolve as ng
     from netgen.occ import Box, Cylinder, Glue, OCCGeometry, Pnt, Z
 
-    ng.SetNumThreads(THREADS)
+    ng.SetNumThreads(threads)
     scale = 1e3
     outer, inner, tooth = (
         scale * getattr(parameters, name) for name in ("ring_outer_radius", "ring_inner_radius", "tooth_radius")

@@ -1,16 +1,18 @@
 """Our finite-element models beside the best that installs: error and time, and who is faster at equal error.
 
 Case A under a soft, a middling and a hard object, and the round sensor on a rigid support in space; the same numbers,
-everything from the mesh to the force timed, two threads for all, in the plane one for NGSolve where that is faster.
-Each tries several meshes, and both take turns, as a machine has its moods. In the plane an error is the greatest under
-the three objects: under one alone it can pass through zero between two coarse meshes. NGSolve counts where it is
-importable, CalculiX where its program is found.
+everything from the mesh to the force timed. Ours finds the whole curve over the object's modulus, the others one point
+of it. Of one thread the processor time counts, of two the time that passes; ours always takes one. Each tries several
+meshes, and all take turns, as a machine has its moods. In the plane an error is the greatest under the three objects:
+under one alone it can pass through zero between two coarse meshes. NGSolve counts where it is importable, CalculiX
+where its program is found.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import math
+import resource
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,14 +22,20 @@ import numpy as np
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.curves import found_on
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.finite_elements.threads import single
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import FilmMaterial
 from tests.benchmarks import calculix_peer, ngsolve_peer
 from tests.benchmarks.row import Row
+from tests.instrument.direct import direct
 
-ROUNDS, TURNS, TURNS_IN_SPACE = 3, 27, 9
+TURNS, TURNS_IN_SPACE = 9, 3
+THREADS = (1, 2)
+SUPERLU_MESHES = (("common_base", 1), ("array", 0))
 # Degree and layers; of degree 2 for the peer alone.
 MESHES = ((2, 0), (2, 1), (3, 0), (3, 1), (3, 2), (4, 1), (4, 2), (4, 3), (5, 2), (5, 3), (5, 4), (6, 4))
 # Ours: layers, ratio, degree, those of ratio 0.2 being refinements 0 to 2. The peer's: degree, levels, size [mm].
@@ -43,6 +51,8 @@ FLAT = {
     replace(CASE_A, sensed_modulus=1e6): 0.82465873,
 }
 ROUND = RoundParameters(support="rigid")
+# By what was run: error, processor time of one thread, and time that passed [s].
+Found = Mapping[str, tuple[float, float, float]]
 # Error and seconds by what was run.
 Curve = Mapping[str, tuple[float, float]]
 
@@ -52,82 +62,129 @@ def _ratio(parameters: RoundParameters, degree: int, layers: int) -> float:
     return float(found_on(parameters, degree, layers).force_ratios(np.array([parameters.sensed_modulus]))[0, 0])
 
 
+def _solid_ratio(parameters: SolidParameters, resolution: Resolution) -> float:
+    """Read off the whole curve, found anew."""
+    unit = replace(parameters, sensed_modulus=1.0, force=1.0)
+    (found,) = solid.read(solid.found_on(unit, resolution), unit, np.array([parameters.sensed_modulus]))
+    return found.force_ratio
+
+
 def measure() -> Iterator[Row]:
     ngsolve, calculix = importlib.util.find_spec("ngsolve") is not None, shutil.which(calculix_peer.PROGRAM) is not None
-    own = {f"degree {d}, {n} layers": lambda p, d=d, n=n: _ratio(p, d, n) for d, n in MESHES if d > 2}
-    others = {
-        f"degree {d}, {n} layers, {t} threads": lambda p, d=d, n=n, t=t: ngsolve_peer.axisymmetric_ratio(p, d, n, t)
-        for d, n in MESHES
-        for t in (1, ngsolve_peer.THREADS)
-    }
-    found = _curve(own | others if ngsolve else own, FLAT, TURNS)
-    ours = {name: found[name] for name in own}
-    yield from _rows("case A, axisymmetric", ours)
-    if ngsolve:
-        yield from _beside("case A, NGSolve", ours, {name: found[name] for name in others}, FLAT_ERRORS)
-    else:
-        yield Row("case A, NGSolve", "not installed")
-    if calculix:
-        runs = {
-            f"{n} layers, halved {h} times": lambda p, n=n, h=h: calculix_peer.axisymmetric_ratio(p, n, h)
-            for n, h in ((2, 0), (2, 1), (3, 2), (4, 3))
+    runs = {f"degree {d}, {n} layers": lambda p, d=d, n=n: _ratio(p, d, n) for d, n in MESHES if d > 2}
+    own = list(runs)
+    others: dict[str, dict[int, list[str]]] = {"NGSolve": {}, "CalculiX": {}}
+    for threads in THREADS if ngsolve else ():
+        these = {
+            f"NGSolve, degree {d}, {n} layers, threads: {threads}": lambda p, d=d, n=n, t=threads: (
+                ngsolve_peer.axisymmetric_ratio(p, d, n, t)
+            )
+            for d, n in MESHES
         }
-        yield from _beside("case A, CalculiX", ours, _curve(runs, FLAT), FLAT_ERRORS)
-    else:
-        yield Row("case A, CalculiX", "not installed")
+        others["NGSolve"][threads] = list(these)
+        runs |= these
+    if calculix:
+        these = {
+            f"CalculiX, {n} layers, halved {h} times": lambda p, n=n, h=h: calculix_peer.axisymmetric_ratio(p, n, h)
+            for n, h in ((2, 0), (2, 1), (3, 2))
+        }
+        others["CalculiX"][1] = list(these)
+        runs |= these
+    found = _found(runs, FLAT, TURNS)
+    yield from _rows("case A, axisymmetric", found)
+    for peer, by_threads in others.items():
+        if not by_threads:
+            yield Row(f"case A, {peer}", "not installed")
+        for threads, names in by_threads.items():
+            yield from _beside(f"case A, {peer}", threads, found, own, names, FLAT_ERRORS)
     yield from _in_space(ngsolve)
+    yield from _beside_superlu()
 
 
 def _in_space(ngsolve: bool) -> Iterator[Row]:
     references = {ROUND: _ratio(ROUND, *axisymmetric.resolution_of(4))}
     sensor = SolidParameters(outline="round", support="rigid")
-    own = {
-        f"degree {d}, {n} layers of ratio {q:g}": lambda _, d=d, n=n, q=q: (
-            solid.solve_on(sensor, Resolution(layers=n, ratio=q, sectors=1, degree=d)).force_ratio
+    runs = {
+        f"degree {d}, {n} layers of ratio {q:g}": lambda _, d=d, n=n, q=q: _solid_ratio(
+            sensor, Resolution(layers=n, ratio=q, sectors=1, degree=d)
         )
         for n, q, d in SOLID_MESHES
     }
-    others = {
-        f"degree {d}, {n} levels, {size:g} mm": lambda p, d=d, n=n, size=size: ngsolve_peer.solid_ratio(p, d, n, size)
-        for d, n, size in SOLID_PEER_MESHES
-    }
-    found = _curve(own | others if ngsolve else own, references, TURNS_IN_SPACE)
-    ours = {name: found[name] for name in own}
-    yield from _rows("round sensor on a rigid support, solid", ours)
-    if ngsolve:
-        yield from _beside("the same, NGSolve", ours, {name: found[name] for name in others}, SOLID_ERRORS)
-    else:
+    own, others = list(runs), {}
+    for threads in THREADS if ngsolve else ():
+        these = {
+            f"NGSolve, degree {d}, {n} levels, {size:g} mm, threads: {threads}": (
+                lambda p, d=d, n=n, s=size, t=threads: ngsolve_peer.solid_ratio(p, d, n, s, t)
+            )
+            for d, n, size in SOLID_PEER_MESHES
+        }
+        others[threads] = list(these)
+        runs |= these
+    found = _found(runs, references, TURNS_IN_SPACE)
+    yield from _rows("round sensor on a rigid support, solid", found)
+    if not others:
         yield Row("the same, NGSolve", "not installed")
+    for threads, names in others.items():
+        yield from _beside("the same, NGSolve", threads, found, own, names, SOLID_ERRORS)
 
 
-def _curve(
-    runs: Mapping[str, Callable[[RoundParameters], float]],
-    references: Mapping[RoundParameters, float],
-    times: int = ROUNDS,
-) -> Curve:
-    """Greatest error over all sensors, and the shortest time of one solution, of so many or one for each sensor."""
+def _beside_superlu() -> Iterator[Row]:
+    """The whole curve by fronts, and one modulus by SuperLU's factors of the assembled matrix."""
+    for design, refinement in SUPERLU_MESHES:
+        sensor, resolution = solid_parameters(get_design(design), PHYSICAL.load(1e5)), solid.resolution_of(refinement)
+        began = _processor_seconds()
+        solid.found_on(replace(sensor, sensed_modulus=1.0), resolution)
+        between = _processor_seconds()
+        with single():
+            direct(sensor, resolution)
+        fronts, superlu = between - began, _processor_seconds() - between
+        yield Row(
+            f"{design}, mesh {refinement}: processor time of fronts, whole curve / SuperLU, one modulus",
+            f"{fronts:.1f} / {superlu:.1f} s = {fronts / superlu:.2f}",
+            "<= 1",
+            fronts <= superlu,
+        )
+
+
+def _found(
+    runs: Mapping[str, Callable[[RoundParameters], float]], references: Mapping[RoundParameters, float], times: int
+) -> Found:
+    """Greatest error over all sensors, and the shortest times of one solution, of so many."""
     errors: dict[str, list[float]] = {name: [] for name in runs}
-    taken: dict[str, list[float]] = {name: [] for name in runs}
+    worked: dict[str, list[float]] = {name: [] for name in runs}
+    passed: dict[str, list[float]] = {name: [] for name in runs}
     for parameters, reference in (times * list(references.items()))[: max(times, len(references))]:
         for name, run in runs.items():
-            start = time.perf_counter()
+            start, began = time.perf_counter(), _processor_seconds()
             ratio = run(parameters)
-            taken[name].append(time.perf_counter() - start)
+            passed[name].append(time.perf_counter() - start)
+            worked[name].append(_processor_seconds() - began)
             errors[name].append(abs(ratio - reference))
-    return {name: (max(errors[name]), min(taken[name])) for name in runs}
+    return {name: (max(errors[name]), min(worked[name]), min(passed[name])) for name in runs}
 
 
-def _rows(figure: str, curve: Curve) -> Iterator[Row]:
-    for name, (error, seconds) in curve.items():
-        yield Row(f"{figure}, {name}: error and time", f"{error:.1e} in {seconds:.3f} s")
+def _processor_seconds() -> float:
+    """Processor time of this process and of the programs that it ran [s]."""
+    used = [resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def _beside(figure: str, ours: Curve, theirs: Curve, errors: Sequence[float]) -> Iterator[Row]:
-    yield from _rows(figure, theirs)
+def _rows(figure: str, found: Found) -> Iterator[Row]:
+    for name, (error, worked, passed) in found.items():
+        yield Row(f"{figure}, {name}: error, processor time, time", f"{error:.1e} in {worked:.3f} s, {passed:.3f} s")
+
+
+def _beside(
+    figure: str, threads: int, found: Found, ours: Sequence[str], theirs: Sequence[str], errors: Sequence[float]
+) -> Iterator[Row]:
+    own_curve, other_curve = (
+        {name: (found[name][0], found[name][1 if threads == 1 else 2]) for name in names} for names in (ours, theirs)
+    )
+    clock = "processor time, one thread" if threads == 1 else f"time, {threads} threads"
     for error in errors:
-        own, other = seconds_at(ours, error), seconds_at(theirs, error)
+        own, other = seconds_at(own_curve, error), seconds_at(other_curve, error)
         yield Row(
-            f"{figure}: time at error {error:g}, ours / theirs",
+            f"{figure}: {clock}, at error {error:g}, ours / theirs",
             f"{own:.3f} / {other:.3f} s = {own / other:.2f}" if other < math.inf else f"{own:.2f} s / not reached",
             "<= 1",
             own <= other,
