@@ -101,23 +101,23 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
 @accuracy.command(
     epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
 )
-@option("--design", help="single_round, single, common_base, different_base or array (default: all).")
+@option("--design", help="single_round, single, common_base, different_base, array or array_16 (default: all).")
 @option("--store", is_flag=True, help='Find the curves anew, and store them for model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
-    """Show the curves from which model "surface" answers, with their bounds. Finding all takes about five minutes."""
+    """Show the curves from which model "surface" answers, with their bounds. Finding all takes about ten minutes."""
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.curve import ratio_curve
     from palpate.instrument.models.parameter_sets import get_parameter_set
     from palpate.instrument.models.stored import surface
     from palpate.instrument.sensor.designs import get_design
-    from palpate.procedures.accuracy.measure import DESIGNS, sensor_of, sets_of
+    from palpate.procedures.accuracy.measure import SHIPPED, sensor_of, sets_of
     from palpate.procedures.records.run import storing
 
     output = Output(as_json, quiet)
-    if design is not None and design not in DESIGNS:
-        raise UnknownName("design with a surface", design, DESIGNS)
-    asked = list(DESIGNS) if design is None else [design]
+    if design is not None and design not in SHIPPED:
+        raise UnknownName("design with a surface", design, SHIPPED)
+    asked = list(SHIPPED) if design is None else [design]
     if store:
         with output.progress() as progress:
             for done, name in enumerate(asked):

@@ -16,6 +16,7 @@ from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.finite_elements.kept import write
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE
 from palpate.instrument.models.response import response, responses
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.stored import surface, version
@@ -25,7 +26,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load, through
 
 ROUND, LOAD = get_design("single_round"), PHYSICAL.load(1e5)
-SHIPPED = ("single_round", "single", "common_base", "different_base", "array")
+SHIPPED = ("single_round", "single", "common_base", "different_base", "array", "array_16")
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +136,15 @@ def test_a_missing_file_is_named_and_not_taken_for_another_sensor(
         ConfigError, match=rf"{missing}: not readable \(No such file.*palpate accuracy surfaces --store"
     ):
         surface._find.__wrapped__(ROUND, LOAD)
+
+
+@pytest.mark.parametrize("design", SHIPPED)
+def test_auto_reads_off_each_design_without_setting_up_a_mesh(design: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A measurement on 16 teeth waited many minutes for its first answer."""
+    for model in (axisymmetric, solid):
+        monkeypatch.setattr(model, "curve", lambda *_: pytest.fail("a mesh was set up"))
+    sample = ratio_curve(get_design(design), LOAD, "auto")
+    assert sample.model == "surface" and sample.error <= AUTO_TOLERANCE
 
 
 def test_many_teeth_have_fewer_meshes() -> None:

@@ -41,8 +41,8 @@ Solution = axisymmetric.Solution | solid.SolidSolution
 # Shipped refinements: all up to one that is good to 1e-6, and in space all.
 REFINEMENTS = {"axisymmetric": axisymmetric.REFINEMENTS[:4], "solid": solid.REFINEMENTS}
 # Designs with more teeth have their first meshes alone; the last one takes minutes.
-FEW_TEETH = 4
-MANY_TEETH_REFINEMENTS = 3
+FEW_TEETH, MANY_TEETH = 4, 12
+MANY_TEETH_REFINEMENTS, MOST_TEETH_REFINEMENTS = 3, 2
 STORED = Path(__file__).with_name("curves")
 # Parameter sets with shipped curves; the identified set has those of the designs that the thesis measured.
 SETS = ("physical", "identified")
@@ -207,6 +207,8 @@ def model_of(parameters: Parameters) -> str:
 def refinements_of(parameters: Parameters) -> tuple[int, ...]:
     """Refinements of the shipped meshes."""
     whole = REFINEMENTS[model_of(parameters)]
+    if isinstance(parameters, SolidParameters) and parameters.columns * parameters.rows > MANY_TEETH:
+        return whole[:MOST_TEETH_REFINEMENTS]
     return whole[:MANY_TEETH_REFINEMENTS] if has_many_teeth(parameters) else whole
 
 
