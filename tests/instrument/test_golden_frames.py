@@ -137,6 +137,7 @@ def test_each_mistake_in_a_map_is_named_with_the_values_wanted_and_found(
         (frame("command go"), "unknown command 'go'"),
         (frame("sends go", reply="181: 00"), "unknown PDO"),
         (frame("read x", values={"x": "on"}), "x = 'on' is no choice"),
+        (frame("read x", values={"x": float("nan")}), "x = nan, but it has no raw value that says so"),
         (frame("read x", values={"x": ["on"]}), "unknown bit of x 'on'"),
     ],
 )  # fmt: skip
@@ -162,3 +163,9 @@ def test_frames_that_are_worked_out_fit_each_of_our_contracts(name: str) -> None
 def _frames(text: str) -> list[Frame]:
 
     return [frame_of(n, check(table, FrameTable, "map")) for n, table in enumerate(tomllib.loads(text)["frame"], 1)]
+
+
+@pytest.mark.parametrize("limits", [{"minimum": 70_000.0}, {"maximum": -7.0}, {"minimum": 5.0, "maximum": 6.0}])
+def test_a_frame_is_worked_out_within_the_limits_of_its_field(limits: dict[str, float]) -> None:
+    contract = modbus(Field("x", 0, "int32", "x", access="rw", **limits))  # type: ignore[arg-type]
+    assert prove(contract, _frames("".join(computed(contract, ("x",))))).proved == {"x": "computed"}

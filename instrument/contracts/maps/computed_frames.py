@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import struct
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -19,8 +21,8 @@ def computed(contract: Contract, names: tuple[str, ...]) -> Iterator[str]:
     for name in names:
         try:
             yield _table(contract, contract[name])
-        except PalpateError as error:
-            yield f"# {name}: no frame can be worked out: {error}\n"
+        except (PalpateError, struct.error, ArithmeticError, KeyError) as error:
+            yield f"# {name}: no frame can be worked out: {' '.join(str(error).split())}\n"
 
 
 def _table(contract: Contract, f: Field) -> str:
@@ -64,6 +66,8 @@ def _number(f: Field) -> float:
     low, high = f.limits
     if low <= value <= high:
         return value
+    if math.isinf(low) or math.isinf(high):
+        return high if math.isinf(low) else low
     return f.scale * round((low + SHARE * (high - low) - f.offset) / f.scale) + f.offset
 
 

@@ -131,7 +131,7 @@ def prove(contract: Contract, frames: Sequence[Frame]) -> Proof:
     for frame in frames:
         try:
             fields = list(_checked(contract, frame))
-        except (ConfigError, RangeError, UnknownName, struct.error) as error:
+        except (ConfigError, RangeError, UnknownName, struct.error, OverflowError) as error:
             problems.append(f"{frame}: {error}")
             continue
         except KeyError as error:
@@ -200,6 +200,8 @@ def _data(contract: Contract, name: str, value: float | str, beside: Mapping[str
         return contract.encode_text(name, value)
     if does in ("write", "command", "takes"):
         return contract.encode(name, value, beside)
+    if math.isnan(value) and not f.missing and not f.type.startswith("float"):
+        raise ConfigError(f"{name} = nan, but it has no raw value that says so; give a number, or its key `missing`")
     if fault := contract.misread(name, value):
         raise ConfigError(fault)
     return contract.pack(name, value, beside)
