@@ -97,14 +97,14 @@ class Write:
 
 
 def fits(contract: Contract, names: Iterable[str]) -> bool:
-    """Whether one request can read all these fields."""
+    """Whether one request can read all these fields: devices refuse to read registers that no field has."""
     fields = [contract[name] for name in names]
     if len({f.table for f in fields}) > 1:
         return False
     start, count = contract.block([f.name for f in fields])
     if count > _most(contract, fields[0].table):
         return False
-    return contract.manners.holes or not _holes(contract, fields[0].table, start, count)
+    return not _holes(contract, fields[0].table, start, count)
 
 
 def reading(contract: Contract, names: tuple[str, ...], *, scaled: bool = True) -> Reading:
@@ -157,9 +157,9 @@ def _most(contract: Contract, table: Table) -> int:
 
 
 def _holes(contract: Contract, table: Table, start: int, count: int) -> bool:
-    """Whether some of the addresses belong to no field that can be read."""
-    readable = (f for f in contract.fields if f.table == table and f.access != "wo")
-    known = {at for f in readable for at in range(f.address, f.address + f.width)}
+    """Whether some of the addresses belong to no field."""
+    some = (f for f in contract.fields if f.table == table)
+    known = {at for f in some for at in range(f.address, f.address + f.width)}
     return not known.issuperset(range(start, start + count))
 
 

@@ -92,11 +92,13 @@ def _check_beside(contract: Declaration, f: Field, fields: Mapping[str, Field]) 
             raise ConfigError(f"{where}: its sign is in {name}; that is for fields of Modbus that are only read")
         if bit not in other.bits:
             raise ConfigError(f"{where}: its sign is in {name}.{bit}; valid bits: {', '.join(other.bits) or 'none'}")
-        count = contract.block([f.name, name])[1]
-        if other.table != f.table or count > contract.manners.most_read:
+        start, count = contract.block([f.name, name])
+        known = {at for each in contract.fields for at in range(each.address, each.address + each.width)}
+        holes = not known.issuperset(range(start, start + count))
+        if other.table != f.table or count > contract.manners.most_read or holes:
             raise ConfigError(
                 f"{where}: its sign is in {name}, which one request cannot read with it, so that the sign could be of "
-                f"another moment; a reply holds {contract.manners.most_read} registers of one table"
+                f"another moment; a reply holds {contract.manners.most_read} registers of one table, all of them fields"
             )
     if f.unit_in:
         other = _number(contract, f"{where}: its unit", f.unit_in, fields)

@@ -96,7 +96,6 @@ class Manners:
         responds: longest time until it begins to reply [s], if that exceeds the link's time-out; None: it does not.
         units: least and greatest unit id at which it can answer.
         together: runs of fields that a request must write whole, or else they are half old and half new.
-        holes: whether a request may read over registers that no field has; many devices refuse that.
     """
 
     most_read: int = MOST_READ
@@ -105,7 +104,6 @@ class Manners:
     responds: float | None = None
     units: tuple[int, int] = (1, LARGEST_UNIT)
     together: tuple[tuple[str, ...], ...] = ()
-    holes: bool = True
 
     def __post_init__(self) -> None:
         """Check that the limits are possible. Raises ConfigError."""

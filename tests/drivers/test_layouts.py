@@ -77,24 +77,27 @@ def test_tables_are_read_apart_each_with_its_function() -> None:
 
 def test_a_read_is_divided_where_a_reply_ends_or_registers_are_missing() -> None:
     a, b, c = (Field(name, at, "uint32", name) for name, at in (("a", 0), ("b", 2), ("c", 6)))
-    assert asked(contract(a, b, c), "c", "a", "b") == [(3, 0, 8, ("c", "a", "b"))]
-    assert asked(contract(a, b, c, manners=Manners(most_read=4)), "c", "a", "b") == [
-        (3, 0, 4, ("a", "b")), (3, 6, 2, ("c",)),
-    ]  # fmt: skip
-    assert asked(contract(a, b, c, manners=Manners(holes=False)), "c", "a") == [(3, 0, 2, ("a",)), (3, 6, 2, ("c",))]
+    assert asked(contract(a, b, c), "c", "a", "b") == [(3, 0, 4, ("a", "b")), (3, 6, 2, ("c",))]
+    order = Field("order", 4, "uint32", "order", access="wo")
+    assert asked(contract(a, b, order, c), "c", "a", "b") == [(3, 0, 8, ("c", "a", "b"))]
+    small = contract(a, b, c, manners=Manners(most_read=3))
+    assert asked(small, "a", "b") == [(3, 0, 2, ("a",)), (3, 2, 2, ("b",))]
 
 
 STATUS = Field("status", 6, "uint16", "status", bits={"negative": 7})
 WEIGHT = Field("weight", 7, "uint32", "weight", "N", sign=("status", "negative"), scaling=Scaling("decimals"))
 DECIMALS = Field("decimals", 13, "uint16", "decimals")
+BETWEEN = Field("between", 9, "uint64", "between")
 
 
 def test_a_sign_is_read_in_the_same_request_and_a_scale_where_there_is_room() -> None:
-    plan = reading(contract(STATUS, WEIGHT, DECIMALS), ("weight",))
+    plan = reading(contract(STATUS, WEIGHT, BETWEEN, DECIMALS), ("weight",))
     assert ([(r.start, r.count) for r in plan.requests], plan.along, plan.apart) == (
         [(6, 8)], ("decimals", "status"), (),
     )  # fmt: skip
-    plan = reading(contract(STATUS, WEIGHT, DECIMALS, manners=Manners(most_read=4)), ("weight",))
+    plan = reading(contract(STATUS, WEIGHT, DECIMALS), ("weight",))
+    assert (plan.along, plan.apart) == (("status",), ("decimals",))  # registers of nobody are in between
+    plan = reading(contract(STATUS, WEIGHT, BETWEEN, DECIMALS, manners=Manners(most_read=4)), ("weight",))
     assert ([(r.start, r.count) for r in plan.requests], plan.along, plan.apart) == (
         [(6, 3)], ("status",), ("decimals",),
     )  # fmt: skip
@@ -102,7 +105,11 @@ def test_a_sign_is_read_in_the_same_request_and_a_scale_where_there_is_room() ->
 
 @pytest.mark.parametrize(
     ("status", "more"),
-    [(replace(STATUS, table="input"), {}), (STATUS, {"manners": Manners(most_read=2)})],
+    [
+        (replace(STATUS, table="input"), {}),
+        (STATUS, {"manners": Manners(most_read=2)}),
+        (replace(STATUS, address=4), {}),
+    ],
 )
 def test_a_sign_of_another_moment_is_refused_where_it_is_declared(status: Field, more: Any) -> None:
     with pytest.raises(ConfigError, match="weight: its sign is in status, which one request cannot read with it"):

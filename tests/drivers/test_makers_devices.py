@@ -38,6 +38,7 @@ FIELDS = (
     Field("order", 5, "uint16", "order", access="wo", function=6),
     Field("status", 6, "uint16", "status", bits={"negative": 7, "stable": 11}),
     Field("gross", 7, "uint32", "weight", "N", sign=("status", "negative"), scaling=Scaling("decimals")),
+    Field("more", 9, "uint64", "net and peak"),
     Field("decimals", 13, "uint16", "decimals", minimum=0, maximum=4),
     Field("unit", 14, "uint16", "unit", part=(8, 8), choices={"kg": 0, "N": 5}, access="rw"),
     Field("polarity", 14, "uint16", "polarity", part=(0, 8), choices={"bipolar": 0, "unipolar": 1}, access="rw"),

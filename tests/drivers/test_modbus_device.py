@@ -111,10 +111,10 @@ def test_words_in_the_other_order_are_refused_with_a_remedy() -> None:
 # --- reading -------------------------------------------------------------------------------------------
 
 
-def test_fields_apart_are_read_in_one_request_and_given_in_the_order_asked_for() -> None:
+def test_fields_are_given_in_the_order_asked_for_and_read_in_one_request_where_they_stand_together() -> None:
     driver, link = oven(warmth=21.5, setpoint=-10.0, heater="on")
-    assert driver.get_many("warmth", "setpoint", "heater") == [21.5, -10.0, 1.0]
-    assert link.asked == [("read_registers", 0x10, 17, 7)]
+    assert driver.get_many("warmth", "heater", "setpoint") == [21.5, 1.0, -10.0]
+    assert link.asked == [("read_registers", 0x10, 3, 7), ("read_registers", 0x20, 1, 7)]
 
 
 @pytest.mark.parametrize(("name", "value"), [("warmth", 100.1), ("heater", 2.0)])
