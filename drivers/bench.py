@@ -183,6 +183,11 @@ class Bench(Fitted):
                 device.broken = str(error)
                 self.incidents.note(f"{device.name}: is broken")
 
+    def check_frequency(self, frequency: float) -> None:
+        """Check that all devices can work with a load of this frequency [Hz]. Raises RangeError: one cannot."""
+        for device in self.devices:
+            device.check_frequency(frequency)
+
     def check_settings(self) -> None:
         """Check that all devices still hold their settings, and note what they have reported.
 

@@ -15,7 +15,7 @@ from palpate.instrument.bench.kinds import Role
 
 __all__ = [
     "Chamber", "Exciter", "LoadIndicator", "Positioner", "ProbeStage", "Reading", "Recording", "SampleChanger",
-    "SensorNode", "role_of",
+    "SensorNode", "is_difference", "made_u", "role_of",
 ]  # fmt: skip
 
 
@@ -35,6 +35,16 @@ class Reading(Protocol):
     @property
     def valid(self) -> bool:
         """Whether it is stable, finite and not sick."""
+
+
+def is_difference(reading: Reading) -> bool:
+    """Whether a reading is the difference of two loads, so that it holds no zero, as its `difference` says."""
+    return bool(getattr(reading, "difference", False))  # packages need not have it
+
+
+def made_u(reading: Reading) -> float:
+    """Standard uncertainty of a reading from how it was made [mV], beside that of the display, as its `u_mV` says."""
+    return float(getattr(reading, "u_mV", 0.0))  # packages need not have it
 
 
 class LoadIndicator(Protocol):

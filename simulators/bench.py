@@ -20,7 +20,7 @@ from palpate.instrument.errors import BenchError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import SERIAL, CanSegment
-from palpate.simulators.guests import replaced
+from palpate.simulators.guests import Guest, replaced
 from palpate.simulators.rig.operator import SimulatedOperator
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
@@ -231,7 +231,7 @@ class SimulatedBench:
                 at = LINE if link == "modbus-rtu" else CAN
                 place = {"link": at, "unit" if link == "modbus-rtu" else "node": self._addresses[name]}
                 links |= {at: shared[at]} if at in shared else {}
-            devices[name] = {**guest.kind.key, **place, **guest.table}
+            devices[name] = {**guest.kind.key, **place, **_labelled(guest), **guest.table}
         return {"link": links or None, "device": devices or None}
 
     def __exit__(self, *_: object) -> None:
@@ -272,6 +272,14 @@ class SimulatedBench:
     @property
     def changer(self) -> SampleChanger | None:
         return self.devices.get(CHANGER)
+
+
+def _labelled(guest: Guest) -> dict[str, Any]:
+    """What the section of a maker's device says beside its place: its label, and that it suits its link."""
+    label = {"inventory": f"SIM-{guest.name}", "confirmed": True}
+    return (label if guest.kind.contract.known_by == "nothing" else {}) | (
+        {"set_to_link": True} if guest.kind.map is not None else {}
+    )
 
 
 def _timeouts(scene: Scene) -> dict[str, Any]:

@@ -123,6 +123,9 @@ class Device:
     def set_up(self, settings: Any, watchdog: float) -> None:
         """Write the settings of its section, and the bench's watchdog time-out [s]. Raises LinkError, DeviceError."""
 
+    def check_frequency(self, frequency: float) -> None:
+        """Check that it can work with a load of this frequency [Hz], before anything moves. Raises RangeError."""
+
     def sick(self) -> str:
         """Why it cannot be used although it answers and holds its settings; empty: it can be used."""
         return ""

@@ -48,11 +48,13 @@ class DynamicLoadWork:
             extrapolate: whether loads may lie outside the calibrated range.
 
         Raises:
-            UnreachableError, RangeError: as `check_loads` raises them; the outputs stay off.
+            UnreachableError, RangeError: as `check_loads` raises them, or a device cannot work with loads of this
+                frequency; the outputs stay off.
             UnknownName: the bench's sample changer does not hold one of the samples; the outputs stay off.
             BenchError: the unloaded load cell does not read zero, or a device fails.
         """
         check_loads(loads, lab.calibration, extrapolate)
+        lab.bench.check_frequency(frequency)
         if changer := lab.bench.maybe(SampleChanger):
             changer.check_holds(samples)
         self.lab, self.record = lab, record

@@ -156,6 +156,7 @@ def _attempt(
     reading = servo.read()
     films.bench.role(Exciter).check()
     measured, measured_u = servo.calibration.load(reading.reading_mV, READINGS)
+    measured_u = math.hypot(measured_u, reading.u_mV / servo.calibration.sensitivity_mV_per_N)
     known = float(servo.calibration.degrees_of_freedom or math.inf)
     fit = films.fit(record)
     defects = {

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.roles import LoadIndicator, Reading
+from palpate.drivers.roles import LoadIndicator, Reading, is_difference, made_u
 
 READINGS = 4  # are averaged: the display's own noise dithers its steps
 READING_INTERVAL = 0.1  # s; the display is renewed ten times a second
@@ -18,10 +18,17 @@ TRACK_SETTLING = 0.8  # s, until a filtered reading counts as stable
 
 @dataclass(frozen=True, slots=True)
 class IndicatorMean:
-    """A mean reading [mV]. It is valid if every one of its readings was."""
+    """A mean reading [mV]. It is valid if every one of its readings was.
+
+    Attributes:
+        difference: whether it is the difference of two loads, so that it holds no zero.
+        u_mV: standard uncertainty from how its readings were made, the same in all of them, beside that of the display.
+    """
 
     reading_mV: float
     valid: bool
+    difference: bool = False
+    u_mV: float = 0.0
 
 
 def steady(bench: Bench, watch: Callable[[float], None] = lambda _: None) -> Reading:
@@ -54,4 +61,5 @@ def read_indicator(
             bench.clock.wait(READING_INTERVAL)
         readings.append(steady(bench, watch))
     mean = math.fsum(r.reading_mV for r in readings) / count
-    return IndicatorMean(mean, all(r.valid for r in readings))
+    u_mV = math.fsum(made_u(r) for r in readings) / count
+    return IndicatorMean(mean, all(r.valid for r in readings), is_difference(readings[0]), u_mV)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import Exciter, LoadIndicator
@@ -34,6 +35,8 @@ class LoadServo:
             calibration: calibration of the load cell.
             frequency: frequency of the loads [Hz].
             preloaded: static force that the probe presses with [N]; it counts towards the force limit.
+
+        Raises RangeError: a device cannot work with loads of this frequency.
         """
         self._bench = bench
         self.calibration = calibration
@@ -43,6 +46,7 @@ class LoadServo:
         self._amplitude = 0.0
         self._volts_per_newton: float | None = None
         self._exciter, self._indicator = bench.role(Exciter), bench.role(LoadIndicator)
+        bench.check_frequency(frequency)
         self._indicator.peak_to_peak(self._window)
         self._limit = self._exciter.effort_limit()
 
@@ -121,7 +125,11 @@ class LoadServo:
             )
 
     def _mean(self, count: int = READINGS) -> IndicatorMean:
-        return read_indicator(self._bench, count, self._unstable)
+        """Mean reading, with the zero of the calibration in it, which a difference of two loads lacks."""
+        mean = read_indicator(self._bench, count, self._unstable)
+        if not mean.difference:
+            return mean
+        return replace(mean, reading_mV=mean.reading_mV + self.calibration.zero_mV)
 
     def _checked(self, reading: IndicatorMean) -> float:
         """The load [N] of a reading. Raises SafetyError, DeviceError as `watch`.

@@ -5,17 +5,12 @@ from __future__ import annotations
 import math
 from typing import Self
 
-import numpy as np
-
 from palpate.instrument.contracts import strain_indicator
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.load_cell import LoadCell
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.device import DEVICE_BUSY, Place, Refused, SimulatedDevice
 
-IDEAL_SENSITIVITY = 10.306e-3  # V/N in a scene without the effect `load_cell`: line through Table 5.1 [T]
-GAGE_FACTOR = 8.98  # gage factor for which the sensitivities are given [T]
-IDEAL_DECIMALS = 4  # decimals of the display in a scene without the effect `load_cell`
 UPDATE_NS = 100_000_000  # ns between two updates of the display [A]
 DETECTOR_RATE = 2400  # Hz, sample rate of the peak detector [A]
 DETECTOR_NS = 1_000_000_000 // DETECTOR_RATE  # ns between two samples of the peak detector
@@ -36,8 +31,7 @@ class StrainIndicator(SimulatedDevice):
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig) -> None:
         super().__init__(clock, serial)
         self._rig = rig
-        self._cell = rig.effects.cell
-        self._stream = Stream(rig.scene.seed, self._cell.name if self._cell else "")
+        self._cell = LoadCell(rig)
         self._set_at_ns = 0
         self._zero = 0.0
         self._tare = 0.0
@@ -77,9 +71,9 @@ class StrainIndicator(SimulatedDevice):
             case "updates":
                 return self.clock.now_ns() // UPDATE_NS % 65536
             case "decimals":
-                return self._decimals
+                return self._cell.decimals
             case "reading":
-                return round(self._net() * 10.0**self._decimals)
+                return round(self._net() * 10.0**self._cell.decimals)
             case "reading_float":
                 return self._net()
             case "status":
@@ -92,19 +86,13 @@ class StrainIndicator(SimulatedDevice):
                 )
         return super().read(name)
 
-    @property
-    def _decimals(self) -> int:
-        return self._cell.digits if self._cell else IDEAL_DECIMALS
-
     def _net(self) -> float:
         return self._gross() - self._zero - self._tare
 
     def _gross(self) -> float:
         """Reading before zero and tare [mV], of the last update of the display."""
         update = self.clock.now_ns() // UPDATE_NS
-        sensitivity = self._cell.in_position(self._rig.cell_position) if self._cell else IDEAL_SENSITIVITY
-        ideal: float = 1e3 * self._detected() * sensitivity * GAGE_FACTOR / self.settings["gage_factor"]
-        return self._cell.display(ideal, self._stream, update) if self._cell else ideal
+        return self._cell.shown(self._cell.signal(self._detected(), self.settings["gage_factor"]), update)
 
     def _detected(self) -> float:
         """The detected load [N], found once for all registers that are read at the same moment."""
@@ -116,11 +104,9 @@ class StrainIndicator(SimulatedDevice):
     def _load(self) -> float:
         now = self.clock.now_ns()
         if self.contract.choice("mode", self.settings["mode"]) == "track":
-            standing = self._rig.filtered_cell_force(now)
-            return self._cell.crept(standing, self._rig.placed, now) if self._cell else standing
+            return self._cell.crept(self._rig.filtered_cell_force(now), now)
         count = max(2, math.ceil(self.settings["filter"] * DETECTOR_RATE))
-        window = now - np.arange(count - 1, -1, -1) * DETECTOR_NS
-        force = self._rig.cell_force(window, DETECTOR_NS)
+        force = self._cell.forces(now, count, DETECTOR_NS)
         return float(force.max() - force.min())
 
     def _stable(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
 from palpate.instrument.bench.role_maps.role_map import RoleMap
 
-ROLE_MAPS: dict[str, type[RoleMap]] = {}  # by role
+ROLE_MAPS: dict[str, type[RoleMap]] = {"load_indicator": LoadIndicatorMap}  # by role

@@ -122,6 +122,8 @@ class Sweeping(DynamicLoadWork):
     """The bench work: one load on one sample, set again at each frequency."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: FrequencySweep) -> None:
+        for frequency in sweep.frequencies:
+            lab.bench.check_frequency(frequency)
         super().__init__(lab, record, (sweep.load,), sweep.frequencies[0], (sweep.sample,), sweep.extrapolate)
         self._sweep = sweep
         self._preloaded = 0.0

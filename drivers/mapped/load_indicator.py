@@ -1,0 +1,255 @@
+"""The driver of load indicators whose map says which fields serve the role."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from palpate.drivers.devices.either_bus import EitherBus
+from palpate.drivers.mapped.following import LARGEST_LOSS, Following, pauses
+from palpate.instrument.bench.role_maps.load_indicator import (
+    FilterTable,
+    LoadIndicatorMap,
+    LoadIndicatorSettings,
+    LowPass,
+)
+from palpate.instrument.errors import DeviceError, RangeError
+
+TINY = 1e-30  # a float of this size is no load, but one whose words come in the other order
+AGAIN = 3  # readings that must agree where no bit says that the load is stable
+
+
+@dataclass(frozen=True, slots=True)
+class MappedReading:
+    """A reading; see `palpate.drivers.roles.Reading`.
+
+    Attributes:
+        reading_mV: the reading.
+        resolution_mV: step of the display.
+        stable: whether the reading is stable.
+        sick: why no load can be read; empty: it can be read.
+        difference: whether it is the difference of two loads, so that it holds no zero.
+        u_mV: standard uncertainty from how it was made, beside that of the display.
+    """
+
+    reading_mV: float
+    resolution_mV: float
+    stable: bool
+    sick: str
+    difference: bool = False
+    u_mV: float = 0.0
+
+    @property
+    def valid(self) -> bool:
+        return self.stable and not self.sick and math.isfinite(self.reading_mV)
+
+
+class LoadIndicator(EitherBus):
+    """A load indicator of a maker.
+
+    Its own unit becomes the mV of the load cell by the setting `span`. What it lacks is made up here: without fields of
+    extremes a peak-to-peak value comes from polled readings, and without a bit for it a reading is stable if repeated
+    ones agree. A frequency that its readings cannot follow is refused.
+    """
+
+    resolution_mV = math.nan
+    gage_factor = math.nan
+    _settings_of: LoadIndicatorSettings
+    _window: float | None = None
+    _time_constant = 0.1
+    _relative_u = 0.0
+    _level: float | None = None  # raw value of its filter
+    _step = math.nan  # of its display, in its unit
+
+    @property
+    def _map(self) -> LoadIndicatorMap:
+        assert self.kind is not None
+        found = self.kind.serves["load_indicator"]
+        assert isinstance(found, LoadIndicatorMap)
+        return found
+
+    def set_up(self, settings: LoadIndicatorSettings, watchdog: float) -> None:
+        """As for every device; the filter and the display's step are read.
+
+        Raises:
+            RangeError: the section sets a filter that the device cannot have, or lacks a key that it needs.
+            LinkError, DeviceError: the device does not answer, or reads no step.
+        """
+        self._settings_of, self.gage_factor = settings, settings.gage_factor
+        table = self._map.filter
+        if settings.filter is not None:
+            if table is None or str(settings.filter) not in table.levels:
+                valid = ", ".join(table.levels) if table else "none, as no field of its map sets one: set it there"
+                raise RangeError(f"{self.name}: filter = {settings.filter} is no level of its filter; valid: {valid}")
+            self.give(**{table.field: settings.filter})
+        self._level = self.get(table.field) if table else None
+        self._step = self._shown_step()
+        self.resolution_mV = self._step * settings.span
+
+    def _shown_step(self) -> float:
+        """Step of the display, in its unit. Raises RangeError, LinkError, DeviceError."""
+        role = self._map
+        if not role.step:
+            if self._settings_of.resolution is None:
+                raise RangeError(
+                    f"{self.name}: no field tells the step of its display; write resolution = NUMBER in its section "
+                    f"({self.contract[role.reading].unit or 'in the unit of the display'})"
+                )
+            return self._settings_of.resolution
+        told = self.get(role.step)
+        step = role.steps.get(f"{told:g}", math.nan) if role.steps else told
+        if not step > 0:
+            raise DeviceError(f"{self.name}: {role.step} reads {told:g}, which is no step of a display; check the map")
+        return step
+
+    @property
+    def _following(self) -> Following:
+        """What its readings can follow. Raises RangeError: nothing tells its filter."""
+        role, given = self._map, self._settings_of
+        if role.filter is None:
+            if given.bandwidth is None:
+                raise RangeError(
+                    f"{self.name}: no field tells the filter of its readings, so it is not known which forces they "
+                    'follow; write bandwidth = "NUMBER Hz" in its section, as set at the device'
+                )
+            low_pass = LowPass(corner=given.bandwidth)
+        else:
+            found = role.filter.levels.get(f"{self._level:g}")
+            if found is None:
+                raise RangeError(
+                    f"{self.name}: {role.filter.field} reads {self._level:g}, of which the map tells no cut-off "
+                    f"frequency; write filter = one of {', '.join(role.filter.levels)} in its section"
+                )
+            low_pass = found
+            self._check_needs(role.filter)
+        return Following(low_pass, given.rate or role.rate, polled=not role.extremes)
+
+    def _check_needs(self, table: FilterTable) -> None:
+        """Raises RangeError: another kind of filter is set than that of which the map tells the frequencies."""
+        for name, needed in table.needs.items():
+            if (found := self.get(name)) != needed:
+                raise RangeError(
+                    f"{self.name}: {name} reads {self.contract.choice(name, found)}; the map tells cut-off frequencies "
+                    f"for {self.contract.choice(name, needed)} alone; set it so at the device"
+                )
+
+    def check_frequency(self, frequency: float) -> None:
+        """As for every device. Raises RangeError: a peak-to-peak reading would lose too much at this frequency [Hz]."""
+        following = self._following
+        self._relative_u = following.relative_u(frequency)
+        if (loss := following.loss(frequency)) <= LARGEST_LOSS:
+            return
+        table = self._map.filter
+        better = {
+            level: Following(low_pass, following.rate, following.polled)
+            for level, low_pass in (table.levels if table else {}).items()
+        }
+        able = [level for level, each in better.items() if each.loss(frequency) <= LARGEST_LOSS]
+        now = f"{table.field} = {self._level:g}: " if table else ""
+        faster = "" if table else "set the device faster and write its bandwidth and rate in its section, or "
+        remedy = f"write filter = {able[0]} in its section, or " if able else faster
+        raise RangeError(
+            f"{self.name}: its readings ({now}{following.filter.corner:g} Hz, {following.rate:g} a second) lose up to "
+            f"{100 * loss:.0f} % of a force at {frequency:g} Hz, {100 * LARGEST_LOSS:g} % are allowed; {remedy}drive "
+            f"at up to {following.highest():.2g} Hz"
+        )
+
+    def track(self, time_constant: float) -> None:
+        """From now on read the load. Its own filter stays; `time_constant` [s] is how long repeated readings take."""
+        self._window, self._time_constant = None, time_constant
+
+    def peak_to_peak(self, window: float) -> None:
+        """From now on read the peak-to-peak load over `window` [s], which each reading then takes."""
+        self._window = window
+
+    def clear_tare(self) -> None:
+        """Take the tare off, if the device has a command for it."""
+        if self._map.clear_tare:
+            self.command(self._map.clear_tare)
+
+    def sick(self) -> str:
+        """As for every device."""
+        found = self._faults(self._status())
+        return f"{found}; check the bridge and its wires" if found else ""
+
+    def read(self) -> MappedReading:
+        """Read the load, or the peak-to-peak load. Raises LinkError, DeviceError."""
+        if self._window is None:
+            return self._tracked()
+        return self._over(self._window)
+
+    def _tracked(self) -> MappedReading:
+        role = self._map
+        value, status = self._load()
+        stable = role.stable in self._bits(status) if role.stable else self._agree(value)
+        return self._made(value, self._faults(status), stable)
+
+    def _agree(self, first: float) -> bool:
+        """Whether repeated readings differ by no more than a step of the display."""
+        values = [first]
+        for _ in range(AGAIN - 1):
+            self.clock.wait(self._time_constant)
+            values.append(self._load()[0])
+        return max(values) - min(values) <= self._step * (1 + 1e-6)
+
+    def _over(self, window: float) -> MappedReading:
+        """The greatest less the least load over a window [s] that begins now."""
+        if extremes := self._map.extremes:
+            self.command(self._map.clear)
+            self.clock.wait(window)
+            found = self.get_many(*extremes, *([self._map.status] if self._map.status else []))
+            value, sick = found[0] - (found[1] if len(extremes) > 1 else 0.0), self._faults(found[len(extremes) :])
+        else:
+            load, status = self._load()
+            values, sick = [load], self._faults(status)
+            for pause in pauses(window):
+                self.clock.wait(pause)
+                load, status = self._load()
+                values.append(load)
+                sick = sick or self._faults(status)
+            value = max(values) - min(values)
+        u_mV = self._relative_u * abs(value) * self._settings_of.span
+        return self._made(value, sick, stable=True, difference=True, u_mV=u_mV)
+
+    def _load(self) -> tuple[float, list[float]]:
+        """The load in the device's unit, and its status if it has one."""
+        role = self._map
+        value, *status = self.get_many(role.reading, *([role.status] if role.status else []))
+        return value, status
+
+    def _status(self) -> list[float]:
+        return [self.get(self._map.status)] if self._map.status else []
+
+    def _bits(self, status: list[float]) -> frozenset[str]:
+        return self.contract.set_bits(self._map.status, status[0]) if status else frozenset()
+
+    def _faults(self, status: list[float]) -> str:
+        set_ = self._bits(status)
+        return ", ".join(meaning for bit, meaning in self._map.faults.items() if bit in set_)
+
+    def _made(
+        self, value: float, sick: str, stable: bool, difference: bool = False, u_mV: float = 0.0
+    ) -> MappedReading:
+        """A reading from a value in the device's unit. Raises DeviceError: its words come in the other order."""
+        if 0 < abs(value) < TINY:
+            raise DeviceError(
+                f"{self.name}: {self._map.reading} reads {value:g}, so its words come in the other order; set the "
+                "device to the order of its map, or use a map for its order",
+                device=self.name,
+            )
+        span = self._settings_of.span
+        return MappedReading(value * span, self.resolution_mV, stable, sick, difference, u_mV)
+
+    def differences(self) -> list[str]:
+        """As for every device; also a filter, or a step of the display, that somebody has changed."""
+        found = super().differences()
+        table = self._map.filter
+        if table and self._settings_of.filter is None and (level := self.get(table.field)) != self._level:
+            found.append(f"{self.name}: {table.field} is {level:g}, was {self._level:g}")
+        if self._map.step and (step := self._shown_step()) != self._step:
+            raise DeviceError(
+                f"{self.name}: {self._map.step} says {step:g} {self.contract[self._map.reading].unit}".rstrip()
+                + f", said {self._step:g} before, so the display has changed; set it back, or start anew",
+                device=self.name,
+            )
+        return found

@@ -1,0 +1,184 @@
+"""The twin of a load indicator: the rig's load cell, seen through the filter and the display of the device."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LowPass
+from palpate.instrument.contracts.contract import Command
+from palpate.simulators.mapped.twin import Twin
+from palpate.simulators.rig.load_cell import LoadCell
+from palpate.simulators.wire.device import Place
+
+Floats = npt.NDArray[np.float64]
+
+SETTLING = 2.0  # periods of its cut-off frequency after which a filter has forgotten what was before
+LONGEST_NS = 10_000_000_000  # ns of the past that are looked at
+STILL_NS = 300_000_000  # ns in which a load must not move more than a step in order to be stable [A]
+STEP, SHIPPED_DECIMALS = 1, 3  # step of a new display in its last decimal, and number of its decimals [A]
+
+
+@lru_cache(16)
+def _sections(order: int, corner: float, rate: float) -> Floats:
+    """A Butterworth filter for samples at a rate [1/s], as second-order sections."""
+    from scipy.signal import butter  # this import takes longer than opening a bench
+
+    sections: Floats = butter(order, min(corner, 0.45 * rate), fs=rate, output="sos")
+    return sections
+
+
+class LoadIndicator(Twin):
+    """A load indicator, with the fields and commands that its map names for the role."""
+
+    def __init__(self, place: Place) -> None:
+        self.rig = place.rig
+        self._cell = LoadCell(place.rig)
+        role = place.kind.serves["load_indicator"]
+        assert isinstance(role, LoadIndicatorMap)
+        self._role, self._own = role, place.settings
+        rate = self._own.rate or role.rate
+        self._step_ns = round(1e9 / rate)
+        self._rate = 1e9 / self._step_ns
+        self._recent = math.ceil(STILL_NS / self._step_ns)
+        extremes = (role.peak_to_peak, role.greatest, role.least)
+        self.readings = tuple(name for name in (role.reading, *extremes) if name)  # type: ignore[misc]
+        self._looked_at: tuple[Any, ...] = ()
+        super().__init__(place)
+
+    def reset(self) -> None:
+        """As for every device; the tare is off, and the extremes are cleared."""
+        super().reset()
+        for f in self.contract.fields:
+            if f.scaling is not None and f.scaling.by == "decimals":
+                self.settings[f.scaling.told_by] = SHIPPED_DECIMALS
+        role = self._role
+        if role.step:
+            coded = sorted((step, float(code)) for code, step in role.steps.items())
+            finest = next((code for step, code in coded if step >= 10.0**-SHIPPED_DECIMALS * (1 - 1e-9)), 0.0)
+            self.settings[role.step] = finest if coded else STEP * self.contract.step(role.step, self.settings)
+        self._tare = 0.0
+        self._clear()
+
+    def read(self, name: str) -> float:
+        """Present physical value of a field, in the contract's unit."""
+        role = self._role
+        if name == role.status:
+            return self._status()
+        if name in (role.reading, role.gross):
+            return self._rounded(self._gross() - (self._tare if name == role.reading else 0.0))
+        if name in (role.peak_to_peak, role.greatest, role.least):
+            low, high = self._found()
+            return self._rounded({role.peak_to_peak: high - low, role.greatest: high}.get(name, low))
+        return super().read(name)
+
+    def carry_out(self, command: Command) -> None:
+        """Called when a command is carried out."""
+        role = self._role
+        if command.name == role.clear:
+            self._clear()
+        elif command.name == role.clear_tare:
+            self._tare = 0.0
+        elif command.name == role.tare:
+            self._tare = self._gross()
+
+    # --- what it shows ---------------------------------------------------------------------------------
+
+    @property
+    def _step(self) -> float:
+        """Step of the display, in its unit."""
+        role = self._role
+        if not role.step:
+            return float(self._own.resolution or 10.0**-SHIPPED_DECIMALS)
+        shown = self.settings[role.step]
+        step: float = role.steps[f"{shown:g}"] if role.steps else shown
+        return step
+
+    def _rounded(self, value: float) -> float:
+        return round(value / self._step) * self._step
+
+    def _gross(self) -> float:
+        """The load in the unit of the display, as it was at the last reading that the device made."""
+        now = self.clock.now_ns() // self._step_ns
+        force = self._cell.crept(float(self._filtered(now, self._recent)[-1]), now * self._step_ns)
+        return self._shown(force, now)
+
+    def _shown(self, force: float, update: int) -> float:
+        signal = self._cell.signal(force, self._own.gage_factor)
+        return self._cell.shown(signal, update) / float(self._own.span)
+
+    def _status(self) -> float:
+        """The status word: signs of loads, and whether the load is stable."""
+        role = self._role
+        bits = self.contract[role.status].bits
+        word = 0
+        if role.stable and self._still():
+            word |= 1 << bits[role.stable]
+        for f in self.contract.fields:
+            if f.sign and f.sign[0] == role.status and self.read(f.name) < 0:
+                word |= 1 << bits[f.sign[1]]
+        return float(word)
+
+    def _still(self) -> bool:
+        now = self.clock.now_ns() // self._step_ns
+        force = self._filtered(now, self._recent)
+        moved = self._cell.signal(float(np.ptp(force)), self._own.gage_factor) / self._own.span
+        return bool(moved <= self._step)
+
+    # --- the past --------------------------------------------------------------------------------------
+
+    def _clear(self) -> None:
+        """From now on look for extremes anew."""
+        self._since = self.clock.now_ns() // self._step_ns + 1
+        self._extremes: tuple[float, float] | None = None
+
+    def _found(self) -> tuple[float, float]:
+        """The least and the greatest reading since they were cleared, in the unit of the display.
+
+        Of a longer time than 10 s without a look at them the last 10 s count [A].
+        """
+        now = self.clock.now_ns() // self._step_ns
+        if now >= self._since:
+            count = min(now - self._since + 1, LONGEST_NS // self._step_ns)
+            force = self._filtered(now, count)
+            places = (int(force.argmin()), int(force.argmax()))
+            low, high = (self._shown(float(force[at]), now - count + 1 + at) for at in places)
+            if self._extremes is not None:
+                low, high = min(low, self._extremes[0]), max(high, self._extremes[1])
+            self._extremes, self._since = (low, high), now + 1
+        if self._extremes is None:
+            load = self._gross()
+            return load, load
+        return self._extremes
+
+    @property
+    def _low_pass(self) -> LowPass:
+        """The filter that is set."""
+        table = self._role.filter
+        if table is None:
+            return LowPass(corner=self._own.bandwidth or self._rate)
+        level = f"{self.settings[table.field]:g}"
+        return table.levels.get(level) or min(table.levels.values(), key=lambda each: each.corner)
+
+    def _filtered(self, last: int, count: int) -> Floats:
+        """The last `count` readings of the force up to that number, behind the filter (count,) [N].
+
+        There are fewer where the bench was not there yet.
+        """
+        low_pass = self._low_pass
+        moment = (last, count, self.rig.changes, low_pass)
+        if moment != self._looked_at[:-1]:
+            before = math.ceil(SETTLING * self._rate / low_pass.corner)
+            total = max(min(count + before, LONGEST_NS // self._step_ns, last + 1), 1)
+            force = self._cell.forces(last * self._step_ns, total, self._step_ns)
+            from scipy.signal import sosfilt, sosfilt_zi
+
+            sections = _sections(low_pass.order, low_pass.corner, self._rate)
+            passed, _ = sosfilt(sections, force, zi=sosfilt_zi(sections) * force[0])
+            self._looked_at = (*moment, passed[-count:])
+        found: Floats = self._looked_at[-1]
+        return found
