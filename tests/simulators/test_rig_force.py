@@ -9,8 +9,9 @@ import pytest
 
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.strain_indicator import IDEAL_SENSITIVITY, StrainIndicator
+from palpate.simulators.devices.strain_indicator import StrainIndicator
 from palpate.simulators.linear.lti import Floats
+from palpate.simulators.rig.load_cell import IDEAL_SENSITIVITY
 from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene, share, waveform
 
