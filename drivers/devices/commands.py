@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-from palpate.instrument.contracts.contract import Command, Condition, Contract
+from palpate.drivers.clock import Clock
+from palpate.instrument.contracts.contract import Command, Condition, Contract, Value
 from palpate.instrument.errors import DeviceError
-
-if TYPE_CHECKING:
-    from palpate.drivers.devices.device import Device
 
 POLL, POLLS = 0.01, 100  # least time between two looks at a device [s]; number of looks at a command that takes longer
 
 
-def carry_out(device: Device, name: str) -> None:
+class Ordered(Protocol):
+    """A device that takes orders: its fields can be written and read."""
+
+    name: str
+    contract: Contract
+    clock: Clock
+
+    def give(self, **values: Value) -> None: ...
+
+    def held(self, name: str) -> float: ...
+
+
+def carry_out(device: Ordered, name: str) -> None:
     """Give a command once, with those that must come before it, and wait until each is done.
 
     Raises:
@@ -41,7 +51,7 @@ def _in_order(contract: Contract, name: str) -> list[Command]:
     return list(found.values())
 
 
-def _give(device: Device, command: Command) -> None:
+def _give(device: Ordered, command: Command) -> None:
     device.give(**{command.field: command.value})
     failure = _await(device, command) if command.done or command.failed else ""
     if command.clear is not None:
@@ -50,7 +60,7 @@ def _give(device: Device, command: Command) -> None:
         raise DeviceError(f"{device.name}: {failure}", device=device.name)
 
 
-def _await(device: Device, command: Command) -> str:
+def _await(device: Ordered, command: Command) -> str:
     """Wait until a command is done; returns the text of its refusal, or an empty one.
 
     Raises DeviceError: it is neither done nor refused in time.
@@ -82,7 +92,7 @@ def _shown(condition: Condition, states: dict[str, float]) -> str:
     return f"{condition.field} reads {states[condition.field]:.10g}{masked}"
 
 
-def _raw(device: Device, name: str) -> float:
+def _raw(device: Ordered, name: str) -> float:
     """What a field reads, as a raw value; NaN if it has no reading."""
     value = device.held(name)
     return device.contract[name].to_raw(value) if math.isfinite(value) else value
