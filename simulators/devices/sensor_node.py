@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,19 +11,17 @@ import numpy.typing as npt
 
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Field
-from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, place
+from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS
 from palpate.instrument.sensor.design import Film
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.physics.converter import convert
-from palpate.simulators.physics.stages import InputEffect
-from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.film_inputs import FilmInputs
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.canopen_device import CanopenDevice
 
 CONTRACT = sensor_node.CONTRACT
 SATURATED = 0xFF01  # emergency code, manufacturer-specific
 ROLLOVER = 1 << 8 * CONTRACT["sample_counter"].size
-Source = tuple[InputEffect, Stream, int | slice]
 VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
 
 
@@ -44,19 +41,14 @@ class Samples:
 
 
 class SensorNode(CanopenDevice):
-    """The state of one sensor node.
-
-    A design with more films than one node has channels is wired to nodes 1, 2, ... in turn. Films that fit on one node
-    are wired to every node.
-    """
+    """The state of one sensor node."""
 
     contract = CONTRACT
 
     def __init__(self, clock: VirtualClock, node_id: int, serial: int, rig: Rig) -> None:
         self._rig = rig
         self._converter = rig.effects.converter
-        self._added = sorted(rig.effects.input, key=lambda effect: effect.name)
-        self._sources: dict[int, list[Source]] = {}
+        self._inputs = FilmInputs(rig, node_id, node_id)
         super().__init__(clock, node_id, serial)
 
     def reset(self) -> None:
@@ -93,10 +85,7 @@ class SensorNode(CanopenDevice):
             volts: voltage at each channel, shape (4, n) [V].
             period_ns: the SYNC period [ns].
         """
-        volts = volts.copy()
-        rates = functools.cache(lambda: self.film_channels @ self._rig.film_rates(time_ns, period_ns))
-        for effect, stream, channel in self._added_by(period_ns):
-            volts[channel] += effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
+        volts = self._inputs.volts(time_ns, volts, period_ns)
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
         volts /= ranges[:, np.newaxis]
         fraction, saturated = (self._converter.convert if self._converter else convert)(volts)
@@ -114,36 +103,11 @@ class SensorNode(CanopenDevice):
         self._last = counts[-1]
         return Samples(counts, bits, first_number)
 
-    def _added_by(self, period_ns: int) -> list[Source]:
-        """The effects at the input, each with its stream and channels; kept, so that streams keep what they drew."""
-        if period_ns not in self._sources:
-            its: list[Source] = []
-            for effect in self._added:
-                channels: Iterable[int | slice] = [slice(None)] if effect.common else range(CHANNELS)
-                for number, channel in enumerate(channels):
-                    stream = Stream(self._rig.scene.seed, effect.name, self.id, number, period_ns)
-                    its.append((effect, stream, channel))
-            self._sources[period_ns] = its
-        return self._sources[period_ns]
-
     @functools.cached_property
     def film_channels(self) -> npt.NDArray[np.float64]:
         """Matrix of zeros and ones, shape (4, films), that puts each film of this node on its channel."""
-        films = self._rig.scene.design.films
-        matrix = np.zeros((CHANNELS, len(films)))
-        for i, film in enumerate(films):
-            channel = self.wired(film)
-            if channel is not None:
-                matrix[channel - 1, i] = 1.0
-        return matrix
+        return self._inputs.film_channels
 
     def wired(self, film: Film) -> int | None:
         """This node's channel of a film, from 1; None: the film is wired to another node."""
-        node, channel = place(film.channel)
-        alike = all(place(other.channel)[0] == 1 for other in self._rig.scene.design.films)
-        return channel if alike or node == self.id else None
-
-
-def _row(rows: Callable[[], npt.NDArray[np.float64]], number: int | slice) -> npt.NDArray[np.float64]:
-    row: npt.NDArray[np.float64] = rows()[number]
-    return row
+        return self._inputs.wired(film)
