@@ -102,6 +102,8 @@ class SimulatedBench:
         for name in (*USUAL, *([CHANGER] if samples else [])):
             if name not in self._replaced:
                 self._add(name, KINDS[name], NoSettings())
+        given = [guest.name for guest in scene.devices if guest.table.get("role") == NODE]
+        self._sampling = given or [guest.name for guest in scene.devices if NODE in guest.kind.roles]
         for guest in scene.devices:
             self._add(guest.name, guest.kind, guest.settings)
         self.operator = SimulatedOperator(self.rig, self.clock)
@@ -112,7 +114,8 @@ class SimulatedBench:
         link, serial = kind.links[0], f"SIM-{kind.contract.identity.product.partition('-')[0]}-{count:04d}"
         if link == "canopen":
             unit = self._addresses[name] = 1 + max([0, *self._node_ids, *(guest.id for guest in self.can.guests)])
-            place = wire.Place(self.clock, self.rig, unit, SERIAL + unit, settings, kind, self._find)
+            number = 1 + self._sampling.index(name) if name in self._sampling else 0
+            place = wire.Place(self.clock, self.rig, unit, SERIAL + unit, settings, kind, self._find, number=number)
         else:
             unit = 1
             if link == "modbus-rtu":

@@ -148,7 +148,21 @@ class CanLink:
         errors, self._listener.errors = self._listener.errors, 0
         return errors
 
+    @property
+    def bitrate(self) -> float:
+        """Bits a second."""
+        return self._description.bitrate
+
+    @property
+    def stamped(self) -> bool:
+        """Whether time stamps of frames tell when these were on the wire; a bus within this machine has no wire."""
+        return _has_wire(self._description)
+
     def add_node(self, node_id: int) -> canopen.RemoteNode:
+        """The node of this id; one of several devices may ask for it first."""
+        known = self.network.nodes.get(node_id)
+        if isinstance(known, canopen.RemoteNode):
+            return known
         node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         node.sdo = CheckedSdoClient(node.sdo.rx_cobid, node.sdo.tx_cobid, node.object_dictionary)  # type: ignore[no-untyped-call]
         node.sdo.RESPONSE_TIMEOUT = self._description.timeout

@@ -9,11 +9,17 @@ import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable, datatypes
 
 from palpate.instrument.contracts.contract import Contract, Field
-from palpate.instrument.contracts.pdo import SENT, TAKEN
+from palpate.instrument.contracts.pdo import MOST_ENTRIES, PDOS, SENT, TAKEN, Pdo
 
 _TYPES = {
     "uint8": datatypes.UNSIGNED8,
     "int8": datatypes.INTEGER8,
+    "bool": datatypes.BOOLEAN,
+    "uint24": datatypes.UNSIGNED24,
+    "int24": datatypes.INTEGER24,
+    "uint64": datatypes.UNSIGNED64,
+    "int64": datatypes.INTEGER64,
+    "float64": datatypes.REAL64,
     "uint16": datatypes.UNSIGNED16,
     "int16": datatypes.INTEGER16,
     "uint32": datatypes.UNSIGNED32,
@@ -21,7 +27,6 @@ _TYPES = {
     "float32": datatypes.REAL32,
     "text": datatypes.VISIBLE_STRING,
 }
-MAPPING = 0x200  # distance from the index of a PDO's COB-ID to the index of its mapping
 
 
 def object_dictionary(contract: Contract) -> Any:
@@ -29,9 +34,10 @@ def object_dictionary(contract: Contract) -> Any:
     od: Any = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
     od.device_information.vendor_name = contract.identity.vendor
     od.device_information.product_name = contract.title
-    od.device_information.vendor_number = int(contract.identity.vendor, 16)
-    od.device_information.product_number = int(contract.identity.product, 16)
-    od.device_information.revision_number = int(contract.identity.revision, 16)
+    if contract.known_by == "identity":  # else its identity is text for people
+        od.device_information.vendor_number = int(contract.identity.vendor, 16)
+        od.device_information.product_number = int(contract.identity.product or "0", 16)
+        od.device_information.revision_number = int(contract.identity.revision or "0", 16)
     od.device_information.nr_of_TXPDO = len(contract.pdos)
     od.device_information.nr_of_RXPDO = len(contract.receives)
     od.device_information.allowed_baudrates = {1_000_000}
@@ -45,7 +51,10 @@ def object_dictionary(contract: Contract) -> Any:
         else:
             _add_group(od, index, fields[0].name.rsplit("_", 1)[0], [_variable(f, mapped) for f in fields])
     for first, pdos in ((SENT, contract.pdos), (TAKEN, contract.receives)):
-        for index, pdo in enumerate(pdos, first + MAPPING):
+        for index, pdo in enumerate(pdos, first + PDOS):
+            if pdo.index:
+                _add_set_up(od, pdo)
+                continue
             entries = []
             for sub, name in enumerate(pdo.fields, 1):
                 f = contract[name]
@@ -55,6 +64,21 @@ def object_dictionary(contract: Contract) -> Any:
                 entries.append(entry)
             _add_group(od, index, f"mapping of {pdo.name}", entries)
     return od
+
+
+def _add_set_up(od: Any, pdo: Pdo) -> None:
+    """The objects by which a client sets a PDO up: it may write them all."""
+    unsigned = {8: datatypes.UNSIGNED8, 16: datatypes.UNSIGNED16, 32: datatypes.UNSIGNED32}
+    parts: list[Any] = []
+    for sub, (name, bits) in enumerate((("COB-ID", 32), ("transmission type", 8), ("inhibit time", 16)), 1):
+        parts.append(ODVariable(f"{name} of {pdo.name}", pdo.index, sub))
+        parts[-1].data_type, parts[-1].access_type = unsigned[bits], "rw"
+    _add_group(od, pdo.index, f"communication of {pdo.name}", parts)
+    mapping: list[Any] = [ODVariable(f"object {sub}", pdo.index + PDOS, sub) for sub in range(1, MOST_ENTRIES + 1)]
+    for entry in mapping:
+        entry.data_type, entry.access_type, entry.default = datatypes.UNSIGNED32, "rw", 0
+    _add_group(od, pdo.index + PDOS, f"mapping of {pdo.name}", mapping)
+    od[pdo.index + PDOS][0].access_type = "rw"
 
 
 def _add_group(od: Any, index: int, name: str, members: list[Any]) -> None:

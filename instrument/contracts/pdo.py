@@ -13,6 +13,7 @@ SENT, TAKEN = 0x1800, 0x1400  # objects of the first PDO that a node sends, and 
 COB_ID, TRANSMISSION_TYPE = 1, 2  # their subindices
 AT_SYNC = range(1, 241)  # transmission types
 PDOS = 0x200  # PDOs that a node can have in each direction, and objects between one's communication and its mapping
+MOST_ENTRIES = 8  # objects of one byte fill a frame
 INHIBIT_STEP, LONGEST_INHIBIT = 1e-4, 6.5535  # s
 
 

@@ -8,6 +8,8 @@ cycle period (1006h).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from palpate.instrument.contracts.contract import Contract, Field, Identity, Pdo, probe, sdo
 
 CHANNELS = 4
@@ -84,8 +86,14 @@ def bus_load(nodes: int, rate: float, bitrate: float) -> float:
         rate: sample rate [Hz].
         bitrate: bits a second.
     """
-    sizes = [0, *nodes * [sum(CONTRACT[name].size for name in pdo.fields) for pdo in CONTRACT.pdos]]
-    bits = sum(47 + 8 * n + stuff_bits(n) for n in sizes)
+    return frames_load(
+        nodes * [sum(CONTRACT[name].size for name in pdo.fields) for pdo in CONTRACT.pdos], rate, bitrate
+    )
+
+
+def frames_load(sizes: Sequence[int], rate: float, bitrate: float) -> float:
+    """Greatest share of a classic CAN bus that SYNC and the frames of so many bytes that follow it take; see above."""
+    bits = sum(47 + 8 * n + stuff_bits(n) for n in (0, *sizes))
     return bits * rate / bitrate
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
@@ -24,6 +26,7 @@ BURST = 64  # number of SYNCs whose frames are sent together
 NMT_FRAME = 2  # bytes
 SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED, PRE_OPERATIONAL = 5, 4, 127
+SYNC_COB, SYNC_PERIOD = sdo(0x1005), sdo(0x1006)  # objects of CiA 301
 HEARTBEAT_TIME = 0x1017  # object of CiA 301 that a node may lack
 NMT_START, NMT_RESETS = 1, (129, 130)
 SAMPLES, STAMP = CONTRACT.pdos
@@ -133,11 +136,10 @@ class CanSegment:
 
     def _timing_changed(self) -> None:
         """Adopt the SYNC producer's settings. The first SYNC comes one period after the producer was switched on."""
-        producing = (n for n in (*self.nodes, *self.guests) if int(n.settings.get("sync_cob_id", 0)) & SYNC_PRODUCER)
-        producer = next(producing, None)
-        period = round(producer.settings["sync_period"] * 1e6) * 1000 if producer else 0
+        periods = (1000 * _sync_period(node) for node in (*self.nodes, *self.guests))
+        period = next((each for each in periods if each), 0)
         if period != self._sync_period_ns:
-            self._sync_from_ns = self._clock.now_ns() if producer else NEVER
+            self._sync_from_ns = self._clock.now_ns() if period else NEVER
             self._sync_period_ns = period
 
     # --- what they do by themselves --------------------------------------------------------------------
@@ -157,17 +159,14 @@ class CanSegment:
 
     def _sample(self, time_ns: npt.NDArray[np.int64], *, send_sync: bool) -> None:
         """Let all operational nodes sample at each SYNC, and send their frames in the order of the SYNCs."""
+        period = self._sync_period_ns or int(1e6)
+        films = functools.cache(lambda: self._rig.film_voltages(time_ns, period))
         active = [node for node in self.nodes if self._local[node.id].nmt.state == "OPERATIONAL"]
-        streams = []
-        if active:
-            period = self._sync_period_ns or int(1e6)
-            films = self._rig.film_voltages(time_ns, period)
-            streams = [node.sample(time_ns, node.film_channels @ films, period) for node in active]
+        streams = [node.sample(time_ns, node.film_channels @ films(), period) for node in active]
         frames = [frame for node, samples in zip(active, streams, strict=True) for frame in _frames(node, samples)]
         for guest in self.guests:
             if self._local[guest.id].nmt.state == "OPERATIONAL":
-                sent = [(pdo.cob_id(guest.id), guest.packed(pdo)) for pdo in guest.at_sync()]
-                frames += [(cob_id, len(time_ns) * [data]) for cob_id, data in sent]
+                frames += guest.frames_at(time_ns, films, period)
         if self._timing is not None and send_sync:
             sizes = [(cob_id, len(payloads[0])) for cob_id, payloads in frames]
             in_time, busy_ns = self._timing.burst(sizes, self._sync_period_ns)
@@ -184,6 +183,14 @@ class CanSegment:
             if samples.saturation.any() and not node.settings["error_register"]:
                 node.settings["error_register"] = VOLTAGE_ERROR
                 node.emergency(SATURATED)
+
+
+def _sync_period(node: CanopenDevice) -> int:
+    """Period with which a node sends SYNC [µs]; 0: it sends none."""
+    at = {f.address: f for f in node.contract.fields if f.address in (SYNC_COB, SYNC_PERIOD)}
+    if len(at) < 2 or not int(node.settings[at[SYNC_COB].name]) & SYNC_PRODUCER:
+        return 0
+    return round(at[SYNC_PERIOD].to_raw(node.settings[at[SYNC_PERIOD].name]))
 
 
 def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]:

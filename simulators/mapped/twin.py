@@ -143,6 +143,7 @@ class CanopenTwin(CanopenDevice):
         self.settings = first_settings(self.contract)
         if self.contract.serial:
             self.settings[self.contract.serial] = float(self._serial)
+        self.process_data.reset()
 
     def read(self, field: Field) -> Any:
         """Raw value of an object, for the SDO server."""
@@ -152,10 +153,19 @@ class CanopenTwin(CanopenDevice):
         """Store what a client writes, and carry out the commands in it."""
         super().write(field, value)
         for command in self._orders.given({field.name: value}):
-            self.carry_out(command)
-            if command.done is not None:
-                held = self.settings[command.done.field]
-                self.settings[command.done.field] = fulfilled(self.contract, command.done, held)
+            self._carry_out(command)
+
+    def write_text(self, field: Field, text: str) -> None:
+        """Store a text that a client writes, and carry out the commands in it."""
+        self.texts[field.name] = text
+        for command in self._orders.text(field.name, text):
+            self._carry_out(command)
+
+    def _carry_out(self, command: Command) -> None:
+        self.carry_out(command)
+        if command.done is not None:
+            held = self.settings[command.done.field]
+            self.settings[command.done.field] = fulfilled(self.contract, command.done, held)
 
     def carry_out(self, command: Command) -> None:
         """Called when a command is carried out."""

@@ -7,15 +7,22 @@ from contextlib import contextmanager
 from typing import Any, Protocol, Self
 
 import canopen
+import numpy as np
+import numpy.typing as npt
 from canopen.sdo.exceptions import SdoAbortedError
 
-from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
+from palpate.instrument.contracts.contract import Contract, Field, Pdo
 from palpate.instrument.contracts.object_dictionary import object_dictionary
-from palpate.instrument.contracts.pdo import AT_SYNC, SENT, TRANSMISSION_TYPE, is_relative
+from palpate.instrument.contracts.pdo import is_relative
+from palpate.instrument.contracts.wire_types import codec
 from palpate.simulators.clock import VirtualClock
+from palpate.simulators.linear.lti import Floats
 from palpate.simulators.wire.can_bus import LockedNetwork, open_bus
 from palpate.simulators.wire.device import Place
+from palpate.simulators.wire.pdo_objects import PdoObjects
 from palpate.simulators.wire.sdo_server import SdoServer
+
+Times = npt.NDArray[np.int64]
 
 SDO_FRAME = 8  # bytes
 TOO_SHORT, NOT_ALLOWED = 0x8210, 0x8200  # emergencies: a PDO was not taken (CiA 301)
@@ -52,12 +59,14 @@ class CanopenDevice:
         self.id = node_id
         self.clock = clock
         self._serial = serial
+        self.process_data = PdoObjects(self.contract, node_id)
         self.reset()
 
     def reset(self) -> None:
         """Return to the state after power-on."""
         self.settings = {f.name: float(f.default) for f in self.contract.fields if f.type != "text"}
         self.settings["serial"] = float(self._serial)
+        self.process_data.reset()
 
     def start(self) -> None:
         """Called when the node enters the NMT state operational."""
@@ -69,11 +78,15 @@ class CanopenDevice:
         if field.type == "text":
             return field.default
         relative = self.id if is_relative(field.index, field.subindex) else 0
-        return round(self.settings[field.name] / field.scale) + relative
+        return field.to_raw(self.settings[field.name]) + relative
 
     def write(self, field: Field, value: float) -> None:
         """Store a new physical value of a setting, which has been checked against the contract."""
         self.settings[field.name] = value
+
+    def write_text(self, field: Field, text: str) -> None:
+        """Take a text that a client writes."""
+        raise SdoAbortedError(VALUE_RANGE)
 
     def receive(self, pdo: Pdo, values: Mapping[str, float]) -> None:
         """Take process data, whose values have been checked against the contract."""
@@ -82,8 +95,8 @@ class CanopenDevice:
 
     def transmit(self, name: str) -> None:
         """Send the PDO of that name now; a node that is not operational sends none. Raises UnknownName."""
-        pdo = self.contract.sent(name)
-        if self.wire is not None:
+        pdo = self.process_data.as_set(self.contract.sent(name))
+        if self.wire is not None and pdo is not None:
             self.wire.transmit(pdo)
 
     def emergency(self, code: int) -> None:
@@ -92,16 +105,24 @@ class CanopenDevice:
             self.wire.emergency(code)
 
     def at_sync(self) -> list[Pdo]:
-        """The PDOs that the node sends at each SYNC, by their transmission types."""
-        types = {f.address: f.name for f in self.contract.fields}
-        names = (types.get(sdo(SENT + number, TRANSMISSION_TYPE)) for number in range(len(self.contract.pdos)))
-        pairs = zip(self.contract.pdos, names, strict=True)
-        return [pdo for pdo, name in pairs if name is not None and int(self.settings[name]) in AT_SYNC]
+        """The PDOs that the node sends at each SYNC, by their transmission types, as they are set now."""
+        sent = [pdo for pdo in self.contract.pdos if self.process_data.at_sync(pdo, self.settings)]
+        return [pdo for pdo in map(self.process_data.as_set, sent) if pdo is not None]
+
+    def frames_at(self, time_ns: Times, films: Callable[[], Floats], period_ns: int) -> list[tuple[int, list[bytes]]]:
+        """What the node sends at some SYNCs: the identifier of each message with the data of all its frames.
+
+        Args:
+            time_ns: times of the SYNCs, shape (n,) [ns].
+            films: gives the voltages of all films at these times, shape (films, n) [V].
+            period_ns: the SYNC period [ns].
+        """
+        return [(pdo.cob_id(self.id), len(time_ns) * [self.packed(pdo)]) for pdo in self.at_sync()]
 
     def packed(self, pdo: Pdo) -> bytes:
         """Data of a PDO as the objects are now."""
         fields = [self.contract[name] for name in pdo.fields]
-        return b"".join(self.contract.pack(f.name, self.read(f) * f.scale) for f in fields)
+        return b"".join(codec(f.type, "<").pack(self.read(f)) for f in fields)
 
 
 def local_node(device: CanopenDevice) -> canopen.LocalNode:
@@ -167,17 +188,20 @@ def _field(device: CanopenDevice, index: int, subindex: int) -> Field | None:
 
 def _reader(device: CanopenDevice) -> Any:
     def read(*, index: int, subindex: int, od: object) -> Any:
+        if device.process_data.has(index):
+            return device.process_data.read(index, subindex)
         field = _field(device, index, subindex)
         return None if field is None else device.read(field)
 
     return read
 
 
-def _receiver(local: Any, device: CanopenDevice, pdo: Pdo, changed: Callable[[], object]) -> Any:
+def _receiver(local: Any, device: CanopenDevice, declared: Pdo, changed: Callable[[], object]) -> Any:
     """Takes the frames of a PDO; one that is too short or holds a value that is not allowed changes nothing."""
 
     def receive(_cob_id: int, data: bytearray, _timestamp: float) -> None:
-        if local.nmt.state != "OPERATIONAL":
+        pdo = device.process_data.as_set(declared)
+        if local.nmt.state != "OPERATIONAL" or pdo is None:
             return
         parts = device.contract.parts(pdo, bytes(data))
         if len(parts) < len(pdo.fields):
@@ -211,10 +235,16 @@ def _writer(device: CanopenDevice, changed: Callable[[], object]) -> Any:
     contract = device.contract
 
     def write(*, index: int, subindex: int, od: object, data: bytes) -> None:
+        if device.process_data.has(index):
+            device.process_data.write(index, subindex, int.from_bytes(data, "little"))
+            return
         field = _field(device, index, subindex)
         if field is None:
             return
-        value = contract.decode(field.name, bytes(data))
+        if field.type == "text":
+            device.write_text(field, bytes(data).decode("ascii", "replace"))
+            return
+        value = contract.decode(field.name, bytes(data), {name: device.settings[name] for name in field.beside})
         if not contract.allows(field.name, value):
             if field.maximum is not None and value > field.maximum:
                 raise SdoAbortedError(TOO_HIGH)

@@ -26,6 +26,7 @@ class Place:
         find: returns the simulated device that fills a role; call it once all devices exist. Raises
             BenchError: no device fills it.
         samples: samples in the sample changer.
+        number: which of the devices that fill its role it is, from 1, if it is a sensor node; 0: it fills none.
     """
 
     clock: VirtualClock
@@ -36,6 +37,7 @@ class Place:
     kind: DeviceKind
     find: Callable[[Role], Any]
     samples: Sequence[Sample] = ()
+    number: int = 0
 
 
 class Refused(Exception):

@@ -264,7 +264,7 @@ def test_samples_travel_as_the_golden_process_data_objects(
         volt + (f"channel_{channel}" in saturated) * np.sign(volt)
         for channel, volt in enumerate(golden["samples"]["volts"], 1)
     ]
-    monkeypatch.setattr(sim.nodes[0], "_added", {})
+    monkeypatch.setattr(sim.nodes[0]._inputs, "_added", {})
     monkeypatch.setattr(sim.nodes[0], "film_channels", np.eye(4))
     monkeypatch.setattr(sim.rig, "film_voltages", lambda time_ns, _: np.outer(volts, np.ones(len(time_ns))))
     driver.arm()

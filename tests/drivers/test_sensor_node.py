@@ -114,7 +114,7 @@ def test_a_saturated_channel_is_flagged_and_reported_once(
 def test_the_last_count_before_the_rail_is_not_saturated(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sim.nodes[0], "_added", {})
+    monkeypatch.setattr(sim.nodes[0]._inputs, "_added", {})
     for total, saturated in ((32767 * 5 / 32768, False), (5.0, True), (-5.0, False), (-32769 * 5 / 32768, True)):
         put_on_films(sim, monkeypatch, total)
         assert bench.device("sensor_node_1").acquire(0.001).saturated[1].tolist() == [saturated], total

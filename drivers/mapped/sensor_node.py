@@ -1,0 +1,253 @@
+"""The driver of every node that a map makes a sensor node: it samples at each SYNC, and counts no samples itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.drivers.clock import Clock
+from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevice
+from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.sensor_node import LARGEST_RECORDING, LATEST_WAITS, Recording
+from palpate.drivers.links.can import CanLink, FrameCallback
+from palpate.drivers.mapped.counts import Counts
+from palpate.drivers.mapped.sync import Sync, missing_sync
+from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap
+from palpate.instrument.contracts.contract import Contract, Pdo
+from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, frames_load
+from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
+
+ROLE = "sensor_node"
+FIXED = "fixed"  # name of the only range
+SLACK, EDGES = 1e-3, 2  # part of the SYNCs, and number, by which they may differ from what the bench's clock says
+
+
+class MappedNode(CanopenDevice):
+    """One node that samples films at each SYNC, as the map of its kind says."""
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        assert place.kind is not None
+        table = place.kind.serves[ROLE]
+        assert isinstance(table, SensorNodeMap)
+        return cls._fitted(cls(place.link, place.unit, place.clock, place.kind.contract, table, place.settings), place)
+
+    def __init__(
+        self,
+        link: CanLink,
+        node_id: int,
+        clock: Clock,
+        contract: Contract,
+        table: SensorNodeMap,
+        settings: NodeSettings,
+    ) -> None:
+        super().__init__(link, node_id, clock, contract)
+        self.table, self._node_settings = table, settings
+        self.sync: Sync | None = None
+        sync_node = settings.sync_node or (node_id if table.sends_sync else 0)
+        if sync_node:
+            self.sync = Sync(self, sync_node)
+        self.counts = Counts(contract, table.channels)
+        self._frames: dict[str, list[tuple[int, bytes]]] = {}
+        self._stamps: list[float] = []
+        self.syncs = 0  # SYNCs since `arm`
+        self._most = 0  # greatest number of SYNCs and frames that are kept, because a node may send without end
+
+    def connect(self) -> None:
+        """Join the bus, identify the node, set its PDOs up, and read how it scales its readings. Raises as `identify`.
+
+        DeviceError: the node does not take a PDO.
+        """
+        super().connect()
+        self.link.subscribe(SYNC_COB_ID, self._on_sync)
+        self.counts.read_scales(self._scales.beside)
+
+    @property
+    def volts_per_unit(self) -> float:
+        """What one unit of its readings stands for [V]. Raises ConfigError: the bench file does not say it."""
+        unit, given = self.contract[self.table.channels[0]].unit, self._node_settings.volts_per_unit
+        if (given is None) != (unit in VOLTS):
+            wants = f"tells {unit} itself; leave it out" if unit in VOLTS else (
+                f"reads {unit or 'counts'}; give what one of them stands for in V, as its input stage is wired"
+            )  # fmt: skip
+            raise ConfigError(f"{self.name}: volts_per_unit in its section of the bench file: the node {wants}")
+        return VOLTS[unit] if given is None else given
+
+    @property
+    def ranges(self) -> Mapping[str, float]:
+        """Its only range, which it cannot change [V]. Raises ConfigError as `volts_per_unit`."""
+        return {FIXED: self.volts_per_unit * self.counts.full_scale}
+
+    def set_range(self, channel: int, range_: str) -> None:
+        """Raises UnknownName: this is not the range that it has."""
+        if range_ not in self.ranges:
+            raise UnknownName(f"range of the {self.contract.title}", range_, self.ranges)
+
+    def resolution(self, channel: int) -> float:
+        """Step of a channel's converter (1 to its number of channels) [V]."""
+        return self.volts_per_unit * float(self.counts.step[channel - 1])
+
+    def set_sample_rate(self, rate: float) -> None:
+        """Set the sample rate [Hz], by the period of SYNC.
+
+        Raises:
+            RangeError: the node cannot take so many samples a second, or no period of SYNC gives this rate.
+            ConfigError: no node is named that sends SYNC.
+            LinkError, DeviceError: the node that sends SYNC does not take it.
+        """
+        if not 0 < rate <= self.table.fastest:
+            raise RangeError(
+                f"{self.name}: sample rate {rate:g} Hz is not above 0 and up to {self.table.fastest:g} Hz, the most "
+                "that it takes; lower the frequency of the drive"
+            )
+        self._sync().set_rate(rate)
+
+    def _sync(self) -> Sync:
+        """The SYNC by which it samples. Raises ConfigError: none is named."""
+        if self.sync is None:
+            raise ConfigError(
+                f"{self.name}: cannot send SYNC, and a PC's own would come too early or too late; write sync_node = ID "
+                "in its section of the bench file, of a node on its bus that sends SYNC"
+            )
+        return self.sync
+
+    def acquire_with(self, others: Sequence[MappedNode], duration: float) -> list[Recording]:
+        """Sample for `duration` [s] together with `others`, with the SYNC of this node's section. See `acquire`."""
+        return acquire(self, others, self._sync(), duration)
+
+    def arm(self, count: int = LARGEST_RECORDING) -> None:
+        """Forget earlier samples, and take `count` samples from the next SYNC on."""
+        self._frames = {pdo.name: [] for pdo in self.contract.pdos}
+        self._stamps, self.syncs = [], 0
+        self._most = 2 * count
+        self.start()
+
+    def disarm(self) -> None:
+        """Take no more samples."""
+        self.stop()
+
+    def _on_sync(self, _cob_id: int, _data: bytearray, timestamp: float) -> None:
+        self.syncs += 1
+        if len(self._stamps) < self._most:
+            self._stamps.append(timestamp)
+
+    def _hearing(self, pdo: Pdo) -> FrameCallback:
+        """Each frame is kept with the number of the SYNC before it."""
+
+        def heard(_cob_id: int, data: bytearray, _timestamp: float) -> None:
+            kept = self._frames.get(pdo.name)
+            if kept is not None and len(kept) < self._most:
+                kept.append((self.syncs, bytes(data)))
+
+        return heard
+
+    def collect(self, count: int, rate: float) -> Recording:
+        """The first `count` samples since `arm`; what is saturated shows by counts at the end of their range.
+
+        Raises:
+            LinkError: frames are missing, doubled or out of order; the message names the first such sample.
+            DeviceError: the node has sent more emergencies than can be kept.
+        """
+        frames, stamps, self._frames, self._most = self._frames, self._stamps, {}, 0
+        if len(self.emergencies) == MOST_EMERGENCIES:
+            raise DeviceError(f"{self.name}: has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again")
+        lost = [missing_sync(stamps[: count + 1], rate)] if self.link.stamped else []
+        lost += [self.counts.first_wrong(pdo, frames[pdo.name], count) for pdo in self.counts.pdos]
+        if wrong := [number for number in lost if number is not None]:
+            raise LinkError(
+                f"{self.name}: samples are missing from number {min(wrong)} on; the bus lost frames, record again",
+                device=self.name,
+            )
+        volts, saturated = self.counts.decoded({pdo.name: frames[pdo.name][:count] for pdo in self.counts.pdos})
+        time: npt.NDArray[np.float64] = np.arange(1, count + 1) / rate
+        return Recording(self.id, rate, time, self.volts_per_unit * volts, saturated)
+
+    def notices(self) -> list[str]:
+        """Emergencies, a missing heartbeat, and a status that says that readings are not good."""
+        found = super().notices()
+        if self.table.status is not None:
+            told = self.contract.choice(self.table.status, self.held(self.table.status))
+            found += [] if told == "ok" else [f"{self.name}: {self.table.status} is {told}"]
+        return found
+
+    def differences(self) -> list[str]:
+        found = super().differences()
+        if self.sync is not None and self.sync.lost():
+            found.append(f"{self.name}: node {self.sync.node_id}, which sends SYNC, no longer holds its period")
+        return found
+
+    def restore(self) -> None:
+        """As of every node; the node that sends SYNC gets its period again as well."""
+        super().restore()
+        if self.sync is not None:
+            self.sync.restore()
+
+
+def acquire(first: MappedNode, others: Sequence[MappedNode], sync: Sync, duration: float) -> list[Recording]:
+    """Sample with all nodes together for `duration` [s].
+
+    The nodes count no samples, so each frame belongs to the SYNC before it, of which each node must send one. The SYNCs
+    themselves are compared with the bench's clock and, on a real bus, with their time stamps.
+
+    Raises:
+        RangeError: this is less than one sample, or more than the bus can carry; nothing is sent.
+        ConfigError: a node is on another bus; nothing is sent.
+        LinkError: samples were lost.
+        DeviceError: no rate is set, or no SYNC came.
+    """
+    nodes, rate, clock = [first, *others], sync.rate, first.clock
+    if not rate:
+        raise DeviceError(f"{first.name}: no sample rate is set; set it first", device=first.name)
+    if stray := next((node.name for node in others if node.link is not first.link), None):
+        raise ConfigError(f"{stray}: is on another bus than {first.name}, whose SYNC it does not hear; put it there")
+    samples = duration * rate
+    if not (math.isfinite(samples) and 0.5 < samples <= LARGEST_RECORDING):
+        raise RangeError(
+            f"{first.name}: duration {duration:g} s is not finite, at least one sample at {rate:g} Hz and at most "
+            f"{LARGEST_RECORDING} samples"
+        )
+    load = frames_load([size for node in nodes for size in node.counts.sizes], rate, first.link.bitrate)
+    if load > 1:
+        raise RangeError(
+            f"{first.name}: {len(nodes)} nodes at {rate:g} samples/s fill {100 * load:.0f} % of a bus of "
+            f"{first.link.bitrate:g} bit/s; raise its bit rate or lower the frequency of the drive"
+        )
+    count = round(samples)
+    for node in nodes:
+        node.arm(count)
+    asked = clock.now_ns()
+    sync.on()
+    try:
+        began = clock.now_ns()
+        for wait in (duration + 1 / rate, *LATEST_WAITS * (1 / rate,)):
+            clock.wait(wait)
+            first._barrier()
+            if first.syncs > count:  # the frames of SYNC number `count` have come before the next one
+                break
+        ended = clock.now_ns()
+    finally:
+        sync.off()
+        for node in nodes:
+            node.disarm()
+    _check_rate(first, sync, (1e-9 * (ended - began), 1e-9 * (clock.now_ns() - asked)))
+    return [node.collect(count, rate) for node in nodes]
+
+
+def _check_rate(node: MappedNode, sync: Sync, within: tuple[float, float]) -> None:
+    """Raises LinkError, DeviceError: not as many SYNCs came as fit between the least and the greatest time [s]."""
+    if not node.syncs:
+        raise DeviceError(
+            f"{node.name}: no SYNC came; check that node {sync.node_id} is there and sends it (1005h, 1006h)",
+            device=node.name,
+        )
+    low, high = (seconds * sync.rate for seconds in within)
+    if not low * (1 - SLACK) - EDGES <= node.syncs <= high * (1 + SLACK) + EDGES:
+        raise LinkError(
+            f"{node.name}: {node.syncs} SYNCs came in {within[0]:.4g} s, {low:.0f} were due; the bus lost frames, or "
+            "another node sends SYNC as well",
+            device=node.name,
+        )
