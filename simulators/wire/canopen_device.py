@@ -25,6 +25,8 @@ from palpate.simulators.wire.sdo_server import SdoServer
 Times = npt.NDArray[np.int64]
 
 SDO_FRAME = 8  # bytes
+CONSUMER, HEARTBEAT = 0x1016, 0x700  # object of the heartbeats that a node watches; their identifier less the node id
+NODES = range(1, 128)
 TOO_SHORT, NOT_ALLOWED = 0x8210, 0x8200  # emergencies: a PDO was not taken (CiA 301)
 NO_SUBINDEX = 0x0609_0011
 VALUE_RANGE, TOO_HIGH, TOO_LOW = 0x0609_0030, 0x0609_0031, 0x0609_0032
@@ -92,6 +94,9 @@ class CanopenDevice:
         """Take process data, whose values have been checked against the contract."""
         for name in pdo.fields:
             self.write(self.contract[name], values[name])
+
+    def heard(self, node_id: int) -> None:
+        """Called at each heartbeat of another node, if this one can watch them (1016h)."""
 
     def transmit(self, name: str) -> None:
         """Send the PDO of that name now; a node that is not operational sends none. Raises UnknownName."""
@@ -161,6 +166,9 @@ def attach(
     network.subscribe(local.sdo.rx_cobid, handle)
     for pdo in device.contract.receives:
         network.subscribe(pdo.cob_id(device.id), _receiver(local, device, pdo, changed))
+    if any(f.index == CONSUMER for f in device.contract.fields):
+        for node_id in NODES:
+            network.subscribe(HEARTBEAT + node_id, _heartbeat_receiver(device, node_id))
 
 
 @contextmanager
@@ -215,6 +223,10 @@ def _receiver(local: Any, device: CanopenDevice, declared: Pdo, changed: Callabl
         changed()
 
     return receive
+
+
+def _heartbeat_receiver(device: CanopenDevice, node_id: int) -> Callable[[int, bytearray, float], None]:
+    return lambda _cob_id, _data, _timestamp: device.heard(node_id)
 
 
 class _Attached:

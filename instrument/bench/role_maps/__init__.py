@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
+from palpate.instrument.bench.role_maps.positioner import PositionerMap
 from palpate.instrument.bench.role_maps.role_map import RoleMap
 from palpate.instrument.bench.role_maps.sensor_node import SensorNodeMap
 
 ROLE_MAPS: dict[str, type[RoleMap]] = {  # by role
     "load_indicator": LoadIndicatorMap,
+    "positioner": PositionerMap,
     "sensor_node": SensorNodeMap,
 }
