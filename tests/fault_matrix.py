@@ -11,7 +11,7 @@ import math
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -52,6 +52,9 @@ PANEL = {
 }  # fmt: skip
 
 
+Scenes = Callable[[str], Scene]
+
+
 @dataclass(frozen=True, slots=True)
 class Cell:
     procedure: str
@@ -88,10 +91,10 @@ def cells() -> Iterator[Cell]:
 
 
 @functools.cache
-def undisturbed(procedure: str, changer: bool = False) -> tuple[Found, float]:
+def undisturbed(procedure: str, changer: bool = False, of: Scenes = scene) -> tuple[Found, float]:
     """The result without faults, and the bench time in the middle of a point in its middle [s]."""
     with tempfile.TemporaryDirectory() as folder:
-        result, run, _ = _done(procedure, scene(procedure), Path(folder) / "run", changer)
+        result, run, _ = _done(procedure, of(procedure), Path(folder) / "run", changer)
         assert not isinstance(result, PalpateError)
         times = [point["bench_ns"] for point in run.points()]
         before, after = times[len(times) // 2 - 1], times[len(times) // 2]
@@ -99,9 +102,9 @@ def undisturbed(procedure: str, changer: bool = False) -> tuple[Found, float]:
         return result, 1e-9 * (before + after) / 2
 
 
-def play(cell: Cell) -> Outcome:
-    """What comes of one cell."""
-    return _play(cell, *undisturbed(cell.procedure, cell.on == "sample_changer"))
+def play(cell: Cell, of: Scenes = scene) -> Outcome:
+    """What comes of one cell; `of`: gives the scene of its procedure."""
+    return _play(cell, *undisturbed(cell.procedure, cell.on == "sample_changer", of), of)
 
 
 def play_all() -> dict[Cell, Outcome]:
@@ -117,14 +120,15 @@ def play_all() -> dict[Cell, Outcome]:
         return dict(zip(whole, outcomes, strict=True))
 
 
-def _play(cell: Cell, right: Found, middle: float) -> Outcome:
+def _play(cell: Cell, right: Found, middle: float, of: Scenes = scene) -> Outcome:
     table = {"kind": cell.kind, "on": cell.on, "at": f"{middle} s", **dict(cell.more)}
     if cell.lasts == STAYS:
         table["lasts"] = LONG
     elif issubclass(fault_class(cell.kind), (CanFault, IndicatorFault, FilmFault)):
         table["lasts"] = A_WHILE
     with tempfile.TemporaryDirectory() as folder:
-        faulty = replace(scene(cell.procedure), faults=parse_faults([table], places(1), "matrix"))
+        base = of(cell.procedure)
+        faulty = replace(base, faults=parse_faults([table], places(1, base.devices), "matrix"))
         result, run, live = _done(cell.procedure, faulty, Path(folder) / "run", cell.on == "sample_changer")
         incidents = sum(event["kind"] == INCIDENT for event in run.events())
         if live:

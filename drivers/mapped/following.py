@@ -53,7 +53,7 @@ class Following:
         return low
 
 
-def pauses(window: float) -> Iterator[float]:
-    """Pauses between polled readings over a window [s], in step with no frequency."""
-    mean = window / (POLLS - 1)
-    return (mean * (0.5 + number * GOLDEN % 1.0) for number in range(1, POLLS))
+def pauses(window: float, readings: int = POLLS) -> Iterator[float]:
+    """Pauses between so many polled readings over a window [s], in step with no frequency."""
+    mean = window / (readings - 1)
+    return (mean * (0.5 + number * GOLDEN % 1.0) for number in range(1, readings))

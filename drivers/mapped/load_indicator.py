@@ -16,6 +16,8 @@ from palpate.instrument.bench.role_maps.load_indicator import (
 from palpate.instrument.errors import DeviceError, RangeError
 
 TINY = 1e-30  # a float of this size is no load, but one whose words come in the other order
+LOOKS = 6  # readings beside those of extremes, which tell that the display still moves
+MOVED = 4  # steps of the display that a load must move by, so that not all of these readings can be equal
 AGAIN = 3  # readings that must agree where no bit says that the load is stable
 
 
@@ -58,6 +60,7 @@ class LoadIndicator(EitherBus):
     _window: float | None = None
     _time_constant = 0.1
     _relative_u = 0.0
+    _moving = False  # whether the load has moved since it is read peak to peak
     _level: float | None = None  # raw value of its filter
     _step = math.nan  # of its display, in its unit
 
@@ -156,11 +159,11 @@ class LoadIndicator(EitherBus):
 
     def track(self, time_constant: float) -> None:
         """From now on read the load. Its own filter stays; `time_constant` [s] is how long repeated readings take."""
-        self._window, self._time_constant = None, time_constant
+        self._window, self._time_constant, self._moving = None, time_constant, False
 
     def peak_to_peak(self, window: float) -> None:
         """From now on read the peak-to-peak load over `window` [s], which each reading then takes."""
-        self._window = window
+        self._window, self._moving = window, False
 
     def clear_tare(self) -> None:
         """Take the tare off, if the device has a command for it."""
@@ -194,22 +197,29 @@ class LoadIndicator(EitherBus):
 
     def _over(self, window: float) -> MappedReading:
         """The greatest less the least load over a window [s] that begins now."""
-        if extremes := self._map.extremes:
+        extremes = self._map.extremes
+        if extremes:
             self.command(self._map.clear)
-            self.clock.wait(window)
-            found = self.get_many(*extremes, *([self._map.status] if self._map.status else []))
-            value, sick = found[0] - (found[1] if len(extremes) > 1 else 0.0), self._faults(found[len(extremes) :])
-        else:
+        first, status = self._load()
+        values, sick = [first], self._faults(status)
+        for pause in pauses(window, LOOKS) if extremes else pauses(window):
+            self.clock.wait(pause)
             load, status = self._load()
-            values, sick = [load], self._faults(status)
-            for pause in pauses(window):
-                self.clock.wait(pause)
-                load, status = self._load()
-                values.append(load)
-                sick = sick or self._faults(status)
-            value = max(values) - min(values)
+            values.append(load)
+            sick = sick or self._faults(status)
+        value = max(values) - min(values)
+        if extremes:
+            found = self.get_many(*extremes)
+            value = found[0] - (found[1] if len(extremes) > 1 else 0.0)
+        if not sick and self._frozen(value, values):
+            sick = "display not updated"
         u_mV = self._relative_u * abs(value) * self._settings_of.span
         return self._made(value, sick, stable=True, difference=True, u_mV=u_mV)
+
+    def _frozen(self, value: float, values: list[float]) -> bool:
+        """Whether the display stands still although the load moves, or has moved since it is read peak to peak."""
+        self._moving = self._moving or abs(value) > MOVED * self._step
+        return self._moving and max(values) == min(values)
 
     def _load(self) -> tuple[float, list[float]]:
         """The load in the device's unit, and its status if it has one."""

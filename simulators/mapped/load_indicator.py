@@ -35,6 +35,8 @@ def _sections(order: int, corner: float, rate: float) -> Floats:
 class LoadIndicator(Twin):
     """A load indicator, with the fields and commands that its map names for the role."""
 
+    readings: tuple[str, ...] = ("reading",)  # type: ignore[misc]  # that it has some; those of a device are its map's
+
     def __init__(self, place: Place) -> None:
         self.rig = place.rig
         self._cell = LoadCell(place.rig)
@@ -46,7 +48,7 @@ class LoadIndicator(Twin):
         self._rate = 1e9 / self._step_ns
         self._recent = math.ceil(STILL_NS / self._step_ns)
         extremes = (role.peak_to_peak, role.greatest, role.least)
-        self.readings = tuple(name for name in (role.reading, *extremes) if name)  # type: ignore[misc]
+        self.readings = tuple(name for name in (role.reading, *extremes) if name)
         self._looked_at: tuple[Any, ...] = ()
         super().__init__(place)
 

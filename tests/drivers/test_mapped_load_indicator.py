@@ -236,6 +236,19 @@ def test_a_fault_bit_says_that_there_is_no_load() -> None:
     assert device.sick().startswith("error of the load cell; check")
 
 
+@pytest.mark.parametrize("kind", ["flintec-dad-141", "laumas-tlb4"])
+def test_a_display_that_stands_still_while_the_load_moves_is_sick(kind: str) -> None:
+    device = indicator(kind)
+    device.check_frequency(FREQUENCY)
+    device.peak_to_peak(0.5)
+    device.twin.rig.load(3.0, 2.0)
+    device.clock.wait(1.0)
+    assert device.read().valid
+    read, stuck = device.twin.read, {name: device.twin.read(name) for name in device.twin.readings}
+    device.twin.read = lambda name: stuck.get(name, 0.0) if name in stuck else read(name)  # type: ignore[method-assign]
+    assert device.read().sick == "display not updated"
+
+
 def test_the_tare_is_taken_off() -> None:
     device = indicator("flintec-dad-141")
     device.track(0.1)

@@ -1,0 +1,130 @@
+"""Load sweeps with load indicators of makers in the place of ours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from palpate.drivers.bench import Bench
+from palpate.drivers.roles import LoadIndicator, SensorNode
+from palpate.instrument.errors import BenchError, DeviceError, RangeError
+from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.guests import guests
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import Scene
+from tests.fault_matrix import ONCE, STAYS, Cell, play
+from tests.fault_procedures import scene as without_scatter
+from tests.procedures.conftest import IDEAL_CALIBRATION, OFF, happens_in, outputs, sweep
+
+SPAN = 10.306  # mV of the load cell for one newton, as the display shows
+SECTIONS = {
+    "flintec-dad-141": {"filter": 0},
+    "laumas-tlb4": {"bandwidth": "80 Hz"},
+    "seneca-z-sg2": {"bandwidth": "60 Hz", "rate": "151 Hz", "resolution": 0.001},
+}
+FLINTEC, LAUMAS, SENECA = SECTIONS
+
+
+def with_indicator(scene: Scene, kind: str, **section: object) -> Scene:
+    """A scene in which a maker's load indicator stands in for ours."""
+    table = {"kind": kind, "role": "load_indicator", "span": SPAN, **(section or SECTIONS[kind])}
+    return replace(scene, devices=guests({"cell": table}, "scene"))
+
+
+def swept(scene: Scene, folder: Path, loads: tuple[float, ...], samples: tuple[str, ...]) -> tuple[SweepResult, float]:
+    """A sweep on the bench of a scene, and the step of its films' converter [V]."""
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        found = sweep(bench, folder, samples, loads, calibration=IDEAL_CALIBRATION)
+        return found, bench.role(SensorNode).resolution(1)
+
+
+def compared(kind: str, folder: Path, loads: tuple[float, ...], samples: tuple[str, ...] = ("1",)) -> None:
+    """Compare a sweep with a maker's indicator with one with ours: the same ratios within one count of a film."""
+    ours, count = swept(read_scene("ideal"), folder / "ours", loads, samples)
+    theirs, _ = swept(with_indicator(read_scene("ideal"), kind), folder / "theirs", loads, samples)
+    for own, other in zip(ours.points, theirs.points, strict=True):
+        assert own.valid
+        assert other.valid
+        step = count / own.voltage_rigid_V + count / own.voltage_total_V
+        assert step < 0.01
+        assert abs(other.force_ratio / own.force_ratio - 1) <= step
+        assert abs(other.load_measured_N - own.load_measured_N) <= 0.01 * own.load_N  # what the servo allows
+        assert other.load_measured_u > own.load_measured_u
+
+
+def test_a_sweep_with_the_dad_141_gives_the_ratio_of_our_own_indicator(tmp_path: Path) -> None:
+    compared(FLINTEC, tmp_path, (2.0,))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SECTIONS)
+def test_sweeps_with_any_of_them_give_the_ratios_of_our_own_indicator(kind: str, tmp_path: Path) -> None:
+    compared(kind, tmp_path, (2.0, 3.0), ("1", "4"))
+
+
+def test_the_filter_of_the_factory_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    scene = with_indicator(read_scene("ideal"), FLINTEC, gage_factor=8.98)
+    moved: list[object] = []
+    with SimulatedBench(scene) as sim:
+        sim.rig.set_position = moved.append  # type: ignore[method-assign]
+        sim.rig.mount = moved.append  # type: ignore[method-assign]
+        with Bench(sim.description, sim.clock, sim.operator) as bench:
+            with pytest.raises(RangeError, match=r"filter_level = 3: 4 Hz.*write filter = 0"):
+                sweep(bench, tmp_path / "run", calibration=IDEAL_CALIBRATION)
+            assert outputs(sim) == OFF
+    assert moved == []
+
+
+def test_kilograms_where_newtons_were_set_are_refused_when_the_bench_is_opened() -> None:
+    with SimulatedBench(with_indicator(read_scene("ideal"), LAUMAS)) as sim:
+        sim.devices["cell"].settings["unit"] = 0.0
+        bench = Bench(sim.description, sim.clock, sim.operator)
+        with pytest.raises(DeviceError, match="unit is 'kg', the contract reads 'N'; set the device to N"), bench:
+            pass
+
+
+@pytest.mark.slow
+def test_a_scale_that_changes_in_a_run_stops_it_by_name(tmp_path: Path) -> None:
+    with SimulatedBench(with_indicator(read_scene("ideal"), LAUMAS)) as sim:
+        cell = sim.devices["cell"]
+        happens_in(sim, 30.0, lambda: cell.settings.update(division=12.0))
+        bench = Bench(sim.description, sim.clock, sim.operator)
+        with pytest.raises(BenchError, match="division is 12, was 15 before, so the scale"), bench:
+            sweep(bench, tmp_path / "run", calibration=IDEAL_CALIBRATION)
+        assert outputs(sim) == OFF
+
+
+def test_it_fills_the_role_and_tells_its_serial_number() -> None:
+    scene = with_indicator(read_scene("ideal"), FLINTEC)
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        indicator = bench.role(LoadIndicator)
+        assert (indicator.serial, indicator.gage_factor) == ("14110001", 8.98)
+        assert indicator.resolution_mV == pytest.approx(1e-3 * SPAN)
+
+
+def with_the_dad_141(procedure: str) -> Scene:
+    return with_indicator(without_scatter(procedure), FLINTEC)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "on", "lasts", "more", "verdicts"),
+    [
+        ("silence", "cell", ONCE, (), {"right"}),
+        ("bit_error", "cell", ONCE, (), {"right"}),
+        ("late_answer", "cell", ONCE, (), {"right"}),
+        ("leading_glitch", "line", STAYS, (), {"right", "stopped"}),
+        ("power_cycle", "cell", ONCE, (), {"right", "stopped"}),
+        ("silence", "cell", STAYS, (), {"stopped"}),
+        ("stuck_reading", "cell", STAYS, (), {"stopped"}),
+        ("front_panel", "cell", ONCE, (("setting", "filter_level"), ("value", 5.0)), {"right", "stopped"}),
+    ],
+)
+def test_faults_of_its_line_end_in_a_right_result_or_a_clear_stop_with_outputs_at_zero(
+    fault: str, on: str, lasts: str, more: tuple[tuple[str, object], ...], verdicts: set[str], nothing_left_behind: None
+) -> None:
+    outcome = play(Cell("sweep loads", fault, on, lasts, more), with_the_dad_141)
+    assert outcome.verdict in verdicts, outcome
