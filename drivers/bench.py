@@ -19,7 +19,7 @@ from palpate.drivers.incident import Incidents, Store
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.ownership import cautions, claim
-from palpate.drivers.roles import Exciter
+from palpate.drivers.roles import Bias, Exciter
 from palpate.drivers.safe_end import held, taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.operator import Operator
@@ -94,6 +94,7 @@ class Bench(Fitted):
             for device in self.devices:
                 device.set_up(self.named(device).settings, self.description.watchdog)
             stack.push(self._switch_chamber_off)
+            stack.push(self._switch_biases_off)
             self._stack = stack.pop_all()
         self.is_open = True
         return self
@@ -143,7 +144,11 @@ class Bench(Fitted):
     @property
     def cautions(self) -> list[str]:
         """Notes for a person before the bench drives: absent devices, and outputs that stay on if this program dies."""
-        return [*self.absent, *cautions(self._exciter)]
+        left_on = [
+            f"{bias.name}: has no watchdog, so that it stays on when this program is killed; stay beside it"
+            for bias in self.all(Bias)
+        ]
+        return [*self.absent, *cautions(self._exciter), *left_on]
 
     def drive(self) -> None:
         """Switch the outputs on at zero amplitude, and start watching them. Raises DeviceError: a fault is latched."""
@@ -255,6 +260,20 @@ class Bench(Fitted):
                 failure = self._hands.chamber_off()
             if failure:
                 _tell(failure, error)
+
+    def _switch_biases_off(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Switch off each source that holds a value, after the outputs and before its link is closed."""
+        for bias in self.all(Bias):
+            if not bias.holding:
+                continue
+            self.clock.watching = False
+            with held(ENDINGS):
+                self._switch_off()
+                try:
+                    bias.broken = ""
+                    bias.off()
+                except Exception as failure:  # also a defect of its driver: the end of the bench goes on
+                    _tell(f"{bias.name} could not be switched off: {failure}; switch it off by hand, now", error)
 
     def _switch_off(self) -> list[str]:
         return self._exciter.switch_off() if self._exciter else []

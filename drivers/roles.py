@@ -14,7 +14,7 @@ from palpate.drivers.devices.sensor_node import Recording
 from palpate.instrument.bench.kinds import Role
 
 __all__ = [
-    "Chamber", "Exciter", "LoadIndicator", "Positioner", "ProbeStage", "Reading", "Recording", "SampleChanger",
+    "Bias", "Chamber", "Exciter", "LoadIndicator", "Positioner", "ProbeStage", "Reading", "Recording", "SampleChanger",
     "SensorNode", "is_difference", "made_u", "role_of",
 ]  # fmt: skip
 
@@ -146,6 +146,25 @@ class ProbeStage(Protocol):
         """Set the probe above (x, y) from the sensor's corner [m]; the positioner must be at home."""
 
 
+class Bias(Protocol):
+    """Holds one value, such as a direct voltage, for a laboratory's own procedure.
+
+    Attributes:
+        name: its name.
+        holding: whether it was told to hold a value, and not told to stop.
+    """
+
+    name: str
+    broken: str
+    holding: bool
+
+    def hold(self, level: float) -> None:
+        """Hold a value, in its own unit. Raises RangeError: it cannot; nothing was sent."""
+
+    def off(self) -> None:
+        """Switch it off. A bench does so on every way out."""
+
+
 _ROLES: dict[type, Role] = {
     Exciter: "exciter",
     LoadIndicator: "load_indicator",
@@ -154,6 +173,7 @@ _ROLES: dict[type, Role] = {
     SampleChanger: "sample_changer",
     Chamber: "chamber",
     ProbeStage: "probe_stage",
+    Bias: "bias",
 }
 
 

@@ -16,6 +16,7 @@ import canopen
 from canopen.lss import LssMaster
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from palpate.drivers.links.cyclic import Cyclic
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
 from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
@@ -102,6 +103,7 @@ class CanLink:
         self._description = bus
         self._lock = threading.Lock()
         self._network: canopen.Network | None = None
+        self._cyclic: Cyclic | None = None
         self._listener = _Listener({})  # until the bus is open; that of an absent optional device stays closed
         self._answers_due: set[canopen.RemoteNode] = set()
         self._taps: list[FrameTap] = []
@@ -122,6 +124,7 @@ class CanLink:
         if d.interface == MULTICAST:
             keep_to_group(bus.fileno())
         self._network = canopen.Network(bus)
+        self._cyclic = Cyclic(bus, d.interface, self.name)
         self._listener = _Listener(self._network.subscribers)
         taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
         self._network.listeners = [*taps, self._listener]  # type: ignore[list-item]  # told before anybody acts on it
@@ -131,8 +134,12 @@ class CanLink:
     def close(self) -> None:
         """Leave the bus. Raises LinkError: it failed meanwhile."""
         network, self._network = self._network, None
+        cyclic, self._cyclic = self._cyclic, None
         if network is not None:
             try:
+                with suppress(can.CanError, OSError):  # whether or not the bus has failed, it is left
+                    if cyclic is not None:
+                        cyclic.end_all()
                 network.disconnect()
             except (can.CanError, OSError) as error:
                 raise LinkError(f"CAN bus {self.name} failed: {error}; check adapter and cable") from error
@@ -232,6 +239,27 @@ class CanLink:
         with self._lock:
             try:
                 self.network.send_message(cob_id, data)
+            except (can.CanError, OSError) as error:
+                raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error
+
+    def begin_cycle(self, cob_id: int, frames: Sequence[bytes], period_us: int) -> None:
+        """From now on let the bus send these frames over and over; see `Cyclic.begin`. Raises LinkError."""
+        self._with_cyclic(lambda cyclic: cyclic.begin(cob_id, frames, period_us))
+
+    def end_cycle(self, cob_id: int) -> None:
+        """Let the bus send no more of the frames with this identifier. Raises LinkError."""
+        self._with_cyclic(lambda cyclic: cyclic.end(cob_id))
+
+    def check_cyclic(self) -> None:
+        """Raises LinkError: nothing sends frames on time on this bus."""
+        self._with_cyclic(lambda cyclic: cyclic.check())
+
+    def _with_cyclic(self, do: Callable[[Cyclic], object]) -> None:
+        if self._cyclic is None:
+            raise LinkError(f"CAN bus {self.name} is not open; open the bench first")
+        with self._lock:
+            try:
+                do(self._cyclic)
             except (can.CanError, OSError) as error:
                 raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error
 

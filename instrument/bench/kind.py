@@ -16,7 +16,7 @@ LinkKind = Literal["modbus-tcp", "modbus-rtu", "canopen"]
 
 Role = Literal[
     "source", "amplifier", "exciter", "load_indicator", "positioner", "sensor_node", "sample_changer", "chamber",
-    "probe_stage",
+    "probe_stage", "bias",
 ]  # fmt: skip
 
 
@@ -40,6 +40,7 @@ class DeviceKind:
         travel: lowest position to which it may go, if it is a positioner [m]; None: only its driver knows.
         map: the map file that describes it; None: its package does.
         serves: for each of its roles, what of its map serves it.
+        cannot: for a role that somebody could think it fills, the reason why it does not.
     """
 
     contract: Contract
@@ -53,6 +54,7 @@ class DeviceKind:
     travel: float | None = None
     map: DeviceMap | None = None
     serves: Mapping[str, RoleMap] = field(default_factory=dict)
+    cannot: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -97,6 +97,11 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
         kind = _kind(section, where)
         if section.link not in links:
             raise UnknownName("link", section.link, links)
+        if section.role is not None and section.role in kind.cannot:
+            raise ConfigError(
+                f"{where}: role: a {kind.name} cannot be the {section.role}: {kind.cannot[section.role]}; it serves as "
+                f"{' or '.join(kind.roles)} alone"
+            )
         if section.role is not None and section.role not in kind.roles:
             raise UnknownName(f"role of a {kind.name}", section.role, kind.roles)
     except UnknownName as error:

@@ -28,7 +28,7 @@ SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED, PRE_OPERATIONAL = 5, 4, 127
 SYNC_COB, SYNC_PERIOD = sdo(0x1005), sdo(0x1006)  # objects of CiA 301
 HEARTBEAT_TIME = 0x1017  # object of CiA 301 that a node may lack
-NMT_START, NMT_RESETS = 1, (129, 130)
+NMT_START, NMT_STOPS, NMT_RESETS = 1, (2, 128), (129, 130)
 SAMPLES, STAMP = CONTRACT.pdos
 STAMP_LAYOUT = struct.Struct("<IB")
 
@@ -112,6 +112,8 @@ class CanSegment:
             if target in (0, node.id):
                 if command == NMT_START:
                     node.start()
+                elif command in NMT_STOPS:
+                    node.stop()
                 elif command in NMT_RESETS:
                     self.reboot(node)
 

@@ -7,7 +7,7 @@ import logging
 import os
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from typing import Any, Self
 
@@ -17,6 +17,7 @@ from can.interfaces.virtual import VirtualBus
 from canopen.network import MessageListener
 
 from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.contracts.cyclic import Receiver
 from palpate.instrument.errors import BenchError
 from palpate.simulators.clock import VirtualClock
 
@@ -138,13 +139,19 @@ def burst(bus: can.BusABC, payloads: Sequence[Payload]) -> None:
 
 
 class Listener(MessageListener):
-    """canopen's listener, with two of its faults mended.
+    """canopen's listener, with two of its faults mended; it also takes lists of cyclic frames for the bus.
 
     canopen takes an extended identifier for a standard one, and stops at the first data that are no frame.
     """
 
+    network: LockedNetwork
+
     def on_message_received(self, msg: can.Message) -> None:
-        if not (msg.is_extended_id or msg.is_fd):
+        if msg.is_fd:
+            return
+        if msg.is_extended_id:
+            self.network.handed_over(msg.arbitration_id, bytes(msg.data))
+        else:
             super().on_message_received(msg)  # type: ignore[no-untyped-call]
 
     def on_error(self, exc: Exception) -> None:
@@ -155,13 +162,26 @@ class Listener(MessageListener):
 
 
 class LockedNetwork(canopen.Network):
-    """canopen's network; it handles each frame, and so sends each answer, under the clock's lock."""
+    """canopen's network; it handles each frame, and so sends each answer, under the clock's lock.
+
+    Attributes:
+        cyclic: for each identifier, what is called with the frames that come over and over from now on, and with the
+            time between two of them [us]; without frames they have ended.
+    """
 
     def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
         super().__init__(bus)
         self._own = bus
         self.clock = clock
         self.listeners = [Listener(self)]
+        self.cyclic: dict[int, Callable[[Sequence[bytes], int], object]] = {}
+        self._receiver = Receiver()
+
+    def handed_over(self, identifier: int, data: bytes) -> None:
+        """Take a frame with a 29-bit identifier, which may hand over a list of cyclic frames."""
+        with self.clock.lock:
+            if (found := self._receiver.heard(identifier, data)) is not None and found[0] in self.cyclic:
+                self.cyclic[found[0]](found[1], found[2])
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame like canopen does, but without a copy for each receiver."""

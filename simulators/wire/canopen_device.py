@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol, Self
 
@@ -34,6 +34,10 @@ VALUE_RANGE, TOO_HIGH, TOO_LOW = 0x0609_0030, 0x0609_0031, 0x0609_0032
 
 class Wire(Protocol):
     """What a node can do on the bus by itself."""
+
+    @property
+    def operational(self) -> bool:
+        """Whether the node is in the NMT state in which it exchanges process data."""
 
     def transmit(self, pdo: Pdo) -> None:
         """Send process data now; a node that is not operational sends none."""
@@ -73,6 +77,9 @@ class CanopenDevice:
     def start(self) -> None:
         """Called when the node enters the NMT state operational."""
 
+    def stop(self) -> None:
+        """Called when a client ends the NMT state operational."""
+
     def read(self, field: Field) -> Any:
         """Raw value of an object, for the SDO server."""
         if field.name == "hardware_version":
@@ -94,6 +101,9 @@ class CanopenDevice:
         """Take process data, whose values have been checked against the contract."""
         for name in pdo.fields:
             self.write(self.contract[name], values[name])
+
+    def receive_cycle(self, pdo: Pdo, values: Sequence[Mapping[str, float]], period_ns: int) -> None:
+        """Take process data that come over and over from now on, one each `period_ns`; none: they have ended."""
 
     def heard(self, node_id: int) -> None:
         """Called at each heartbeat of another node, if this one can watch them (1016h)."""
@@ -166,6 +176,7 @@ def attach(
     network.subscribe(local.sdo.rx_cobid, handle)
     for pdo in device.contract.receives:
         network.subscribe(pdo.cob_id(device.id), _receiver(local, device, pdo, changed))
+        network.cyclic[pdo.cob_id(device.id)] = _cyclic_receiver(device, pdo)
     if any(f.index == CONSUMER for f in device.contract.fields):
         for node_id in NODES:
             network.subscribe(HEARTBEAT + node_id, _heartbeat_receiver(device, node_id))
@@ -225,7 +236,29 @@ def _receiver(local: Any, device: CanopenDevice, declared: Pdo, changed: Callabl
     return receive
 
 
-def _heartbeat_receiver(device: CanopenDevice, node_id: int) -> Callable[[int, bytearray, float], None]:
+def _cyclic_receiver(device: CanopenDevice, declared: Pdo) -> Callable[[Sequence[bytes], int], object]:
+    """Takes a list of cyclic frames, unless one is too short or holds a value that is not allowed."""
+    contract = device.contract
+
+    def receive(frames: Sequence[bytes], period_us: int) -> None:
+        pdo = device.process_data.as_set(declared)
+        if pdo is None:
+            return
+        values = []
+        for data in frames:
+            parts = contract.parts(pdo, data)
+            values.append({name: contract.decode(name, part) for name, part in parts.items()})
+        if any(len(each) < len(pdo.fields) for each in values):
+            device.emergency(TOO_SHORT)
+        elif not all(contract.allows(name, value) for each in values for name, value in each.items()):
+            device.emergency(NOT_ALLOWED)
+        else:
+            device.receive_cycle(pdo, values, 1000 * period_us)
+
+    return receive
+
+
+def _heartbeat_receiver(device: CanopenDevice, node_id: int) -> Any:
     return lambda _cob_id, _data, _timestamp: device.heard(node_id)
 
 
@@ -234,6 +267,10 @@ class _Attached:
 
     def __init__(self, network: LockedNetwork, local: Any, device: CanopenDevice) -> None:
         self._network, self._local, self._device = network, local, device
+
+    @property
+    def operational(self) -> bool:
+        return bool(self._local.nmt.state == "OPERATIONAL")
 
     def transmit(self, pdo: Pdo) -> None:
         if self._local.nmt.state == "OPERATIONAL":

@@ -35,5 +35,5 @@ class RoleMap(Config):
         raise NotImplementedError
 
     def limits(self, contract: Contract) -> Mapping[str, Any]:
-        """Attributes of `DeviceKind` that follow from the map: `channels`, `frequency_step`, `travel`."""
+        """Attributes of `DeviceKind` that follow from the map: `channels`, `frequency_step`, `travel`, `cannot`."""
         return {}

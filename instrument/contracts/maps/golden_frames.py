@@ -221,7 +221,9 @@ def _compare(
         found = contract.decode(name, held, beside)
         used = modbus_frames.used_bits(f) if contract.bus == "modbus" else b"\xff" * f.size
         bytes_alike = all((one ^ other) & mask == 0 for one, other, mask in zip(held, data, used, strict=True))
-        close = math.isclose(found, value, rel_tol=TOLERANCE.get(f.type, ROUNDING), abs_tol=ROUNDING * f.scale)
+        close = math.isclose(
+            found, value, rel_tol=TOLERANCE.get(f.type, ROUNDING), abs_tol=ROUNDING * max(f.scale, abs(f.offset))
+        )
         same = (bytes_alike and close) or (math.isnan(found) and math.isnan(value))
     if not same:
         raise ConfigError(
