@@ -14,6 +14,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -109,6 +110,8 @@ def holds(raw: Any, read: Any, where: str = "") -> None:
     """Whether all that stands in a file was read as it stands there."""
     if isinstance(read, Config):
         read = vars(read)
+    elif is_dataclass(read):
+        read = {each.name: getattr(read, each.name) for each in fields(read)}
     if isinstance(raw, dict) and isinstance(read, dict):
         for key, value in raw.items():
             require(key in read, "key", where, key)
