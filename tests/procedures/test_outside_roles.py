@@ -12,7 +12,7 @@ import pytest
 
 import palpate
 from palpate.drivers.bench import Bench
-from palpate.drivers.roles import Exciter, LoadIndicator, SensorNode
+from palpate.drivers.roles import Exciter, LoadIndicator, Positioner, SensorNode
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.config import check
@@ -102,6 +102,26 @@ def test_a_device_to_which_the_scene_gives_a_role_measures_in_a_sweep_and_stands
             assert usual_device not in sim.devices
             found = ratio(sweep(bench, tmp_path / "run", **SMALL))
     assert found == pytest.approx(usual, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "nanotec-c5-e",
+        pytest.param("oriental-motor-blvd-krd", marks=pytest.mark.slow),
+        pytest.param("oriental-motor-blvd-krd-can", marks=pytest.mark.slow),
+    ],
+)
+def test_a_positioner_of_a_maker_carries_a_sweep_that_finds_the_ratio_that_our_own_finds(
+    kind: str, ideal: Scene, usual: float, tmp_path: Path
+) -> None:
+    stage = {"kind": kind, "role": "positioner", "metres_per_step": 1e-6, "travel": "25 mm"}  # as fine as the usual one
+    scene = ideal.with_devices({"stage": stage})
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        assert bench.role(Positioner) is bench.device("stage")
+        found = ratio(sweep(bench, tmp_path / "run", **SMALL))
+        assert found == pytest.approx(usual, rel=4e-3)  # a count of the node, 15 µV, in the smaller signal, 3.8 mV
+        assert bench.role(Positioner).position() == 0.0
 
 
 def written(folder: Path, devices: dict[str, dict[str, Any]], faults: str = "") -> Path:

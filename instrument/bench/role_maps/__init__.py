@@ -5,6 +5,7 @@ from __future__ import annotations
 from palpate.instrument.bench.role_maps.bias import BiasMap
 from palpate.instrument.bench.role_maps.exciter import ExciterMap
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
+from palpate.instrument.bench.role_maps.positioner import PositionerMap
 from palpate.instrument.bench.role_maps.role_map import RoleMap
 from palpate.instrument.bench.role_maps.sensor_node import SensorNodeMap
 
@@ -12,5 +13,6 @@ ROLE_MAPS: dict[str, type[RoleMap]] = {  # by role
     "bias": BiasMap,
     "exciter": ExciterMap,
     "load_indicator": LoadIndicatorMap,
+    "positioner": PositionerMap,
     "sensor_node": SensorNodeMap,
 }
