@@ -1,0 +1,269 @@
+"""Twins of positioners of makers: their axis moves the probe of the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from palpate.instrument.bench.role_maps.positioner import PositionerMap, PositionerSettings, State
+from palpate.instrument.bench.role_maps.steps import ramp_of, speed_of
+from palpate.instrument.contracts.contract import Command, Contract, Field
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.mapped.axis import Axis
+from palpate.simulators.mapped.twin import CanopenTwin, Twin
+from palpate.simulators.wire.device import DEVICE_FAILURE, Place, Refused
+
+HOMING_SPEED = 5e-3  # m/s [A]
+LOST, BEYOND = 0x85, 0x70  # alarms of a master that is gone, and of a target beyond the limits (BLV-R)
+MASTER_GONE = 0x8130  # emergency of CiA 301
+
+
+class Moving:
+    """What twins of positioners have in common: an axis that moves the probe, and what stops it."""
+
+    contract: Contract
+    clock: VirtualClock
+    settings: dict[str, float]
+    rig: Any
+    _map: PositionerMap
+    _stage: PositionerSettings
+
+    def _put_on(self, place: Place) -> None:
+        served: Any = place.kind.serves["positioner"]
+        self._map, self._stage, self.rig = served, place.settings, place.rig
+        self._axis = Axis()
+        self._homed = False
+        self._gone_ns = NEVER  # when its master counts as gone
+
+    def _turn(self) -> float:
+        steps = self._map.steps_per_turn
+        return self.settings[steps] if isinstance(steps, str) else steps
+
+    def _go(self) -> bool:
+        """Begin the move that its settings describe; returns whether the target is within its limits."""
+        m, held = self._map, self.settings
+        goal = held[m.target]
+        if m.soft_limits and held[m.soft_limits[0]] != held[m.soft_limits[1]]:
+            low, high = (held[name] for name in m.soft_limits)
+            if not low <= goal <= high:
+                return False
+        turn = self._turn()
+        speed = speed_of(self.contract[m.speed].unit, turn, held[m.speed])
+        up, down = (
+            ramp_of(self.contract[name].unit, turn, speed, held[name]) for name in (m.acceleration, m.deceleration)
+        )
+        self._axis.go(self.clock.now_ns(), goal, speed, up, down)
+        return True
+
+    def _find_home(self) -> None:
+        speed = HOMING_SPEED / abs(self._stage.metres_per_step)
+        self._homed = False
+        self._homing = True
+        self._axis.go(self.clock.now_ns(), -self._offset, speed, 10 * speed, 10 * speed)
+        if not self._axis.moving:
+            self._count_from_home()
+
+    def _count_from_home(self) -> None:
+        self._homing, self._homed, self._offset = False, True, 0.0
+        self._axis.put(0.0)
+
+    _homing = False
+    _offset = 0.0  # position of the probe where the drive counts 0 [step]
+
+    def _halt(self) -> None:
+        self._homing = False
+        self._axis.stop(self.clock.now_ns())
+        self._tell_rig()
+
+    def _lose_home(self) -> None:
+        """Count from where it stands, as a drive without an absolute scale does when it is switched on."""
+        self._offset += self._axis.goal
+        self._axis.put(0.0)
+        self._homed = False
+
+    def _tell_rig(self) -> None:
+        self.rig.set_position((self._axis.goal + self._offset) * self._stage.metres_per_step)
+
+    def next_event_ns(self) -> int:
+        return min(self._axis.ends_ns, self._gone_ns)
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if end_ns >= self._axis.ends_ns:
+            self._axis.arrive()
+            self._tell_rig()
+            if self._homing:
+                self._count_from_home()
+        if end_ns >= self._gone_ns:
+            self._gone_ns = NEVER
+            self._halt()
+            self._master_gone()
+
+    def _master_gone(self) -> None:
+        """Called when nothing was heard of the master for too long; it has stopped."""
+
+
+class PositionerTwin:
+    """The twin of a positioner on the bus of its map."""
+
+    @staticmethod
+    def at(place: Place) -> ModbusPositioner | DriveNode:
+        return (ModbusPositioner if place.kind.contract.bus == "modbus" else DriveNode)(place)
+
+
+class ModbusPositioner(Moving, Twin):
+    """The twin of a positioner on Modbus, which a write starts."""
+
+    def __init__(self, place: Place) -> None:
+        self._put_on(place)
+        self._alarm = 0
+        self._on = False
+        super().__init__(place)
+
+    def reset(self) -> None:
+        """Return to the state after power-on; the axis stops, and the position stays."""
+        self._axis.stop(self.clock.now_ns())
+        self._alarm, self._on, self._gone_ns = 0, False, NEVER
+        super().reset()
+        if not self._map.keeps_home:
+            self._lose_home()
+
+    def read(self, name: str) -> float:
+        m = self._map
+        if name == m.position:
+            return float(round(self._axis.at(self.clock.now_ns())))
+        states = [(state, true) for state, true in self._states() if state.field == name]
+        return float(self._word(states)) if states else super().read(name)
+
+    def _states(self) -> Iterator[tuple[State, bool]]:
+        """The states that the map knows, and whether the device is in them."""
+        m = self._map
+        yield m.arrived, not self._axis.moving
+        yield m.ready, self._on
+        yield m.fine, not self._alarm
+        if m.homed:
+            yield m.homed, self._homed
+
+    def _word(self, states: list[tuple[State, bool]]) -> int:
+        word = 0
+        for state, true in states:
+            if state.mask is None:
+                word = state.values[0] if true else self._alarm
+            else:
+                word |= state.values[0] if true else state.mask & ~state.values[0]
+        return word
+
+    def written(self, values: Mapping[str, float]) -> None:
+        m, contract = self._map, self.contract
+        if lifetime := values.get(m.lifetime, 0.0):
+            self._gone_ns = self.clock.now_ns() + round(1e6 * lifetime) if lifetime > 0 else NEVER
+        starts = {name: contract.raw(name, value) for name, value in m.with_target.items()}
+        if m.target in values and all(contract[name].to_raw(values[name]) == raw for name, raw in starts.items()):
+            self._start()
+        for name, value in m.idle.items():  # the device clears its trigger
+            self.settings[name] = contract.raw(name, value) * contract[name].scale
+
+    def _start(self) -> None:
+        if self._alarm or not self._on:
+            raise Refused(DEVICE_FAILURE)
+        if not self._go():
+            self._alarm = BEYOND
+
+    def carry_out(self, command: Command) -> None:
+        m = self._map
+        if command.name == m.enable:
+            self._on = not self._alarm
+        elif command.name == m.stop:
+            self._halt()
+        elif command.name == m.reset:
+            self._alarm = 0
+        elif command.name == m.find_home[-1] and self._on:
+            self._find_home()
+
+    def _master_gone(self) -> None:
+        self._alarm = LOST
+
+
+DISABLED, READY, SWITCHED_ON, ENABLED, FAULT = 0x40, 0x21, 0x23, 0x27, 0x08  # states of CiA 402 in the status word
+VOLTAGE, REMOTE, REACHED, SPECIFIC = 0x10, 0x200, 0x400, 0x1000  # other bits of it
+NEW, RESET = 0x10, 0x80  # bits of the control word: start; reset a fault
+PROFILE_POSITION, HOMING = 1, 6  # modes
+
+
+class DriveNode(Moving, CanopenTwin):
+    """The twin of a drive on CANopen, with the state machine and the modes of CiA 402: profile position and homing."""
+
+    def __init__(self, place: Place) -> None:
+        self._put_on(place)
+        super().__init__(place)
+        place.clock.add(self)
+
+    def reset(self) -> None:
+        """Return to the state after power-on; the axis stops, and the position stays."""
+        super().reset()
+        self._state, self._taken, self._gone_ns = DISABLED, False, NEVER
+        self._axis.stop(self.clock.now_ns())
+        if not self._map.keeps_home:
+            self._lose_home()
+
+    def read(self, field: Field) -> Any:
+        match field.name:
+            case "statusword":
+                return self._word()
+            case "mode_display":
+                return int(self.settings["mode"])
+            case name if name == self._map.position:
+                return round(self._axis.at(self.clock.now_ns()))
+        homed = self._map.homed
+        if homed and field.name == homed.field:
+            return homed.values[0] if self._homed else 0
+        return super().read(field)
+
+    def _word(self) -> int:
+        specific = self._homed if self.settings["mode"] == HOMING else self._taken
+        return self._state | VOLTAGE | REMOTE | (not self._axis.moving) * REACHED | specific * SPECIFIC
+
+    def write(self, field: Field, value: float) -> None:
+        """Store what a client writes, and follow the control word."""
+        before = int(self.settings["controlword"])
+        super().write(field, value)
+        if field.name == "controlword":
+            self._controlled(before, int(value))
+        elif field.name == self._map.heartbeat:
+            self._gone_ns = NEVER  # it waits from the first heartbeat on
+
+    def _controlled(self, before: int, word: int) -> None:
+        if self._state == FAULT:
+            if word & ~before & RESET:
+                self._state = DISABLED
+            return
+        was = self._state
+        if not word & 0x02 or not word & 0x04:
+            self._state = DISABLED
+        elif word & 0x0F == 0x06:
+            self._state = READY
+        elif word & 0x0F == 0x07 and was != DISABLED:
+            self._state = SWITCHED_ON
+        elif word & 0x0F == 0x0F and was in (SWITCHED_ON, ENABLED):
+            self._state = ENABLED
+        if was == ENABLED != self._state:
+            self._halt()
+        if self._state == ENABLED == was and word & ~before & NEW:
+            self._begin()
+        if not word & NEW:
+            self._taken = False
+
+    def _begin(self) -> None:
+        if self.settings["mode"] == HOMING:
+            self._find_home()
+        elif self.settings["mode"] == PROFILE_POSITION and (not self._map.torque or self.settings[self._map.torque]):
+            self._taken = self._go()
+
+    def heard(self, node_id: int) -> None:
+        """As for every node."""
+        watched = int(self.settings[self._map.heartbeat])
+        if watched >> 16 == node_id and watched & 0xFFFF:
+            self._gone_ns = self.clock.now_ns() + 1_000_000 * (watched & 0xFFFF)
+
+    def _master_gone(self) -> None:
+        self._state = FAULT
+        self.emergency(MASTER_GONE)
