@@ -13,6 +13,7 @@ from palpate.instrument.contracts.contract import Contract, Pdo
 Floats = npt.NDArray[np.float64]
 Kept = Sequence[tuple[int, bytes]]
 """Frames, each with the number of the SYNC before it."""
+BROKEN = -1  # number of a frame of a wrong size
 
 
 class Counts:
@@ -46,11 +47,12 @@ class Counts:
     def first_wrong(self, pdo: Pdo, frames: Kept, count: int) -> int | None:
         """Number of the first SYNC, up to `count`, that was not answered by one whole frame; None: there is none."""
         size = self.sizes[self.pdos.index(pdo)]
-        numbers = np.fromiter((number if len(data) == size else 0 for number, data in frames[:count]), int)
+        numbers = np.fromiter((number if len(data) == size else BROKEN for number, data in frames[:count]), int)
         wrong = np.flatnonzero(numbers != np.arange(1, len(numbers) + 1))
-        if wrong.size:
-            return int(min(max(numbers[wrong[0]], 1), wrong[0] + 1))
-        return len(numbers) + 1 if len(numbers) < count else None
+        if not wrong.size:
+            return len(numbers) + 1 if len(numbers) < count else None
+        due, came = int(wrong[0]) + 1, int(numbers[wrong[0]])
+        return max(came, 1) if BROKEN < came < due else due  # a second answer to an earlier one, or none to this one
 
     def decoded(self, frames: Mapping[str, Kept]) -> tuple[Floats, npt.NDArray[np.bool_]]:
         """Readings, shape (channels, n), and whether each is at the end of its range, where it may be saturated."""

@@ -72,7 +72,10 @@ class Chosen:
         assert self.scene is not None
         design = self.scene.design.with_pickup(self.scene.pickup)
         force_limit = BenchDescription.model_fields["force_limit"].default
-        return with_kinds(Target(design, force_limit, self.scene.nodes, self.scene.model), self.scene.kind_in)
+        given = [guest.kind for guest in self.scene.devices if guest.table.get("role") == "sensor_node"]
+        count, channels = (len(given), given[0].channels) if given else (self.scene.nodes, CHANNELS)
+        target = Target(design, force_limit, count, self.scene.model, channels)
+        return with_kinds(target, self.scene.kind_in)
 
     def check_names(self) -> None:
         """Raises ConfigError: a device, the design or an effect has a name that an installed package uses as well."""

@@ -1,0 +1,294 @@
+"""The driver of sensor nodes of makers: whose SYNC it takes, what counts mean, and that no sample is lost unseen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.device import Place
+from palpate.drivers.mapped.sensor_node import MappedNode
+from palpate.drivers.mapped.sync import missing_sync
+from palpate.instrument.bench.kinds import device_kind
+from palpate.instrument.bench.role_maps.sensor_node import NodeSettings
+from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.planning.settle import read_scene
+from tests.drivers.objects import Objects
+
+SYNC, SAMPLES = 0x80, 0x183
+VOLTS = 1e-4
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "canopennode-io": {"emergency_cob_id": 0x83, "device_name": "CANopenNode"},
+    "baumer-dsrt": {"emergency_cob_id": 0x83, "device_name": "DSRT", "vendor": 0x5F, "reading_object": 0x7130},
+    "baumer-dsrt-24": {"emergency_cob_id": 0x83, "device_name": "DSRT", "vendor": 0x5F, "reading_object": 0x8130},
+}
+
+
+class Bus(Objects):
+    """A link with one node, whose frames can have time stamps."""
+
+    bitrate, stamped = 125_000.0, False
+
+    def frame(self, cob_id: int, data: bytes, at: float = 0.0) -> None:
+        self.subscribed[cob_id](cob_id, bytearray(data), at)
+
+
+def node(kind: str = "canopennode-io", **settings: Any) -> tuple[MappedNode, Bus]:
+    """A driver of node 3."""
+    found = device_kind(kind)
+    link: Any = Bus(found.contract, **DEFAULTS[kind])
+    link.held[0x1800, 1] = (0x4000_0183).to_bytes(4, "little")
+    given = NodeSettings(**({"volts_per_unit": VOLTS} | settings))
+    driver = MappedNode.at(Place(link, 3, given, VirtualClock(), found))
+    driver.connect()
+    return driver, link
+
+
+def counts(*values: int, size: int = 2) -> bytes:
+    return b"".join(value.to_bytes(size, "little", signed=True) for value in values)
+
+
+# --- what counts mean ----------------------------------------------------------------------------------
+
+
+def test_counts_are_volts_by_the_bench_file_and_the_end_of_their_range_is_saturated() -> None:
+    driver, link = node()
+    driver.arm(2)
+    link.frame(SYNC, b"")
+    link.frame(SAMPLES, counts(100, -200, 32767, 32766))
+    link.frame(SYNC, b"")
+    link.frame(SAMPLES, counts(0, 1, -32767, -32768))
+    found = driver.collect(2, 250.0)
+    assert (found.node, found.rate, found.time.tolist()) == (3, 250.0, [0.004, 0.008])
+    assert found.voltage == pytest.approx(VOLTS * np.array([[100, 0], [-200, 1], [32767, -32767], [32766, -32768]]))
+    assert found.saturated.tolist() == [[False, False], [False, False], [True, True], [False, True]]
+    assert driver.ranges == {"fixed": pytest.approx(3.2767)}
+    assert driver.resolution(4) == pytest.approx(VOLTS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "raw", "strain"), [("baumer-dsrt", 2, -300, -3.0), ("baumer-dsrt-24", 3, -80_000, -800.0)]
+)
+def test_a_node_tells_its_own_decimals(kind: str, size: int, raw: int, strain: float) -> None:
+    driver, link = node(kind, sync_node=9)
+    driver.arm(1)
+    link.frame(SYNC, b"")
+    link.frame(SAMPLES, counts(raw, size=size))
+    assert driver.collect(1, 100.0).voltage == pytest.approx(VOLTS * strain)
+    assert driver.resolution(1) == pytest.approx(VOLTS / 100)
+    link.put(decimals=1)  # as writing 2112h does
+    with pytest.raises(DeviceError, match="decimals is 1, was 2 before, so the scale of its readings has changed"):
+        driver.differences()
+
+
+def test_a_status_that_is_not_ok_is_noticed() -> None:
+    driver, link = node("baumer-dsrt", sync_node=9)
+    assert driver.notices() == []
+    link.put(status="overflow")
+    assert driver.notices() == ["Baumer DSRT 22DJ 3 at bus: status is overflow"]
+
+
+# --- lost samples --------------------------------------------------------------------------------------
+
+GOOD = [SYNC, SAMPLES, SYNC, SAMPLES, SYNC, SAMPLES]
+
+
+@pytest.mark.parametrize(
+    ("frames", "number"),
+    [
+        ([SYNC, SAMPLES, SYNC, SYNC, SAMPLES], 2),  # lost on the way
+        ([SYNC, SAMPLES, SAMPLES, SYNC, SAMPLES, SYNC, SAMPLES], 1),  # comes twice, or a SYNC was lost
+        ([SYNC, SAMPLES, SYNC, SYNC, SAMPLES, SAMPLES], 2),  # comes late
+        ([SAMPLES, SYNC, SAMPLES, SYNC, SAMPLES], 1),
+        ([SYNC, SAMPLES, SYNC, SAMPLES], 3),
+        ([SYNC, SAMPLES, SYNC, 7, SYNC, SAMPLES], 2),  # of seven bytes
+        ([], 1),
+    ],
+)
+def test_a_sync_without_one_whole_answer_is_told_by_its_number(frames: list[int], number: int) -> None:
+    driver, link = node()
+    for each, wrong in ((GOOD, False), (frames, True)):
+        driver.arm(3)
+        for frame in each:
+            link.frame(frame if frame == SYNC else SAMPLES, bytes({SYNC: 0, SAMPLES: 8}.get(frame, frame)))
+        if wrong:
+            with pytest.raises(LinkError, match=f"samples are missing from number {number} on; the bus lost frames"):
+                driver.collect(3, 250.0)
+        else:
+            driver.collect(3, 250.0)
+
+
+def test_a_node_that_sends_without_end_fills_no_memory() -> None:
+    driver, link = node()
+    link.frame(SAMPLES, bytes(8))
+    driver.arm(2)
+    for _ in range(9):
+        link.frame(SYNC, b"")
+        link.frame(SAMPLES, bytes(8))
+    assert (len(driver._frames["samples"]), len(driver._stamps)) == (4, 4)
+
+
+def test_a_lost_sync_shows_by_the_time_stamps_of_the_others() -> None:
+    rng = np.random.default_rng(4)
+    stamps = 1e9 + np.arange(2000) / 250 * (1 + 1e-4) + np.abs(rng.normal(0, 1e-3, 2000))  # a PC is late, seldom early
+    assert missing_sync(stamps.tolist(), 250.0) is None
+    for lost in (slice(700, 701), slice(700, 705)):
+        number = missing_sync(np.delete(stamps, lost).tolist(), 250.0)
+        assert number == pytest.approx(700, abs=40)
+
+
+def test_time_stamps_count_where_frames_travel_on_a_wire() -> None:
+    driver, link = node()
+    for stamped in (False, True):
+        link.stamped = stamped  # type: ignore[misc]
+        driver.arm(200)
+        for number in range(200):
+            link.frame(SYNC, b"", (number + (number > 99)) / 250)  # SYNC 100 and its answer were lost
+            link.frame(SAMPLES, bytes(8))
+        if stamped:
+            with pytest.raises(LinkError, match="samples are missing from number"):
+                driver.collect(200, 250.0)
+        else:
+            driver.collect(200, 250.0)
+
+
+# --- refused by name, before anything moves ------------------------------------------------------------
+
+
+def test_what_the_bench_file_must_say_is_asked_for_by_name() -> None:
+    driver, _ = node(volts_per_unit=None)
+    with pytest.raises(
+        ConfigError, match=r"volts_per_unit in its section .* reads counts; give what one of them stands"
+    ):
+        _ = driver.ranges
+    driver, _ = node("baumer-dsrt")
+    with pytest.raises(
+        ConfigError, match="cannot send SYNC, and a PC's own would come too early or too late; write sync"
+    ):
+        driver.set_sample_rate(100.0)
+    driver, _ = node("baumer-dsrt", volts_per_unit=None, sync_node=9)
+    with pytest.raises(ConfigError, match="the node reads µε; give what one of them stands for in V"):
+        _ = driver.ranges
+
+
+def test_rates_and_ranges_that_it_has_not_are_refused_and_nothing_is_sent() -> None:
+    driver, link = node()
+    link.done.clear()
+    for rate in (1000.1, 0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(RangeError, match="is not above 0 and up to 1000 Hz"):
+            driver.set_sample_rate(rate)
+    with pytest.raises(UnknownName, match="range of the CANopenNode I/O"):
+        driver.set_range(1, "5 V")
+    driver.set_range(1, "fixed")
+    with pytest.raises(DeviceError, match="no sample rate is set"):
+        driver.acquire_with([], 1.0)
+    assert link.done == []
+
+
+def test_more_frames_than_the_bus_can_carry_are_refused() -> None:
+    driver, link = node()
+    driver.set_sample_rate(1000.0)
+    link.done.clear()
+    with pytest.raises(RangeError, match=r"1 nodes at 1000 samples/s fill 1\d\d % of a bus of 125000 bit/s"):
+        driver.acquire_with([], 1.0)
+    for duration in (0.0, float("nan"), 1e9):
+        with pytest.raises(RangeError, match="duration"):
+            driver.acquire_with([], duration)
+    with pytest.raises(ConfigError, match="is on another bus"):
+        driver.acquire_with([node()[0]], 1.0)
+    assert link.done == []
+
+
+# --- on a bus ------------------------------------------------------------------------------------------
+
+STRAIN = {"kind": "baumer-dsrt", "role": "sensor_node", "volts_per_unit": 1e-2, "sync_node": 3}
+DEVICES: dict[str, dict[str, Any]] = {"film_1": STRAIN, "film_2": STRAIN, "clock": {"kind": "canopennode-io"}}
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[tuple[SimulatedBench, Any]]:
+    scene = read_scene("thesis_single").with_devices(DEVICES)
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as opened:
+        yield sim, opened
+
+
+def test_nodes_that_send_no_sync_sample_at_that_of_another_and_leave_it_off(bench: tuple[SimulatedBench, Any]) -> None:
+    sim, opened = bench
+    one, two = opened.device("film_1"), opened.device("film_2")
+    one.set_sample_rate(250.0)
+    first, second = one.acquire_with([two], 0.4)
+    assert first.voltage.shape == second.voltage.shape == (1, 100)
+    assert (first.node, second.node, first.rate) == (1, 2, 250.0)
+    assert sim.can.sync_rate == 0.0
+
+
+def test_sync_that_does_not_come_or_too_seldom_is_noticed(
+    bench: tuple[SimulatedBench, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sim, opened = bench
+    one = opened.device("film_1")
+    one.set_sample_rate(250.0)
+    carry = sim.can._bus.burst  # type: ignore[attr-defined]
+    with monkeypatch.context() as patched:
+        patched.setattr(sim.can._bus, "burst", lambda payloads: carry([each for each in payloads if each[0] > 0x200]))
+        with pytest.raises(DeviceError, match="no SYNC came; check that node 3 is there"):
+            one.acquire_with([], 0.4)
+        patched.setattr(
+            sim.can._bus, "burst", lambda payloads: carry(payloads[: (len(payloads) + 1) // 2])
+        )  # whole periods
+        with pytest.raises(
+            LinkError, match=r"SYNCs came in .* were due; the bus lost frames, or another node sends SYNC"
+        ):
+            one.acquire_with([], 4.0)
+    assert one.acquire_with([], 0.1)[0].voltage.shape == (1, 25)
+
+
+def test_a_tare_by_text_makes_the_reading_zero(bench: tuple[SimulatedBench, Any]) -> None:
+    _, opened = bench
+    one = opened.device("film_1")
+    one.command("tare")
+    one.set_sample_rate(250.0)
+    assert abs(one.get("strain")) <= 0.01
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "content", "why"),
+    [
+        (0x1A00, 0, "00", "device state"),  # it is on
+        (0x1800, 1, "81 02 00 40", "range"),  # moves while it is on
+        (0x1800, 1, "81 01 00 80", "range"),  # bit 30 is cleared
+        (0x1A00, 1, "10 01 30 71", "device state"),  # while objects are counted
+    ],
+)
+def test_a_twin_refuses_to_have_its_process_data_changed_out_of_turn(
+    bench: tuple[SimulatedBench, Any], index: int, subindex: int, content: str, why: str
+) -> None:
+    one = bench[1].device("film_1")
+    with pytest.raises(DeviceError, match=why):
+        one.link.download("test", one._node, index, subindex, bytes.fromhex(content))
+    assert one.differences() == []
+
+
+def test_a_twin_holds_only_what_it_has_and_what_a_frame_can_carry(bench: tuple[SimulatedBench, Any]) -> None:
+    clock = bench[1].device("clock")
+
+    def write(index: int, subindex: int, value: int, size: int = 4) -> None:
+        clock.link.download("test", clock._node, index, subindex, value.to_bytes(size, "little"))
+
+    write(0x1800, 1, 0xC000_0183)
+    write(0x1A00, 0, 0, 1)
+    for entry in (0x6401_01_08, 0x6401_05_10, 0x1008_00_20):  # another size, no such object, a text
+        with pytest.raises(DeviceError, match="mapped"):
+            write(0x1A00, 1, entry)
+    for number in range(1, 6):
+        write(0x1A00, number, 0x6401_01_10)
+    with pytest.raises(DeviceError, match="length"):
+        write(0x1A00, 0, 5, 1)
+    assert clock.differences() == ["CANopenNode I/O 3 at " + clock.link.name + ": PDO samples is no longer set up"]
+    clock.restore()
+    assert clock.differences() == []
