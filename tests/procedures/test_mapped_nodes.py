@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+import palpate
 from palpate.drivers.bench import Bench
 from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.simulators.bench import SimulatedBench
@@ -60,3 +61,39 @@ def test_a_maker_s_node_finds_the_ratio_that_ours_finds_within_one_of_its_counts
     assert point.voltage_rigid_V == pytest.approx(usual.voltage_rigid_V, abs=count)
     assert point.voltage_total_V == pytest.approx(usual.voltage_total_V, abs=count)
     assert point.force_ratio == pytest.approx(usual.force_ratio, rel=count / usual.voltage_rigid_V)
+
+
+FAULT = '\n[[fault]]\nkind = "{}"\non = "{}"\n{}\n'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "fault", "told"),
+    [
+        ("canopennode-io", ("lost_frame", "io", "transaction = 300"), "samples are missing from number"),
+        ("canopennode-io", ("duplicated_frame", "io", "transaction = 300"), "samples are missing from number"),
+        ("canopennode-io", ("node_reboot", "io", 'at = "84 s"'), "PDO samples is no longer set up"),
+        ("baumer-dsrt", ("delayed_frame", "film_2", "transaction = 200"), "samples are missing from number"),
+        ("baumer-dsrt", ("node_reboot", "film_2", 'at = "84 s"'), "has started anew"),
+        (
+            "baumer-dsrt",
+            ("node_reboot", "clock", 'at = "84 s"'),
+            "node 3, which sends SYNC, no longer holds its period",
+        ),
+    ],
+)
+def test_a_fault_of_the_bus_or_of_a_node_costs_a_repeated_step_and_no_sample(
+    kind: str, fault: tuple[str, str, str], told: str, ideal: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PALPATE_STORE", str(tmp_path))
+    scene, asked = tmp_path / "scene.toml", palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=0.5)
+    found = []
+    for number, faults in enumerate(("", FAULT.format(*fault))):
+        scene.write_text(ideal.with_devices(NODES[kind]).to_toml() + faults, encoding="utf-8")
+        with palpate.open_bench(scene=str(scene)) as bench:
+            (point,) = palpate.run(asked, bench, out=tmp_path / str(number)).result.points
+        assert point.valid
+        found.append(point.force_ratio)
+    incidents = [each["message"] for each in palpate.read(tmp_path / "1").events() if each["kind"] == "incident"]
+    assert told in incidents[0]
+    assert found[1] == pytest.approx(found[0], rel=4e-3)  # at another time, so at another phase of its counts

@@ -62,6 +62,11 @@ class SensorNodeMap(RoleMap):
             problems.append(f"channels: {', '.join(sorted(twice))} would come twice at each SYNC; name each once")
         if not problems and len({contract[name].unit for name in self.channels}) > 1:
             problems.append("channels: they have several units; a node has one `volts_per_unit` for all")
+        problems += [
+            f"channels: PDO {pdo.name} has transmission = {pdo.transmission}; give 1, so that it answers every SYNC"
+            for pdo in contract.pdos
+            if pdo.index and pdo.transmission != 1 and set(pdo.fields) & {*self.channels}
+        ]
         writable = {f.address for f in contract.fields if f.access == "rw"}
         if self.sends_sync and not {SYNC_COB_ID, SYNC_PERIOD} <= writable:
             problems.append("sends_sync: needs fields at 1005:0 and 1006:0 that can be written")
