@@ -90,10 +90,13 @@ class MappedPositioner(EitherBus):
 
     def _get_ready(self) -> None:
         """Reset an alarm, and switch the motor on. Raises DeviceError: an alarm stays, or it does not go on."""
-        if not self._is(self._map.fine):
-            self.command(self._map.reset)
+        self._reset_alarm()
         if not self._is(self._map.ready):
             self.command(self._map.enable)
+
+    def _reset_alarm(self) -> None:
+        if not self._is(self._map.fine):
+            self.command(self._map.reset)
 
     def _is(self, state: State) -> bool:
         return self._holds(state, self.held(state.field))
@@ -162,7 +165,10 @@ class MappedPositioner(EitherBus):
         """What is written in order to move, and the time that it takes [s]. Raises RangeError: it cannot be written."""
         m, stage, field = self._map, self._stage, self.contract[self._map.speed]
         asked = speed_value(field.unit, self._turn, speed / abs(stage.metres_per_step))
-        self.contract.raw(m.speed, asked)
+        if self.contract.raw(m.speed, asked) <= 0:
+            raise RangeError(
+                f"{self.name}: speed {1e3 * speed:g} mm/s is {asked:.3g} {field.unit}, which it cannot go; give more"
+            )
         rounded = speed_of(field.unit, self._turn, field.to_raw(asked) * field.scale)  # as the device takes it
         values: dict[str, Value] = {m.target: self._steps(target), m.speed: asked, **m.with_target}
         moving = self._moving(rounded)
@@ -253,6 +259,9 @@ class MappedPositioner(EitherBus):
         return found
 
     def restore(self) -> None:
-        """As for every device; an alarm is reset, and the motor is switched on."""
+        """As for every device; an alarm is reset, and the motor is switched on. A lost home is left to `home`."""
+        self._reset_alarm()
+        if not self._homed:
+            self._target = None
         super().restore()
         self._get_ready()

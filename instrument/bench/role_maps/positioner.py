@@ -155,13 +155,13 @@ class PositionerMap(RoleMap):
         return [f"{name!r} is no command; valid: {', '.join(valid)}" for name in named if name not in valid]
 
     def _wrong_units(self, contract: Contract) -> list[str]:
-        steps = (self.position, self.target, *(self.soft_limits or ()))
-        wanted: dict[str, tuple[str, ...]] = dict.fromkeys(steps, ("step",))
-        wanted |= {self.speed: SPEEDS, self.acceleration: RAMPS, self.deceleration: RAMPS}
-        wanted |= {name: (unit,) for name, unit in ((self.torque, "%"), (self.lifetime, "ms")) if name}
+        wanted: list[tuple[str, tuple[str, ...]]]
+        wanted = [(name, ("step",)) for name in (self.position, self.target, *(self.soft_limits or ()))]
+        wanted += [(self.speed, SPEEDS), (self.acceleration, RAMPS), (self.deceleration, RAMPS)]
+        wanted += [(name, (unit,)) for name, unit in ((self.torque, "%"), (self.lifetime, "ms")) if name]
         return [
             f"{name}: its unit is {contract[name].unit!r}; valid: {', '.join(units)}"
-            for name, units in wanted.items()
+            for name, units in wanted
             if contract[name].unit not in units
         ]
 

@@ -1,0 +1,228 @@
+"""Positioners of makers: what is written for a move, when it has arrived, what stops it, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from palpate.drivers.bench import Bench
+from palpate.instrument.bench.kinds import device_kind
+from palpate.instrument.bench.role_maps.positioner import PositionerMap
+from palpate.instrument.config import check
+from palpate.instrument.errors import ConfigError, DeviceError, RangeError
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.guests import guests
+from palpate.simulators.mapped.axis import Axis
+from palpate.simulators.planning.settle import read_scene
+from tests.procedures.conftest import happens_in
+
+LEAD = 1e-3  # m of the screw
+STEPS = {  # of a turn
+    "oriental-motor-blvd-krd": 36_000,
+    "oriental-motor-blvd-krd-can": 36_000,
+    "nanotec-c5-e": 2_000,
+    "leadshine-cs2rs": 10_000,
+}
+KRD, KRD_CAN, C5, CS2RS = STEPS
+ALL = [pytest.param(kind, marks=[pytest.mark.slow] * (kind in (KRD_CAN, CS2RS))) for kind in STEPS]
+
+
+@contextmanager
+def served(kind: str, **section: Any) -> Iterator[tuple[SimulatedBench, Any]]:
+    """A simulated bench on which such a device moves the probe, and its twin."""
+    table = {"kind": kind, "role": "positioner", "metres_per_step": LEAD / STEPS[kind], "travel": "25 mm", **section}
+    with SimulatedBench(replace(read_scene("ideal"), devices=guests({"stage": table}, "scene"))) as sim:
+        yield sim, sim.devices["stage"]
+
+
+@contextmanager
+def opened(kind: str, **section: Any) -> Iterator[tuple[SimulatedBench, Any, Any]]:
+    """The same, with its driver on the open bench."""
+    with served(kind, **section) as (sim, twin), Bench(sim.description, sim.clock, sim.operator) as bench:
+        yield sim, twin, bench.device("stage")
+
+
+# by hand: 2 mm at 1 mm/s and 20 mm/s², with a screw of 1 mm: 2 turns at 60 r/min, 20 turns/s² = 1200 r/min/s, so that it
+# is at speed after 50 ms, and would be at 1000 r/min after 833 ms
+WRITTEN: dict[str, dict[str, float]] = {
+    KRD: {"operation": 1, "target": 72_000, "speed": 60, "acceleration": 50, "deceleration": 50, "torque": 50},
+    KRD_CAN: {"target": 72_000, "speed": 60, "acceleration": 1200, "deceleration": 1200, "max_torque": 50, "mode": 1},
+    C5: {"target": 4_000, "speed": 60, "acceleration": 1200, "deceleration": 1200, "max_torque": 50, "mode": 1},
+    CS2RS: {"path_mode": 1, "target": 20_000, "speed": 60, "acceleration": 833, "deceleration": 833, "pause": 0},
+}
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_a_move_takes_the_time_of_its_speed_and_acceleration_and_moves_the_probe(kind: str) -> None:
+    with opened(kind) as (sim, twin, stage):
+        stage.home()
+        begun = sim.clock.now_ns()
+        stage.move(2e-3, 1e-3)
+        assert {name: round(twin.settings[name]) for name in WRITTEN[kind]} == WRITTEN[kind]
+        assert 1e-9 * (sim.clock.now_ns() - begun) == pytest.approx(2.05, abs=0.05)
+        assert (sim.rig.position, stage.position()) == (pytest.approx(2e-3), pytest.approx(2e-3))
+        high = round(25e-3 / LEAD * STEPS[kind])
+        assert (twin.settings["limit_low"], twin.settings["limit_high"]) == (0, high)
+        assert stage.differences() == []
+        stage.home()
+        assert sim.rig.position == 0.0
+
+
+@pytest.mark.slow
+def test_steps_may_count_upwards() -> None:
+    with opened(C5, metres_per_step=-5e-7) as (sim, twin, stage):
+        stage.home()
+        stage.move(1e-3)
+        assert (twin.settings["target"], sim.rig.position) == (-2000, pytest.approx(1e-3))
+        assert (twin.settings["limit_low"], twin.settings["limit_high"]) == (-50_000, 0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "value", "said"),
+    [
+        (KRD, "failed_requests", 0.0, "failed_requests is normal, must be exception"),
+        pytest.param(KRD, "timeout", 500.0, "timeout is 500, must be 0", marks=pytest.mark.slow),
+        pytest.param(KRD, "trigger_clears", 0.0, "trigger_clears is no, must be yes", marks=pytest.mark.slow),
+        pytest.param(C5, "steps_per_turn", 0.0, "steps_per_turn is 0; set the steps", marks=pytest.mark.slow),
+    ],
+)
+def test_a_setting_that_hides_failures_is_refused_when_the_bench_is_opened(
+    kind: str, field: str, value: float, said: str
+) -> None:
+    with served(kind) as (sim, twin):
+        twin.settings[field] = value
+        with pytest.raises(DeviceError, match=said), Bench(sim.description, sim.clock, sim.operator):
+            pass
+
+
+def test_what_it_cannot_do_is_refused_before_anything_moves() -> None:
+    with opened(C5) as (sim, twin, stage):
+        with pytest.raises(DeviceError, match="has lost its home; move it home first"):
+            stage.move(1e-3)
+        stage.home()
+        for target, speed in ((25.1e-3, 1e-3), (-1e-6, 1e-3), (1e-3, 0.0), (1e-3, -1.0), (1e-3, 1e-6), (1e-3, 1e6)):
+            with pytest.raises(RangeError, match="outside|does not fit|give one above 0|give more"):
+                stage.move(target, speed)
+        assert twin.settings["target"] == 0
+        assert sim.rig.position == 0.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "stops"),
+    [(KRD, True), *[pytest.param(*p, marks=pytest.mark.slow) for p in ((KRD_CAN, True), (C5, False), (CS2RS, False))]],
+)
+def test_a_device_that_watches_its_master_stops_when_it_is_gone(kind: str, stops: bool) -> None:
+    with opened(kind) as (sim, twin, stage):
+        stage.home()
+        stage._target = None
+        stage._begin(stage._move(10e-3, 10e-3, 1e-3)[0])
+        sim.clock.wait(20.0)
+        if not stops:
+            assert sim.rig.position == pytest.approx(10e-3)  # their pages say so
+            return
+        assert sim.rig.position == pytest.approx(1e-3, abs=5e-5)
+        (said,) = [each for each in stage.differences() if "alarm" in each]
+        assert ("alarm = 0x85" in said) == (kind == KRD)
+        stage.restore()
+        stage.move(2e-3)
+        sim.clock.wait(20.0)  # nobody needs to renew a move that has ended
+        assert stage.differences() == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [KRD, KRD_CAN])
+def test_an_interrupt_in_a_move_stops_the_motor(kind: str) -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    with opened(kind) as (sim, twin, stage):
+        stage.home()
+        happens_in(sim, 1.0, interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            stage.move(10e-3)
+        assert not twin._axis.moving
+        assert stage.position() == pytest.approx(1e-3, abs=1e-4)
+        sim.clock.wait(20.0)
+        assert not [each for each in stage.differences() if "alarm" in each]
+        stage.move(2e-3)
+
+
+@pytest.mark.slow
+def test_a_move_that_does_not_arrive_in_time_is_stopped_and_told() -> None:
+    with opened(CS2RS) as (sim, twin, stage):
+        stage.home()
+        happens_in(sim, 0.5, lambda: twin._axis.go(sim.clock.now_ns(), 20_000, 1.0, 1e9, 1e9))  # it is held
+        with pytest.raises(DeviceError, match=r"stands at 0\.4\d+ mm after 9\.\d+ s, was sent to 2 mm; it was stopped"):
+            stage.move(2e-3)
+        assert not twin._axis.moving
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [KRD, C5, CS2RS])
+def test_after_a_power_cycle_settings_return_and_a_home_that_was_lost_is_looked_for(kind: str) -> None:
+    with opened(kind) as (sim, twin, stage):
+        stage.home()
+        stage.move(2e-3)
+        twin.reset()
+        assert any("has lost its home" in each for each in stage.differences()) == (kind != KRD)
+        stage.restore()
+        if kind == KRD:  # its encoder is absolute
+            stage.move(3e-3)
+        else:
+            with pytest.raises(DeviceError, match="has lost its home"):
+                stage.move(3e-3)
+        stage.home()
+        assert sim.rig.position == pytest.approx(0.0, abs=1e-9)
+        stage.move(1e-3)
+        assert sim.rig.position == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"target": "nothing"}, "target: 'nothing' is no field that can be written; valid: operation, target"),
+        ({"position": "reset"}, "position: 'reset' is no field that can be read"),
+        ({"enable": "go"}, "'go' is no command; valid: enable, stop"),
+        ({"speed": "acceleration"}, "acceleration: its unit is 'ms'; valid: step/s, r/min"),
+        ({"with_target": {"trigger": "start"}}, "with_target: operation is written with the target; give its value"),
+    ],
+)
+def test_a_table_that_its_map_does_not_bear_out_is_refused(change: dict[str, Any], said: str) -> None:
+    kind = device_kind(KRD)
+    assert kind.map is not None
+    table = check({**kind.map.roles["positioner"], **change}, PositionerMap, "map")
+    assert any(each.startswith(said) for each in table.wrong(kind.contract))
+
+
+def test_a_table_with_two_watches_or_half_a_watch_is_refused() -> None:
+    kind = device_kind(KRD)
+    assert kind.map is not None
+    for change, said in (
+        ({"heartbeat": "timeout"}, "lifetime and heartbeat"),
+        ({"idle": {}}, "needed with a lifetime"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            check({**kind.map.roles["positioner"], **change}, PositionerMap, "map")
+
+
+def test_an_axis_speeds_up_and_slows_down() -> None:
+    axis = Axis()
+    axis.go(0, -100.0, 10.0, 2.0, 2.5)  # 5 s and 25 steps up, 4 s and 20 steps down, 5.5 s between
+    assert axis.ends_ns == pytest.approx(14.5e9)
+    for time, position in ((0.0, 0.0), (2.0, -4.0), (5.0, -25.0), (7.0, -45.0), (10.5, -80.0), (12.5, -95.0)):
+        assert axis.at(round(1e9 * time)) == pytest.approx(position)
+    axis.stop(5_000_000_000)
+    assert (axis.moving, axis.goal) == (False, -25.0)
+    axis.go(0, -25.0, 10.0, 2.0, 2.5)
+    assert not axis.moving
+
+
+def test_a_short_way_never_reaches_the_speed() -> None:
+    axis = Axis()
+    axis.go(0, 4.0, 10.0, 1.0, 1.0)
+    assert axis.ends_ns == pytest.approx(4e9)  # half the way in sqrt(2 · 2 / 1) s
+    assert axis.at(2_000_000_000) == pytest.approx(2.0)
