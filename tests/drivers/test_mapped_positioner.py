@@ -46,8 +46,8 @@ def opened(kind: str, **section: Any) -> Iterator[tuple[SimulatedBench, Any, Any
         yield sim, twin, bench.device("stage")
 
 
-# by hand: 2 mm at 1 mm/s and 20 mm/s², with a screw of 1 mm: 2 turns at 60 r/min, 20 turns/s² = 1200 r/min/s, so that it
-# is at speed after 50 ms, and would be at 1000 r/min after 833 ms
+# by hand: 2 mm at 1 mm/s and 20 mm/s², with a screw of 1 mm: 2 turns at 60 r/min; 20 turns/s² are 1200 r/min/s, so that
+# it is at speed after 50 ms, and would be at 1000 r/min after 833 ms
 WRITTEN: dict[str, dict[str, float]] = {
     KRD: {"operation": 1, "target": 72_000, "speed": 60, "acceleration": 50, "deceleration": 50, "torque": 50},
     KRD_CAN: {"target": 72_000, "speed": 60, "acceleration": 1200, "deceleration": 1200, "max_torque": 50, "mode": 1},
@@ -105,7 +105,7 @@ def test_what_it_cannot_do_is_refused_before_anything_moves() -> None:
             stage.move(1e-3)
         stage.home()
         for target, speed in ((25.1e-3, 1e-3), (-1e-6, 1e-3), (1e-3, 0.0), (1e-3, -1.0), (1e-3, 1e-6), (1e-3, 1e6)):
-            with pytest.raises(RangeError, match="outside|does not fit|give one above 0|give more"):
+            with pytest.raises(RangeError, match=r"outside|does not fit|give one above 0|give more"):
                 stage.move(target, speed)
         assert twin.settings["target"] == 0
         assert sim.rig.position == 0.0
@@ -116,7 +116,7 @@ def test_what_it_cannot_do_is_refused_before_anything_moves() -> None:
     [(KRD, True), *[pytest.param(*p, marks=pytest.mark.slow) for p in ((KRD_CAN, True), (C5, False), (CS2RS, False))]],
 )
 def test_a_device_that_watches_its_master_stops_when_it_is_gone(kind: str, stops: bool) -> None:
-    with opened(kind) as (sim, twin, stage):
+    with opened(kind) as (sim, _twin, stage):
         stage.home()
         stage._target = None
         stage._begin(stage._move(10e-3, 10e-3, 1e-3)[0])
