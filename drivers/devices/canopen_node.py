@@ -48,10 +48,14 @@ class CanopenNode(Device):
 
     def _join(self) -> None:
         """Join the bus and identify the node. Raises as `identify`."""
-        self._node = self.link.add_node(self.id)
+        self.join()
         self.identify()
         with suppress(DeviceError):  # not every node has a hardware version
             self.simulated = self._text(sdo(0x1009)) == "simulated"
+
+    def join(self) -> None:
+        """Join the bus; nothing is sent."""
+        self._node = self.link.add_node(self.id)
 
     def identify(self) -> None:
         """Check that this is the contract's device, and that it tells the same scales and units as before.
@@ -62,13 +66,7 @@ class CanopenNode(Device):
                 known.
             LinkError, LinkTimeout, DeviceError: the node does not answer, refuses, or tells another scale or unit.
         """
-        match self.contract.known_by:
-            case "identity":
-                self._check_identity()
-            case "marks":
-                check_marks(self)
-            case "nothing":
-                check_inventory(self)
+        self.recognise()
         if self.contract.has("probe") and (probe := int(self.get("probe"))) != PROBE:
             raise IdentityError(
                 f"{self.name}: byte-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
@@ -76,6 +74,16 @@ class CanopenNode(Device):
             )
         self._scales.check()
         self.serial = self._same(self._serial_number())
+
+    def recognise(self) -> None:
+        """Check that this is the contract's device, whatever its scales and units. Raises as `identify`."""
+        match self.contract.known_by:
+            case "identity":
+                self._check_identity()
+            case "marks":
+                check_marks(self)
+            case "nothing":
+                check_inventory(self)
 
     def _check_identity(self) -> None:
         """Check those parts of 1018h that the contract has. Raises IdentityError, LinkError, DeviceError."""

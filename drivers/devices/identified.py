@@ -2,9 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from palpate.drivers.devices.device import Device
+from palpate.drivers.links.requests import BASIC, EXTENDED, REGULAR, read_identity
 from palpate.instrument.contracts.contract import Mark
 from palpate.instrument.errors import DeviceError, IdentityError
+
+VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80  # numbers of identity objects
+
+
+def identity_objects(transact: Callable[..., Any]) -> dict[int, str]:
+    """Identity objects by number (function 43/14); lower categories are asked for if the extended one leaves them out.
+
+    `transact` sends a request with its arguments but the unit. Raises LinkError, LinkTimeout, DeviceError.
+    """
+
+    def category(number: int) -> dict[int, str]:
+        reply = transact(read_identity, number)
+        return {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
+
+    objects = category(EXTENDED)
+    if VENDOR not in objects:
+        objects |= category(BASIC) | category(REGULAR)
+    return objects
 
 
 def check_marks(device: Device) -> None:

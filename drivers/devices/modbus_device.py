@@ -8,16 +8,25 @@ from typing import Any, Self
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device, Place
-from palpate.drivers.devices.identified import check_inventory, check_marks, serial_number
+from palpate.drivers.devices.identified import (
+    APPLICATION,
+    PRODUCT,
+    REVISION,
+    SERIAL,
+    VENDOR,
+    check_inventory,
+    check_marks,
+    identity_objects,
+    serial_number,
+)
 from palpate.drivers.devices.layouts import Read, Reading, Write, companions, reading, write
 from palpate.drivers.devices.told import Told
 from palpate.drivers.devices.wear import Wear
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.links.requests import BASIC, EXTENDED, READS, REGULAR, WRITES, confirms, read_identity
+from palpate.drivers.links.requests import READS, WRITES, confirms
 from palpate.instrument.contracts.contract import PROBE, Contract, Value
 from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError
 
-VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
 WRITES_REGISTERS = 16  # function code
 
 
@@ -68,14 +77,7 @@ class ModbusDevice(Device):
                 another serial number than before; or the bench file does not name a device that cannot be known.
             LinkError, LinkTimeout, DeviceError: it does not answer, refuses, or tells another scale or unit.
         """
-        serial = ""
-        match self.contract.known_by:
-            case "identity":
-                serial = self._check_identity()
-            case "marks":
-                check_marks(self)
-            case "nothing":
-                check_inventory(self)
+        serial = self.recognise()
         if self.contract.has("probe") and (probe := int(self.get("probe"))) != PROBE:
             raise IdentityError(
                 f"{self.name}: word-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
@@ -84,9 +86,23 @@ class ModbusDevice(Device):
         self._scales.check()
         self.serial = self._same(serial or serial_number(self))
 
+    def recognise(self) -> str:
+        """Check that this is the contract's device, whatever its scales and units; returns the serial number in 43/14.
+
+        Raises as `identify`.
+        """
+        match self.contract.known_by:
+            case "identity":
+                return self._check_identity()
+            case "marks":
+                check_marks(self)
+            case "nothing":
+                check_inventory(self)
+        return ""
+
     def _check_identity(self) -> str:
         """Check the identity objects that the contract has; returns the serial number among them. Raises as above."""
-        objects = self._asked(self._identity)
+        objects = self._asked(partial(identity_objects, self._transact))
         expected = self.contract.identity
         found = (objects.get(VENDOR, ""), objects.get(PRODUCT, ""), objects.get(REVISION, ""))
         wanted = (expected.vendor, expected.product, expected.revision)
@@ -100,17 +116,6 @@ class ModbusDevice(Device):
             )
         self.simulated = objects.get(APPLICATION, "") == "simulated"
         return objects.get(SERIAL, "")
-
-    def _identity(self) -> dict[int, str]:
-        """Identity objects by number; the lower categories are asked for if the extended one leaves them out."""
-        objects = self._category(EXTENDED)
-        if VENDOR not in objects:
-            objects |= self._category(BASIC) | self._category(REGULAR)
-        return objects
-
-    def _category(self, category: int) -> dict[int, str]:
-        reply = self._transact(read_identity, category)
-        return {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
 
     def _transact(self, request: Callable[..., Any], *args: object) -> Any:
         if self._timing:
