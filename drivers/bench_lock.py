@@ -12,18 +12,25 @@ import shlex
 import socket
 import stat
 import sys
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Self
+from typing import Protocol, Self
 
-from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.bench.links import SerialLine, TcpLink
+from palpate.instrument.bench.links import Link, SerialLine, TcpLink
 from palpate.instrument.errors import BenchError, BenchInUse
 
 FOLDER = Path("/tmp/palpate-benches")  # the same for all users, independently of $TMPDIR
 FOR_ALL = 0o666  # so that a lock file of one user does not keep out another
 LONGEST = 300  # greatest number of characters of a command in a message
+
+
+class Linked(Protocol):
+    """What has links: the description of a bench, or a search for devices."""
+
+    @property
+    def links(self) -> Mapping[str, Link]: ...
 
 
 class BenchLock:
@@ -35,7 +42,7 @@ class BenchLock:
     Raises BenchInUse: another program has one of the addresses. BenchError: no lock can be written.
     """
 
-    def __init__(self, description: BenchDescription, folder: Path = FOLDER) -> None:
+    def __init__(self, description: Linked, folder: Path = FOLDER) -> None:
         self._addresses = addresses(description)
         self._folder = folder
         self._stack = ExitStack()
@@ -51,7 +58,7 @@ class BenchLock:
         self._stack.close()
 
 
-def addresses(description: BenchDescription) -> list[str]:
+def addresses(description: Linked) -> list[str]:
     """The addresses of a bench as texts, in the order in which they are locked.
 
     A TCP link is identified by the IP addresses of its host with the port, a serial line by the device file that its

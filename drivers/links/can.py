@@ -35,7 +35,7 @@ FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
 
 
-def _has_wire(bus: CanBus | files.CanLink) -> bool:
+def has_wire(bus: CanBus | files.CanLink) -> bool:
     """Whether frames take time on a real wire; not on a bus within this machine, which Linux lists as virtual."""
     if bus.interface == "socketcan":
         return not Path("/sys/devices/virtual/net", bus.channel).exists()
@@ -163,7 +163,7 @@ class CanLink:
     @property
     def stamped(self) -> bool:
         """Whether time stamps of frames tell when these were on the wire; a bus within this machine has no wire."""
-        return _has_wire(self._description)
+        return has_wire(self._description)
 
     def add_node(self, node_id: int) -> canopen.RemoteNode:
         """The node of this id; one of several devices may ask for it first."""
@@ -173,7 +173,7 @@ class CanLink:
         node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         node.sdo = CheckedSdoClient(node.sdo.rx_cobid, node.sdo.tx_cobid, node.object_dictionary)  # type: ignore[no-untyped-call]
         node.sdo.RESPONSE_TIMEOUT = self._description.timeout
-        if _has_wire(self._description):
+        if has_wire(self._description):
             node.sdo.shortest = shortest_transfer(self._description.bitrate)
         node.sdo_channels = [node.sdo]
         node.emcy.on_emcy = _unheard  # type: ignore[method-assign]  # canopen would keep them all, for ever; who wants them subscribes

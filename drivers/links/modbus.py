@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Self
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
@@ -28,7 +29,7 @@ EXCEPTIONS = {
     6: "device busy", 7: "negative acknowledge", 8: "memory parity error", 10: "gateway path unavailable",
     11: "gateway target did not respond",
 }  # fmt: skip
-CHECK = "correct the bench file, or check power and cable"
+CHECK = "correct the address, or check power and cable"
 LARGEST_FRAME = 256  # bytes on a serial line
 
 
@@ -95,12 +96,12 @@ class ModbusLink:
         self._client.transaction.trace_packet = trace
 
     @classmethod
-    def tcp(cls, address: TcpAddress | TcpLink, clock: Clock | None = None) -> ModbusLink:
+    def tcp(cls, address: TcpAddress | TcpLink, clock: Clock | None = None) -> Self:
         client = ModbusTcpClient(address.host, port=address.port, timeout=address.timeout, retries=0)
         return cls(f"{address.host}:{address.port}", client, clock)
 
     @classmethod
-    def rtu(cls, line: SerialLine, clock: Clock | None = None) -> ModbusLink:
+    def rtu(cls, line: SerialLine, clock: Clock | None = None) -> Self:
         client = RtuClient(
             line.port, baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, timeout=line.timeout
         )
@@ -141,7 +142,10 @@ class ModbusLink:
             return f"nothing answers at {self.name}; {CHECK}"
         if not Path(self.name).exists():
             return f"there is no serial port {self.name}; {CHECK}"
-        return f"serial port {self.name} is in use by another program or may not be opened; {CHECK}"
+        return (
+            f"serial port {self.name} is in use by another program, may not be opened, or does not take these "
+            f"settings; {CHECK}"
+        )
 
     def _why_none(self) -> str:
         """A possible reason why no valid answer came, with its remedy."""

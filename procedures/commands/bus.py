@@ -1,4 +1,4 @@
-"""The commands palpate bus show and bus replay."""
+"""The group palpate bus, with its commands show and replay."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from pathlib import Path
 
 import click
 
+from palpate.procedures.commands.bus_scan import scan
 from palpate.procedures.commands.options import FILE_NAME, OUT, Group, Output, output_options
 
 
 @click.group(cls=Group)
 def bus() -> None:
-    """Look at the bus traffic of a run, which `--log FILE` of every command with a bench records."""
+    """Find devices on buses, and look at the traffic of a run, which `--log FILE` of a command with a bench records."""
+
+
+bus.add_command(scan)
 
 
 @bus.command(

@@ -146,7 +146,7 @@ def test_a_link_that_cannot_be_connected_again_is_told_by_the_device_that_was_as
     client = Tcp(connects=lambda: False)
     link = ModbusLink("rack", client)
     link.distrust()
-    with pytest.raises(LinkError, match=r"^oven: nothing answers at rack; correct the bench file, or check power"):
+    with pytest.raises(LinkError, match=r"^oven: nothing answers at rack; correct the address, or check power"):
         link.transact("oven", answers())
     client.connects = lambda: True
     assert link.transact("oven", answers()) is REPLY
@@ -254,7 +254,7 @@ def test_a_time_out_on_a_line_tells_of_bytes_that_came_too_soon(too_soon: int, w
 
 
 def test_a_file_that_is_no_free_serial_port_is_told_apart_from_none(tmp_path: Path) -> None:
-    for name, message in ((tmp_path, "is in use by another program or may not be opened"), ("/none", "there is no")):
+    for name, message in ((tmp_path, "is in use by another program, may not be opened"), ("/none", "there is no")):
         client = Line()
         client.connect = lambda: False  # type: ignore[method-assign]
         with pytest.raises(LinkError, match=message):

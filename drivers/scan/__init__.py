@@ -1,0 +1,1 @@
+"""Finds out which devices answer on TCP addresses, serial lines and CAN buses, by reading alone."""

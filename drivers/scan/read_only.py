@@ -1,0 +1,43 @@
+"""Links over which nothing can be written: a search must not change any device, whatever the code above does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+from palpate.drivers.links.can import CanLink
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.requests import READS, read_identity
+from palpate.instrument.errors import UsageError
+
+EVERYBODY = 0  # unit id of a broadcast
+
+
+class ReadOnlyModbus(ModbusLink):
+    """A link that sends functions 1 to 4 and 43/14 alone, and no broadcast. Raises UsageError for all others."""
+
+    def transact(
+        self, who: str, request: Callable[..., Any], *args: object, gap: float = 0.0, responds: float = 0.0
+    ) -> Any:
+        """As `ModbusLink.transact`."""
+        if request is not read_identity and request not in READS.values():
+            raise UsageError(f"{who}: a search only reads; {request.__name__} was not sent")
+        if args[-1] == EVERYBODY:
+            raise UsageError(f"{who}: unit 0 addresses all devices of a line; a search does not ask it")
+        return super().transact(who, request, *args, gap=gap, responds=responds)
+
+
+class ReadOnlyCan(CanLink):
+    """A CAN bus on which objects are read alone. Raises UsageError for all else that would be sent."""
+
+    def download(self, who: str, *_: object) -> NoReturn:
+        """Not sent."""
+        raise UsageError(f"{who}: a search only reads; no object was written")
+
+    def command(self, *_: object) -> NoReturn:
+        """Not sent."""
+        raise UsageError(f"{self.name}: a search only reads; no node was switched to another state")
+
+    def send(self, cob_id: int, data: bytes) -> NoReturn:
+        """Not sent."""
+        raise UsageError(f"{self.name}: a search only reads; no frame {cob_id:03X}h was sent")

@@ -1,0 +1,198 @@
+"""A search for devices, as it is asked for: what is asked, in which order, and how long it takes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from palpate.drivers.bench_lock import BenchLock
+from palpate.drivers.scan.can_scan import check_allowed, scan_can
+from palpate.drivers.scan.found import Search
+from palpate.drivers.scan.modbus_scan import scan_line, scan_tcp, settings
+from palpate.instrument.bench.kinds import DeviceKind, all_kinds, check_identities, kind_in_file
+from palpate.instrument.bench.links import CanLink, Link, SerialLine, TcpLink
+from palpate.instrument.config import check
+from palpate.instrument.errors import RangeError, UsageError
+
+BITRATES = (1_000_000, 500_000, 250_000, 125_000)
+RATES = re.compile(r"[1-9]\d{0,6}")
+ADDRESS = re.compile(r"(?P<host>\[[^\]]+\]|[^:\[\]]+)(:(?P<port>\d{1,5}))?")
+TIMEOUTS = (1e-3, 10.0)  # s
+PER_UNIT = 2  # time-outs that a unit costs that does not answer: the second makes sure that the line is silent
+
+
+@dataclass
+class Plan:
+    """What a search asks.
+
+    Attributes:
+        search: what it finds.
+        kinds: kinds of device that are compared.
+        tcp: addresses on TCP.
+        lines: for each serial port, the settings to try.
+        buses: the CAN bus with the bit rates to try; none: no bus.
+        units: unit ids on Modbus.
+        nodes: node ids on CANopen.
+        every: whether all settings of a line are tried.
+        talk: whether nodes are asked although nothing proves the bit rate.
+        listen: how long each bit rate is listened to [s].
+        timeout: time in which an answer must begin [s].
+    """
+
+    search: Search
+    kinds: list[DeviceKind]
+    tcp: list[TcpLink]
+    lines: list[list[SerialLine]]
+    buses: list[CanLink]
+    units: list[int]
+    nodes: list[int]
+    every: bool
+    talk: bool
+    listen: float
+    timeout: float
+    links: dict[str, Link] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Name each link once, as those of a bench. Raises UsageError: one is given twice."""
+        each: list[Link] = [*self.tcp, *(lines[0] for lines in self.lines), *self.buses[:1]]
+        if len({str(link) for link in each}) < len(each):
+            raise UsageError("an address or a port is given twice; give it once")
+        if not each:
+            raise UsageError("nothing to search; give --tcp HOST, --line PORT or --can INTERFACE:CHANNEL")
+        self.links = {str(number): link for number, link in enumerate(each)}
+
+    @classmethod
+    def asked(
+        cls,
+        *,
+        tcp: Sequence[str],
+        lines: Sequence[str],
+        can: str | None,
+        units: str,
+        nodes: str,
+        baudrates: str | None,
+        parities: str | None,
+        every: bool,
+        bitrates: str | None,
+        listen: float,
+        talk: bool,
+        timeout: float,
+        within: float,
+        maps: Iterable[Path],
+    ) -> Self:
+        """Read the arguments of the command. Raises UsageError, RangeError, ConfigError: one is wrong."""
+        for option, given, (least, most) in (
+            ("--timeout", timeout, TIMEOUTS), ("--listen", listen, (0.01, 600.0)), ("--within", within, (1.0, 86400.0)),
+        ):  # fmt: skip
+            if not least <= given <= most:
+                raise RangeError(f"{option} {given:g} s is outside {least:g} s to {most:g} s; give one inside")
+        kinds = [*all_kinds(), *map(kind_in_file, maps)]
+        check_identities(kinds)
+        tried = settings(kinds, _rates("--baudrates", baudrates), _parities(parities))
+        buses = []
+        if can is not None:
+            interface, _, channel = can.partition(":")
+            rates = _rates("--bitrates", bitrates) or _likely(kinds, interface)
+            buses = [
+                check(
+                    {"interface": interface, "channel": channel, "bitrate": rate, "timeout": f"{timeout} s"},
+                    CanLink,
+                    f"--can {can}",
+                )
+                for rate in rates
+            ]
+        return cls(
+            Search(within),
+            kinds,
+            [_tcp(text, timeout) for text in tcp],
+            [[_line(port, each, timeout) for each in tried] for port in lines],
+            buses,
+            _numbers("--units", units, 247),
+            _numbers("--nodes", nodes, 127),
+            every,
+            talk,
+            listen,
+            timeout,
+        )
+
+    @property
+    def questions(self) -> int:
+        """Greatest number of addresses that are asked."""
+        on_lines = sum(map(len, self.lines))
+        return len(self.units) * (len(self.tcp) + on_lines) + (len(self.buses) + len(self.nodes) if self.buses else 0)
+
+    @property
+    def seconds(self) -> float:
+        """Time if nobody answers, which is the longest but for what devices that answer are asked [s]."""
+        units = len(self.units) * PER_UNIT * self.timeout * (len(self.tcp) + sum(map(len, self.lines)))
+        nodes = len(self.buses) * self.listen + len(self.nodes) * self.timeout if self.buses else 0.0
+        return min(units + nodes, self.search.within)
+
+    def go(self) -> None:
+        """Search. Raises UsageError: nothing was opened; BenchInUse: another program uses an address."""
+        if self.buses:
+            check_allowed(self.buses, talk=self.talk)
+        self.search.of = self.questions
+        with BenchLock(self):
+            for address in self.tcp:
+                scan_tcp(self.search, address, self.units, self.kinds)
+            for lines in self.lines:
+                scan_line(self.search, lines, self.units, self.kinds, every=self.every)
+            if self.buses:
+                scan_can(self.search, self.buses, self.nodes, self.kinds, seconds=self.listen, talk=self.talk)
+        if self.search.over:
+            self.search.left.append(f"the rest: the search took {self.search.within:g} s; raise --within")
+
+
+def _likely(kinds: Sequence[DeviceKind], interface: str) -> list[int]:
+    """Bit rates to listen at, the likeliest first; one for a bus of which the system sets the bit rate."""
+    from palpate.drivers.links.can_listening import SET_BY_SYSTEM
+
+    if interface in SET_BY_SYSTEM:
+        return [BITRATES[0]]
+    delivered = [kind.map.line.bitrate for kind in kinds if kind.map is not None and kind.map.line.bitrate]
+    return list(dict.fromkeys([*sorted(delivered, key=lambda rate: -delivered.count(rate)), *BITRATES]))
+
+
+def _tcp(text: str, timeout: float) -> TcpLink:
+    found = ADDRESS.fullmatch(text)
+    if found is None:
+        raise UsageError(f"--tcp {text!r} is no address; give HOST or HOST:PORT, as 192.168.1.20:502")
+    table: dict[str, Any] = {"host": found["host"].strip("[]"), "timeout": f"{timeout} s"}
+    return check(table | ({"port": int(found["port"])} if found["port"] else {}), TcpLink, f"--tcp {text}")
+
+
+def _line(port: str, setting: tuple[int, str, int], timeout: float) -> SerialLine:
+    rate, parity, stopbits = setting
+    table = {"port": port, "baudrate": rate, "parity": parity, "stopbits": stopbits, "timeout": f"{timeout} s"}
+    return check(table, SerialLine, f"--line {port}")
+
+
+def _rates(option: str, text: str | None) -> list[int]:
+    parts = [] if text is None else [part.strip() for part in text.split(",")]
+    if wrong := [part for part in parts if not RATES.fullmatch(part)]:
+        raise UsageError(f"{option}: {wrong[0]!r} is no rate in bit/s; give a list such as 9600,19200")
+    return list(dict.fromkeys(map(int, parts)))
+
+
+def _parities(text: str | None) -> list[str]:
+    parts = [] if text is None else [part.strip() for part in text.split(",")]
+    if wrong := [part for part in parts if part not in ("N", "E", "O")]:
+        raise UsageError(f"--parities: {wrong[0]!r} is no parity; give a list of N, E and O")
+    return list(dict.fromkeys(parts))
+
+
+def _numbers(option: str, text: str, most: int) -> list[int]:
+    """Numbers of a list such as 1-8,16. Raises UsageError."""
+    found: list[int] = []
+    for part in text.split(","):
+        ends = re.fullmatch(r"\s*(\d{1,3})\s*(?:-\s*(\d{1,3}))?\s*", part)
+        low, high = (int(ends[1]), int(ends[2] or ends[1])) if ends else (0, 0)
+        if not 1 <= low <= high <= most:
+            why = "; 0 addresses all devices of a line, and is never asked" if ends and low == 0 else ""
+            raise UsageError(f"{option}: {part.strip()!r} is not within 1 to {most}, as 1-8,16{why}")
+        found += range(low, high + 1)
+    return list(dict.fromkeys(found))

@@ -1,0 +1,113 @@
+"""palpate bus scan: what it tells, and the bench file that it begins."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from palpate.drivers.scan.found import Found
+from palpate.instrument.bench.description import read_bench
+from palpate.instrument.bench.kinds import all_kinds
+from palpate.instrument.bench.links import SerialLine, TcpLink
+from palpate.instrument.contracts.maps.map_file import read_map
+from palpate.procedures.lab.begun_bench import begun_bench
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.mapped.twin import Twin
+from palpate.simulators.wire.device import Place
+from palpate.simulators.wire.modbus import ServerThread
+from tests.procedures.conftest import Palpate
+
+OVEN = """
+[device]
+name = "my-oven"
+title = "My oven"
+bus = "modbus"
+links = ["modbus-tcp", "modbus-rtu"]
+vendor = "Maker"
+known_by = "marks"
+serial = "number"
+
+[[mark]]
+field = "model"
+value = 77
+
+[field.model]
+address = 0
+type = "uint16"
+meaning = "number of the model"
+
+[field.number]
+address = 1
+type = "uint16"
+meaning = "serial number"
+"""
+
+
+@pytest.fixture
+def oven(tmp_path: Path) -> Iterator[tuple[Path, int]]:
+    """The map of an oven, and the port at which its twin answers, whatever the unit id."""
+    path = tmp_path / "oven.toml"
+    path.write_text(OVEN)
+    kind: Any = SimpleNamespace(contract=read_map(path).contract)
+    rig: Any = None
+    twin = Twin.at(Place(VirtualClock(), rig, 1, "SIM-OV-0042", None, kind, lambda _role: None))
+    with ServerThread() as servers:
+        yield path, servers.serve_tcp(1, twin)
+
+
+def test_a_device_is_found_with_its_map_and_the_bench_file_can_be_used(
+    palpate: Palpate, oven: tuple[Path, int], tmp_path: Path
+) -> None:
+    path, port = oven
+    out = tmp_path / "begun.toml"
+    address = f"--tcp=127.0.0.1:{port}"
+    spoken = palpate("bus", "scan", address, "--units=1-2", f"--map={path}", f"--out={out}", "--json")
+    assert spoken.status == 0
+    (device,) = json.loads(spoken.out)["devices"]
+    assert (device["unit"], device["fits"], device["serial"]) == (1, ["my-oven"], "42")
+    (listed,) = read_bench(out).devices
+    assert (listed.kind.name, listed.unit) == ("my-oven", 1)
+
+
+def test_what_is_impossible_is_refused_before_anything_is_sent(palpate: Palpate) -> None:
+    for arguments, message in (
+        (["--units=0-3", "--tcp=localhost"], "0 addresses all devices of a line"),
+        (["--units=4-2", "--tcp=localhost"], "is not within 1 to 247"),
+        (["--nodes=128", "--can=virtual:x"], "is not within 1 to 127"),
+        ([], "nothing to search"),
+        (["--tcp=a b:c:d"], "is no address"),
+        (["--tcp=host:70000"], "70000"),
+        (["--line=/dev/null", "--line=/dev/null"], "is given twice"),
+        (["--line=/dev/null", "--baudrates=fast"], "'fast' is no rate"),
+        (["--line=/dev/null", "--baudrates=300"], "300"),
+        (["--line=/dev/null", "--parities=X"], "'X' is no parity"),
+        (["--tcp=localhost", "--timeout=0 s"], "--timeout 0 s is outside"),
+        (["--can=gs_usb:0"], "cannot be told only to listen"),
+        (["--can=gs_usb:0", "--talk"], "speaks at one bit rate"),
+    ):
+        spoken = palpate("bus", "scan", *arguments)
+        assert spoken.status == 2, arguments
+        assert message in spoken.err
+
+
+def test_a_bench_file_lists_what_is_known_and_comments_on_the_rest() -> None:
+    line = SerialLine(port="/dev/ttyS9", baudrate=9600)
+    tcp = TcpLink(host="rig.lab")
+    text = begun_bench(
+        [
+            Found("modbus-tcp", tcp, 1, "Palpate SG-1", "1", ("signal_generator",)),
+            Found("modbus-rtu", line, 4, "", "", (), ("flintec-dad-141",)),
+            Found("modbus-rtu", line, 5, "Acme 9000"),
+        ],
+        all_kinds(),
+    )
+    assert 'kind = "signal_generator"\nlink = "tcp"\nunit = 1\n' in text
+    assert "# unit 4 on line answers, and is not known: it tells nothing\n# could be: flintec-dad-141\n" in text
+    assert "# unit 5 on line answers, and is not known: Acme 9000\n# could be: no kind that has a map\n" in text
+    assert '# port = "/dev/ttyS9"' in text
+    assert begun_bench([], []).startswith("# no device is known yet")
