@@ -167,7 +167,7 @@ class CanopenDevice(CanopenNode):
         parts = self.contract.parts(sent, data).items()
         return {name: self._value(name, part, self._scales.beside(name)) for name, part in parts}
 
-    def send(self, pdo: str, **values: Value) -> None:
+    def send(self, pdo: str, /, **values: Value) -> None:
         """Send a PDO to the node, once; there is no answer. The driver remembers its values like other settings.
 
         Raises:
@@ -175,7 +175,7 @@ class CanopenDevice(CanopenNode):
             RangeError: a value is missing or outside its limits; nothing is sent. LinkError: the bus failed.
         """
         taken = self.contract.taken(pdo)
-        data = self.contract.packed(taken, values)
+        data = self.contract.packed(taken, values, self._scales.encode)
         self._told(lambda: self.link.send(taken.cob_id(self.id), data))
         for name, value in values.items():
             self._remember(name, value)
@@ -209,7 +209,7 @@ class CanopenDevice(CanopenNode):
         for name, value in self._settings.items():
             held = self._held(name)
             if not self._scales.holds(name, held, value):
-                shown = self.contract.decode(name, held, self._scales.beside(name))
+                shown = self._decoded(name, held, self._scales.beside(name))
                 found.append(f"{self.name}: {name} is {shown:g}, was set to {value}")
         found += [f"{self.name}: PDO {name} is no longer set up" for name in self._lost_pdos()]
         if self._watched and self._asked(partial(self._object, CONSUMER, 1, 4)) != self._watched:

@@ -128,7 +128,7 @@ class CanopenNode(Device):
 
     def held(self, name: str) -> float:
         """Value of an object, which may be outside the limits."""
-        return self.contract.decode(name, self._held(name), self._scales.beside(name))
+        return self._decoded(name, self._held(name), self._scales.beside(name))
 
     def get_text(self, name: str) -> str:
         """Content of a text object. Raises LinkError, LinkTimeout, DeviceError."""
@@ -151,7 +151,7 @@ class CanopenNode(Device):
             )
         return data
 
-    def give(self, **values: Value) -> None:
+    def give(self, /, **values: Value) -> None:
         """Write objects one by one, in this order, as `set`; all values are checked before the first is sent."""
         for name, value in values.items():
             self._scales.encode(name, value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, TypeVar
@@ -101,7 +102,7 @@ class Device:
         """Content of a text field. Raises LinkError, DeviceError."""
         raise NotImplementedError
 
-    def give(self, **values: Value) -> None:
+    def give(self, /, **values: Value) -> None:
         """Write fields, once: in one request on Modbus, in which they must stand together; one by one on CANopen.
 
         Raises RangeError, UsageError before anything is sent; LinkError, DeviceError.
@@ -153,18 +154,24 @@ class Device:
 
     def _value(self, name: str, data: bytes, beside: Mapping[str, float] = NOTHING) -> float:
         """Physical value of a field from its bytes. Raises DeviceError: it is outside the limits, or no choice."""
-        try:
-            value = self.contract.decode(name, data, beside)
-        except KeyError:
-            raise DeviceError(
-                f"{self.name}: tells a scale of {name} that the contract does not know ({dict(beside)}); not used. "
-                "Check the map of this device"
-            ) from None
+        value = self._decoded(name, data, beside)
         if fault := self.contract.misread(name, value):
             raise DeviceError(
                 f"{self.name}: reads {fault}; not used. Set it within its limits, or look at its firmware"
             )
         return value
+
+    def _decoded(self, name: str, data: bytes, beside: Mapping[str, float] = NOTHING) -> float:
+        """Physical value of a field from its bytes, within its limits or not. Raises DeviceError: there is none."""
+        try:
+            return self.contract.decode(name, data, beside)
+        except KeyError:
+            raise DeviceError(
+                f"{self.name}: tells a scale of {name} that the contract does not know ({dict(beside)}); not used. "
+                "Check the map of this device"
+            ) from None
+        except (ValueError, struct.error) as error:
+            raise DeviceError(f"{self.name}: {name} cannot be used: {error}. Check the map of this device") from None
 
     def _asked(self, question: Callable[[], T]) -> T:
         for attempt in range(1, self.read_attempts + 1):

@@ -154,7 +154,7 @@ class ModbusDevice(Device):
 
     def held(self, name: str) -> float:
         """Value of a field, which may be outside the limits."""
-        return self._asked(lambda: self._values(self._reading((name,)), self.contract.decode))[0]
+        return self._asked(lambda: self._values(self._reading((name,)), self._decoded))[0]
 
     def get_text(self, name: str) -> str:
         """Content of a text field. Raises LinkError, LinkTimeout, DeviceError: no answer, or one that is no text."""
@@ -201,11 +201,11 @@ class ModbusDevice(Device):
         places = read.places if read.names is names else read.places[: len(names)]
         return [data[place] for place in places]
 
-    def give(self, **values: Value) -> None:
+    def give(self, /, **values: Value) -> None:
         """As `set`."""
         self.set(**values)
 
-    def set(self, **values: Value) -> None:
+    def set(self, /, **values: Value) -> None:
         """Write fields that stand together in one request, which is never repeated.
 
         Raises:
@@ -286,7 +286,7 @@ class ModbusDevice(Device):
     def _shown(self, name: str, data: bytes) -> str:
         if self.contract[name].type == "text":
             return repr(data.decode("utf-8", "replace"))
-        return f"{self.contract.decode(name, data, self._scales.beside(name)):g}"
+        return f"{self._decoded(name, data, self._scales.beside(name)):g}"
 
     def restore(self) -> None:
         """Write lost settings again, and check that they stay. Raises as `set`, and DeviceError: they do not stay."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -27,6 +27,7 @@ __all__ = [
     "Value", "probe", "sdo",
 ]  # fmt: skip
 NOTHING: Mapping[str, float] = {}
+ROUNDING = 1e-12  # relative; of a value that was scaled by what a device tells
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,11 @@ class Contract(Declaration):
     def allows(self, name: str, value: float) -> bool:
         """Whether a physical value, rounded to the field's resolution, is within limits and choices. NaN never is."""
         f = self[name]
-        if not math.isfinite((value - f.offset) / f.scale):
+        if not math.isfinite(value) or not math.isfinite((value - f.offset) / f.scale):
             return False
+        if f.scaling is not None:  # its resolution is told by the device
+            low, high = f.limits
+            return low <= value <= high or any(math.isclose(value, limit, rel_tol=ROUNDING) for limit in f.limits)
         low, high = self._raw_limits[name]
         return low <= f.to_raw(value) <= high and (not f.choices or value in f.choices.values())
 
@@ -101,8 +105,11 @@ class Contract(Declaration):
         return self._packed(f, f.to_raw(value))
 
     def _packed(self, f: Field, raw: float) -> bytes:
-        data = self._codec[f.name].pack(raw if f.part is None else int(raw) << f.part[0])
-        return self._ordered(f, data)
+        if f.part is not None:
+            if not 0 <= raw < 1 << f.part[1]:
+                raise struct.error(f"{raw} does not fit {f.part[1]} bits")
+            raw = int(raw) << f.part[0]
+        return self._ordered(f, self._codec[f.name].pack(raw))
 
     @staticmethod
     def _ordered(f: Field, data: bytes) -> bytes:
@@ -117,13 +124,12 @@ class Contract(Declaration):
         plain = name in self._plain
         if f.type == "text":
             return self.encode_text(name, str(value))
-        if not plain and f.beside and not isinstance(value, str):
-            self.raw(name, value)  # the limits are those of the physical value
-            return self.pack(name, value, beside)
+        raw = self.raw(name, value)
         try:
-            raw = self.raw(name, value)
+            if not plain and f.beside and not isinstance(value, str):  # the limits are those of the physical value
+                return self.pack(name, value, beside)
             return self._plain[name][0].pack(raw) if plain else self._packed(f, raw)
-        except struct.error:
+        except (struct.error, OverflowError):
             raise RangeError(
                 f"{self.title}: {name} = {value:g} {f.unit}".rstrip() + f" does not fit a {f.type}"
             ) from None
@@ -137,8 +143,9 @@ class Contract(Declaration):
             beside: values of the fields that tell its scale and its sign (`Field.beside`), if there are any.
 
         Raises:
-            struct.error: the length is wrong.
+            struct.error: the length is wrong, or an integer of 64 bits has more digits than a float keeps.
             KeyError: `beside` lacks a value, or the device names a scale that the contract does not know.
+            ValueError: the device names a scale that cannot be.
         """
         if name in self._plain:  # most fields, and quicker
             packed, scale, divisor = self._plain[name]
@@ -158,7 +165,7 @@ class Contract(Declaration):
 
     def _scaled(self, f: Field, value: float, beside: Mapping[str, float]) -> float:
         if f.scaling is not None and f.scaling.by == "decimals":
-            value /= 10.0 ** beside[f.scaling.told_by]  # dividing is exact where multiplying is not
+            value /= f.scaling.divisor(beside[f.scaling.told_by])  # dividing is exact where multiplying is not
         elif f.scaling is not None:
             value *= self._factor(f, beside)
         if f.sign is not None and f.sign[1] in self.set_bits(f.sign[0], beside[f.sign[0]]):
@@ -179,6 +186,8 @@ class Contract(Declaration):
         if not text.isprintable():
             raise RangeError(f"{self.title}: {name} = {text!r} holds characters that cannot be printed; leave them out")
         data = text.encode()  # this cannot fail, because all printable characters have an encoding
+        if self.bus == "canopen":
+            return data
         if len(data) > f.length:
             raise RangeError(
                 f"{self.title}: {name} = {text!r} takes {len(data)} bytes of UTF-8, {f.length} are allowed; shorten it"
@@ -206,23 +215,32 @@ class Contract(Declaration):
         f = self[name]
         if f.type == "text":
             return f"{name} = {self._ordered(f, data).decode('utf-8', 'replace').rstrip(NUL)!r}"
-        if len(data) != f.size:
+        try:
+            value = self.decode(name, data)
+        except (struct.error, KeyError):  # a wrong length; or what tells its scale or sign is not here
             return f"{name} = {data.hex(' ')}"
-        value = self.decode(name, data)
         if f.choices:
             return f"{name} = {self.choice(name, value)}"
         if f.bits:
             return f"{name} = {' '.join(sorted(self.set_bits(name, value))) or 'none'}"
         return f"{name} = {value:.10g} {f.unit}".rstrip()
 
-    def packed(self, pdo: Pdo, values: Mapping[str, Value]) -> bytes:
-        """Data of a PDO. Raises RangeError as `raw` does, and where a field has no value."""
+    def packed(
+        self, pdo: Pdo, values: Mapping[str, Value], encode: Callable[[str, Value], bytes] | None = None
+    ) -> bytes:
+        """Data of a PDO. Raises RangeError as `raw` does, and where a field has no value.
+
+        Args:
+            pdo: the PDO.
+            values: values of all its fields.
+            encode: makes the bytes of a field that has a scale told by the device; None: there is no such field.
+        """
         if values.keys() != set(pdo.fields):
             given = ", ".join(values) or "nothing"
             raise RangeError(
                 f"{self.title}: PDO {pdo.name} holds {', '.join(pdo.fields)}, not {given}; give all of them"
             )
-        return b"".join(self.encode(name, values[name]) for name in pdo.fields)
+        return b"".join(map(encode or self.encode, pdo.fields, map(values.__getitem__, pdo.fields)))
 
     def parts(self, pdo: Pdo, data: bytes) -> dict[str, bytes]:
         """The bytes of each field of a PDO; fields that `data` is too short for are left out."""

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
+from palpate.instrument.contracts.contradictions import GREATEST_SCALE, LEAST_SCALE, check_name
 from palpate.instrument.contracts.declaration import Declaration
-from palpate.instrument.contracts.field import BITS, Field, Value
+from palpate.instrument.contracts.field import BITS, ONE_REGISTER, Field, Value
 from palpate.instrument.contracts.manners import Condition
 from palpate.instrument.contracts.pdo import LONGEST_INHIBIT, PDOS, SENT, TAKEN, Pdo
 from palpate.instrument.contracts.wire_types import SIZE
 from palpate.instrument.errors import ConfigError, RangeError
 
+HEXADECIMAL = re.compile("(0[xX])?[0-9A-Fa-f]{1,8}")
 Encode = Callable[[str, Value], bytes]
 LARGEST_PDO = 8  # bytes
 LAST = {"modbus": 0xFFFF, "canopen": 0xFFFFFF}  # greatest address
@@ -35,11 +38,39 @@ def check_declaration(contract: Declaration, encode: Encode) -> None:
     for f in contract.fields:
         _check_place(contract, f)
         _check_beside(contract, f, fields)
+    _check_units(contract)
     _check_overlaps(contract)
+    _check_parts(contract)
     _check_pdos(contract, fields)
-    _check_marks(contract, fields)
+    _check_marks(contract, fields, encode)
     _check_commands(contract, fields, encode)
     _check_together(contract, fields)
+
+
+def _check_units(contract: Declaration) -> None:
+    """Raises ConfigError: one field should tell two units at once."""
+    told: dict[str, Field] = {}
+    for f in contract.fields:
+        first = told.setdefault(f.unit_in, f) if f.unit_in else f
+        if first.unit != f.unit:
+            raise ConfigError(
+                f"{contract.title}: {f.unit_in} should tell {first.unit!r} for {first.name} and {f.unit!r} for "
+                f"{f.name}; it has one value, so give both fields one unit"
+            )
+
+
+def _check_parts(contract: Declaration) -> None:
+    """Raises ConfigError: parts of one register are written differently, so that none of them can be."""
+    parts: dict[tuple[str, int], Field] = {}
+    for f in contract.fields:
+        if f.part is None:
+            continue
+        first = parts.setdefault((f.table, f.address), f)
+        if (first.octets, first.function, first.access) != (f.octets, f.function, f.access):
+            raise ConfigError(
+                f"{contract.title}: {first.name} and {f.name} are parts of one register, 0x{f.address:x}; give "
+                "them the same octets, function and access"
+            )
 
 
 def _check_once(contract: Declaration, what: str, names: Sequence[str]) -> None:
@@ -83,8 +114,11 @@ def _check_beside(contract: Declaration, f: Field, fields: Mapping[str, Field]) 
             raise ConfigError(f"{where}: its scale is in {other.name}, whose own scale is not fixed; give a fixed one")
         if (f.scaling.by == "table") != bool(f.scaling.table):
             raise ConfigError(f"{where}: by = {f.scaling.by!r}; give a table if it is 'table', and only then")
-        if any(not factor > 0 for factor in f.scaling.table.values()):
-            raise ConfigError(f"{where}: its table of scales has a factor that is not above 0")
+        if any(not LEAST_SCALE <= factor <= GREATEST_SCALE for factor in f.scaling.table.values()):
+            raise ConfigError(
+                f"{where}: its table of scales has a factor that is not above 0, or not {LEAST_SCALE:g} to "
+                f"{GREATEST_SCALE:g}"
+            )
     if f.sign is not None:
         name, bit = f.sign
         other = _number(contract, f"{where}: its sign", name, fields)
@@ -144,6 +178,8 @@ def _check_pdos(contract: Declaration, fields: Mapping[str, Field]) -> None:
                     f"{contract.title}: PDO {pdo.name} cannot hold {name}: it must be a number field of the contract "
                     f"that can be {'read' if wrong == 'wo' else 'written'}"
                 )
+        if len(set(pdo.fields)) < len(pdo.fields):
+            raise ConfigError(f"{contract.title}: PDO {pdo.name} holds a field twice: {', '.join(pdo.fields)}")
         if not 0 < (size := sum(fields[name].size for name in pdo.fields)) <= LARGEST_PDO:
             raise ConfigError(f"{contract.title}: PDO {pdo.name} has {size} bytes; give 1 to {LARGEST_PDO}")
     for first, pdos in ((SENT, contract.pdos), (TAKEN, contract.receives)):
@@ -151,15 +187,9 @@ def _check_pdos(contract: Declaration, fields: Mapping[str, Field]) -> None:
         for pdo in set_up:
             _check_set_up(contract, pdo, first)
         _check_once(contract, "PDOs", [f"0x{pdo.index:X}" for pdo in set_up])
+    for pdo in (*contract.pdos, *contract.receives):
+        check_name(f"{contract.title}: PDO", pdo.name)
     _check_once(contract, "PDOs", [pdo.name for pdo in (*contract.pdos, *contract.receives)])
-
-
-def _is_hexadecimal(text: str) -> bool:
-    try:
-        int(text, 16)
-    except ValueError:
-        return False
-    return True
 
 
 def _check_set_up(contract: Declaration, pdo: Pdo, first: int) -> None:
@@ -174,11 +204,11 @@ def _check_set_up(contract: Declaration, pdo: Pdo, first: int) -> None:
             raise ConfigError(f"{contract.title}: PDO {pdo.name}: {what} = {given:g} is outside {limits}")
 
 
-def _check_marks(contract: Declaration, fields: Mapping[str, Field]) -> None:
+def _check_marks(contract: Declaration, fields: Mapping[str, Field], encode: Encode) -> None:
     """Raises ConfigError: it cannot be known by what it says, or its serial number is in no field that can be read."""
     identity = contract.identity
     parts = [part for part in (identity.vendor, identity.product, identity.revision) if part]
-    if contract.bus == "canopen" and contract.known_by == "identity" and not all(map(_is_hexadecimal, parts)):
+    if contract.bus == "canopen" and contract.known_by == "identity" and not all(map(HEXADECIMAL.fullmatch, parts)):
         raise ConfigError(
             f"{contract.title}: is known by vendor, product and revision {parts}; a node tells numbers: give them in "
             'hexadecimal, as "0x2BE", or "" for one that it does not tell'
@@ -193,6 +223,17 @@ def _check_marks(contract: Declaration, fields: Mapping[str, Field]) -> None:
                 f"{contract.title}: is known by {mark.field} = {mark.value!r}, which is no value of a field that can "
                 "be read; name another field, or give a number for a number and a text for a text"
             )
+        if f.beside:
+            raise ConfigError(
+                f"{contract.title}: is known by {f.name}, whose scale or sign is told by {', '.join(f.beside)}; name a "
+                "field of a fixed scale"
+            )
+        if isinstance(mark.value, str) and not mark.value:
+            raise ConfigError(
+                f"{contract.title}: is known by {f.name}, which may begin with any text; give its beginning"
+            )
+        _check_value(f"{contract.title}: is known by {f.name}", f, mark.value, encode)
+    _check_once(contract, "marks", [mark.field for mark in contract.marks])
     if contract.serial and (contract.serial not in fields or fields[contract.serial].access == "wo"):
         raise ConfigError(f"{contract.title}: its serial number is in {contract.serial!r}, which cannot be read")
 
@@ -207,15 +248,43 @@ def _check_commands(contract: Declaration, fields: Mapping[str, Field], encode: 
         if f is None or f.access == "ro":
             able = [each.name for each in contract.fields if each.access != "ro"]
             raise ConfigError(f"{where}: {command.field!r} cannot be written; valid: {', '.join(able) or 'none'}")
+        check_name(f"{contract.title}: command", command.name)
+        if f.beside:
+            raise ConfigError(
+                f"{where}: {f.name} has a scale that {', '.join(f.beside)} tells; give a field of a fixed one"
+            )
+        if others := _written_with(contract, f):
+            raise ConfigError(
+                f"{where}: {f.name} cannot be written without {', '.join(others)}, for which the command has no value; "
+                "declare them as one field"
+            )
+        if command.clear == command.value:
+            raise ConfigError(f"{where}: clear = {command.clear!r} is its value, so that nothing is cleared")
         for value in (command.value, *(() if command.clear is None else (command.clear,))):
             _check_value(where, f, value, encode)
         for condition in (command.done, command.failed):
             _check_condition(contract, where, condition, fields)
+        if command.done and command.failed and _both(command.done, command.failed):
+            raise ConfigError(
+                f"{where}: is done and has failed in one state of {command.done.field}; give different values"
+            )
         if unknown := [name for name in command.after if name not in known]:
             raise ConfigError(
                 f"{where}: is after {unknown[0]!r}, no command before it; valid: {', '.join(known) or 'none'}"
             )
         known.append(command.name)
+
+
+def _written_with(contract: Declaration, f: Field) -> list[str]:
+    """The fields that the device takes only in one request with a field."""
+    runs = {name for run in contract.manners.together if f.name in run for name in run}
+    shared = {each.name for each in contract.fields if f.part and each.part and each.address == f.address}
+    return sorted((runs | shared) - {f.name})
+
+
+def _both(one: Condition, other: Condition) -> bool:
+    """Whether a field can be in both states at once, if both look at the same bits of it."""
+    return (one.field, one.mask) == (other.field, other.mask) and not set(one.values).isdisjoint(other.values)
 
 
 def _check_value(where: str, f: Field, value: Value, encode: Encode) -> None:
@@ -231,8 +300,12 @@ def _check_condition(
     if condition is None:
         return
     f = _number(contract, f"{where}: what it waits for", condition.field, fields)
-    mask = (1 << 8 * f.size) - 1 if condition.mask is None else condition.mask
-    if not condition.values or any(value & ~mask for value in condition.values):
+    bits = f.part[1] if f.part else 8 * f.size
+    if condition.mask is not None and not 0 < condition.mask < 1 << bits:
+        raise ConfigError(f"{where}: mask = {condition.mask:#x} of {f.name}; give 0x1 to {(1 << bits) - 1:#X}")
+    mask = (1 << bits) - 1 if condition.mask is None else condition.mask
+    low = -(1 << bits - 1) if f.type.startswith("int") and condition.mask is None else 0
+    if not condition.values or any(value < low or (value >= 0 and value & ~mask) for value in condition.values):
         raise ConfigError(
             f"{where}: waits for {list(condition.values)} in {f.name}, which cannot read so (mask 0x{mask:X})"
         )
@@ -241,6 +314,8 @@ def _check_condition(
 def _check_together(contract: Declaration, fields: Mapping[str, Field]) -> None:
     """Raises ConfigError: fields that must be written together cannot be, or a part stands alone."""
     for run in contract.manners.together:
+        if len(run) < 2:
+            raise ConfigError(f"{contract.title}: together: {list(run)} is no run; name two fields or more")
         if unknown := [name for name in run if name not in fields or fields[name].access == "ro"]:
             raise ConfigError(f"{contract.title}: together: {unknown[0]!r} is no field that can be written")
         _, count = contract.block(run)
@@ -248,4 +323,8 @@ def _check_together(contract: Declaration, fields: Mapping[str, Field]) -> None:
             raise ConfigError(
                 f"{contract.title}: together: {', '.join(run)} must be adjacent, and take up to "
                 f"{contract.manners.most_written} registers"
+            )
+        if single := [name for name in run if fields[name].writes == ONE_REGISTER]:
+            raise ConfigError(
+                f"{contract.title}: together: {single[0]} is written with function 6, which writes it alone"
             )

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from palpate.instrument.contracts.contradictions import check_attributes
 from palpate.instrument.contracts.wire_types import SIZE, Type, codec
 from palpate.instrument.errors import ConfigError
 
@@ -23,6 +24,7 @@ WRITES: dict[Table, tuple[int, ...]] = {"coil": (5, 15), "discrete": (), "holdin
 ONE_REGISTER = 6  # function code that writes one register
 BITS = ("coil", "discrete")  # tables of single bits
 WORD = 16  # bits of a register
+DECIMALS = range(-20, 21)  # numbers of decimals that a device may tell
 
 
 def sdo(index: int, subindex: int = 0) -> int:
@@ -46,10 +48,28 @@ class Scaling:
     table: Mapping[int, float] = field(default_factory=dict)
 
     def factor(self, value: float) -> float:
-        """What the scale is multiplied by, for a value of the other field. Raises KeyError: the table lacks it."""
+        """What the scale is multiplied by, for a value of the other field.
+
+        Raises KeyError: the table lacks it; ValueError: no scale can be so.
+        """
         if self.by == "table":
-            return self.table[int(value)]
-        return 10.0**-value if self.by == "decimals" else value
+            factor = self.table.get(int(value)) if math.isfinite(value) and value == int(value) else None
+            if factor is None:
+                raise KeyError(value)
+            return factor
+        if self.by == "factor":
+            if not 0 < value < math.inf:
+                raise ValueError(f"{self.told_by} = {value:g} is no scale; it must be finite and above 0")
+            return value
+        return 1.0 / self.divisor(value)
+
+    def divisor(self, decimals: float) -> float:
+        """Ten to the power of a number of decimals. Raises ValueError: no device has so many."""
+        if decimals not in DECIMALS:
+            raise ValueError(
+                f"{self.told_by} = {decimals:g} is no number of decimals; valid: {DECIMALS[0]} to {DECIMALS[-1]}"
+            )
+        return math.pow(10.0, decimals)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +135,16 @@ class Field:
         if self.endures < 0:
             raise ConfigError(f"field {self.name}: endures = {self.endures} writes; give 0 (any number) or more")
         self._check_table()
-        if self.type == "text":
-            return
+        if self.type != "text":
+            self._check_numbers()
+        check_attributes(self)
+
+    def _check_numbers(self) -> None:
+        """Raises ConfigError: the type cannot have such limits, choices, bits or sign."""
         self._check_part()
         limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
-        named = [self.scale * raw + self.offset for raw in (*self.choices.values(), *self.missing)]
-        wrong = [value for value in (*limits, *named) if not self._holds(value)]
+        wrong = [value for value in limits if not (math.isfinite(value) if self.scaling else self._holds(value))]
+        wrong += [raw for raw in (*self.choices.values(), *self.missing) if not self._fits(raw)]
         if wrong or limits != sorted(limits):
             raise ConfigError(f"field {self.name}: {wrong or limits} cannot be limits or choices of a {self.type}")
         if any(not 0 <= number < 8 * self.size for number in self.bits.values()) or (self.bits and self.type[0] != "u"):
@@ -159,14 +183,17 @@ class Field:
 
     def _holds(self, value: float) -> bool:
         """Whether the type can hold a physical value."""
-        raw = self.to_raw(value) if math.isfinite(value) else value
+        return math.isfinite(value) and self._fits(self.to_raw(value))
+
+    def _fits(self, raw: float) -> bool:
+        """Whether the type, or its part of a register, can hold a raw value."""
         if self.part is not None:
             return 0 <= raw < 1 << self.part[1]
         try:
             codec(self.type, ">").pack(raw)
-        except (struct.error, OverflowError, ValueError):
+        except (struct.error, OverflowError):
             return False
-        return math.isfinite(value)
+        return True
 
     @property
     def size(self) -> int:
@@ -193,8 +220,11 @@ class Field:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Least and greatest physical value; infinite where there is no limit."""
-        return (-math.inf if self.minimum is None else self.minimum, math.inf if self.maximum is None else self.maximum)
+        """Least and greatest physical value; infinite where there is no limit. A part holds no more than its bits."""
+        low, high = -math.inf, math.inf
+        if self.part is not None:
+            low, high = self.offset, self.scale * ((1 << self.part[1]) - 1) + self.offset
+        return (low if self.minimum is None else self.minimum, high if self.maximum is None else self.maximum)
 
     @property
     def beside(self) -> tuple[str, ...]:
@@ -214,6 +244,8 @@ class Field:
             listed = ", ".join(f"{name} ({raw})" for name, raw in self.choices.items())
             return f"{given} is no choice; valid: {listed}"
         low, high = self.limits
+        if not math.isfinite(value) and (low, high) == (-math.inf, math.inf):
+            return f"{given}, which is no finite number"
         return f"{given} is outside {low:g} to {high:g} {self.unit}".rstrip()
 
     def described(self, value: Value) -> str:

@@ -16,6 +16,8 @@ STRUCT: dict[str, str] = {
     "bool": "B", "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "uint64": "Q",
     "int64": "q", "float32": "f", "float64": "d",
 }  # fmt: skip
+EIGHT_BYTES = ("uint64", "int64")
+EXACT = 2**53  # all whole numbers up to here are floats of 64 bits; beyond, digits would be lost
 THREE_BYTES = {"uint24": False, "int24": True}  # whether it is signed; `struct` has no code for these
 SIZE = {name: struct.calcsize(code) for name, code in STRUCT.items()} | dict.fromkeys(THREE_BYTES, 3)
 NUL = "\0"  # the character that fills a text up to the length of its field
@@ -50,12 +52,33 @@ class _ThreeBytes:
         return (int.from_bytes(data, self._order, signed=self._signed),)
 
 
+class _EightBytes:
+    """An integer of 64 bits, whose value is a float, so that one with more digits than a float keeps is refused."""
+
+    def __init__(self, packed: struct.Struct) -> None:
+        self._packed = packed
+
+    def pack(self, raw: float, /) -> bytes:
+        return self._packed.pack(_exact(raw))
+
+    def unpack(self, data: bytes, /) -> tuple[int]:
+        return (_exact(self._packed.unpack(data)[0]),)
+
+
+def _exact(raw: Any) -> Any:
+    """A number as it is. Raises struct.error: it has more digits than a float keeps."""
+    if not -EXACT <= raw <= EXACT:
+        raise struct.error(f"{raw} has more digits than can be kept: {-EXACT} to {EXACT} are exact")
+    return raw
+
+
 @cache
 def codec(type_: Type, endian: Endian) -> Codec:
     """What packs and unpacks numbers of a type, which is not `text`."""
     if type_ in THREE_BYTES:
         return _ThreeBytes(endian, THREE_BYTES[type_])
-    return struct.Struct(endian + STRUCT[type_])
+    packed = struct.Struct(endian + STRUCT[type_])
+    return _EightBytes(packed) if type_ in EIGHT_BYTES else packed
 
 
 def swapped(data: bytes, words: bool, octets: bool) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
@@ -136,12 +137,18 @@ class Registers:
                 except ValueError:
                     raise Refused(ExcCodes.ILLEGAL_VALUE) from None
                 continue
-            value = self.contract.decode(f.name, data, self._beside(f))
-            if not self.contract.allows(f.name, value):
+            if not self.contract.allows(f.name, value := self._value(f, data)):
                 self.device.out_of_range()
                 raise Refused(ExcCodes.ILLEGAL_VALUE)
             values[f.name] = value
         return values, texts
+
+    def _value(self, f: Field, data: bytes) -> float:
+        """Physical value of what a client writes; NaN: it is none, as with more digits than can be kept."""
+        try:
+            return self.contract.decode(f.name, data, self._beside(f))
+        except struct.error:
+            return math.nan
 
 
 class Units:

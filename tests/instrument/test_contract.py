@@ -187,7 +187,8 @@ def test_an_unknown_field_is_refused_with_the_nearest_name() -> None:
     "change",
     [
         {"scale": 1e-2}, {"address": 0x09}, {"type": "int16"}, {"unit": "mm/s"}, {"minimum": 0.0}, {"maximum": 19.0},
-        {"access": "ro"}, {"choices": {"a": 1}}, {"bits": {"a": 1}}, {"meaning": "velocity"}, {"default": 2.0},
+        {"access": "ro"}, {"choices": {"a": 1}, "scale": 1.0},
+        {"bits": {"a": 1}, "scale": 1.0}, {"meaning": "velocity"}, {"default": 2.0},
     ],
 )  # fmt: skip
 def test_any_change_of_a_contract_changes_its_digest(change: dict[str, object]) -> None:

@@ -26,10 +26,16 @@ from palpate.instrument.contracts.contract import (
 )
 from palpate.instrument.contracts.field import Order
 from palpate.instrument.contracts.wire_types import SIZE
-from palpate.instrument.errors import ConfigError
+from palpate.instrument.errors import ConfigError, RangeError
 
 NOBODY, NUMBERED = Identity("Maker", "Thing", "1.0"), Identity("0x5F", "0x1", "0x10000")
 ORDERS = get_args(Order)
+
+SCALED = Field("value", 0x10, "int16", "value", scaling=Scaling("scale"))
+SCALE = Field("scale", 1, "uint16", "scale")
+SCALED_BY_TABLE = (replace(SCALED, scaling=Scaling("scale", "table", {0: math.inf})), SCALE)
+TEXT = Field("text", 1, "text", "text", length=4)
+ORDER = Field("order", 0x20, "uint16", "order", access="rw")
 
 
 def contract(*fields: Field, bus: Any = "modbus", **more: Any) -> Contract:
@@ -60,6 +66,17 @@ def test_four_orders_of_the_bytes_of_a_long(words: Order, octets: Order, frame: 
     assert thing.decode("value", bytes.fromhex(frame)) == 1234567890
 
 
+def _is_exact(thing: Contract, frame: bytes) -> bool:
+    """Whether a float keeps all digits of an integer of 64 bits."""
+    f = thing["value"]
+    registers = [frame[at : at + 2] for at in range(0, 8, 2)]
+    ordered = registers[:: -1 if f.words == "little" else 1]
+    number = int.from_bytes(
+        b"".join(each[:: -1 if f.octets == "little" else 1] for each in ordered), signed=f.type == "int64"
+    )
+    return abs(number) <= 2**53
+
+
 @given(
     st.sampled_from([name for name, size in SIZE.items() if size % 2 == 0]),
     st.sampled_from(ORDERS), st.sampled_from(ORDERS), st.data(),
@@ -67,6 +84,10 @@ def test_four_orders_of_the_bytes_of_a_long(words: Order, octets: Order, frame: 
 def test_every_type_comes_back_in_every_order(type_: Any, words: Order, octets: Order, data: st.DataObject) -> None:
     thing = one(type=type_, words=words, octets=octets)
     frame = data.draw(st.binary(min_size=SIZE[type_], max_size=SIZE[type_]))
+    if type_ in ("uint64", "int64") and not _is_exact(thing, frame):
+        with pytest.raises(struct.error, match="more digits than can be kept"):
+            thing.decode("value", frame)
+        return
     value = thing.decode("value", frame)
     if math.isfinite(value) and abs(value) < 2**53:
         assert thing.pack("value", value) == frame
@@ -150,6 +171,73 @@ def test_a_scale_that_the_table_lacks_is_an_error_and_no_guess() -> None:
         thing.decode("value", b"\0\1", {"scale": 3})
 
 
+# 0 would make any reading 0, and 65535 decimals no float
+@pytest.mark.parametrize(
+    ("scaling", "told", "error"),
+    [
+        (Scaling("scale"), 65535, "65535 is no number of decimals; valid: -20 to 20"),
+        (Scaling("scale"), -400, "-400 is no number of decimals"),
+        (Scaling("scale"), 1.5, "1.5 is no number of decimals"),
+        (Scaling("scale"), math.nan, "nan is no number of decimals"),
+        (Scaling("scale", "factor"), 0, "scale = 0 is no scale; it must be finite and above 0"),
+        (Scaling("scale", "factor"), -1, "scale = -1 is no scale"),
+        (Scaling("scale", "factor"), math.inf, "scale = inf is no scale"),
+        (Scaling("scale", "factor"), math.nan, "scale = nan is no scale"),
+        (Scaling("scale", "table", {1: 2.0}), math.nan, "nan"),
+        (Scaling("scale", "table", {1: 2.0}), 1.5, "1.5"),
+    ],
+)
+def test_a_scale_that_cannot_be_is_an_error_and_no_reading(scaling: Scaling, told: float, error: str) -> None:
+    thing = contract(replace(SCALED, scaling=scaling), Field("scale", 1, "float64", "scale"))
+    with pytest.raises((ValueError, KeyError), match=error):
+        thing.decode("value", b"\0\1", {"scale": told})
+
+
+@pytest.mark.parametrize("name", ["long", "signed", "bits"])
+def test_no_digit_of_a_long_is_lost_silently(name: str) -> None:
+    thing = contract(
+        Field("long", 1, "uint64", "long", access="rw"),
+        Field("signed", 10, "int64", "signed", access="rw", words="little"),
+        Field("bits", 20, "uint64", "bits", bits={"lowest": 0, "highest": 63}, access="rw"),
+    )
+    frame = (2**53 + 1).to_bytes(8, "big")
+    frame = b"".join(frame[at : at + 2] for at in (6, 4, 2, 0)) if name == "signed" else frame
+    with pytest.raises(struct.error, match="9007199254740993 has more digits than can be kept"):
+        thing.decode(name, frame)
+    assert thing.decode(name, thing.encode(name, 2**53)) == 2**53
+    with pytest.raises(RangeError, match="does not fit"):
+        thing.encode(name, 2.0**54)
+
+
+@pytest.mark.parametrize("value", [256, 300, -1])
+def test_a_part_never_spills_into_the_bits_of_its_neighbour(value: float) -> None:
+    low = Field("low", 1, "uint16", "low", part=(0, 8), access="rw")
+    thing = contract(low, replace(low, name="high", part=(8, 8)))
+    with pytest.raises(RangeError, match=f"low = {value} is outside 0 to 255"):
+        thing.encode("low", value)
+    with pytest.raises(struct.error):
+        thing.pack("low", value)
+
+
+@pytest.mark.parametrize(("value", "fits"), [(0.3, False), (0.4, True), (9.6, True), (9.61, False), (0.3999, False)])
+def test_limits_of_a_scale_that_is_told_are_physical(value: float, fits: bool) -> None:
+    thing = contract(replace(SCALED, access="rw", minimum=0.4, maximum=9.6), SCALE)
+    assert thing.allows("value", value) == fits
+    assert (thing.misread("value", value) == "") == fits
+
+
+def test_a_setting_that_does_not_fit_in_the_scale_that_is_told_is_refused() -> None:
+    thing = contract(replace(SCALED, access="rw"), SCALE)
+    with pytest.raises(RangeError, match="value = 1000 does not fit a int16"):
+        thing.encode("value", 1000.0, {"scale": 2})
+
+
+def test_a_limit_may_exceed_what_a_type_holds_in_a_scale_that_is_told() -> None:
+    thing = contract(replace(SCALED, scaling=Scaling("scale", "factor"), maximum=1e6), SCALE)
+    assert thing.decode("value", b"\0\5", {"scale": 1e5}) == 5e5
+    assert thing.shown("value", b"\0\5") == "value = 00 05"
+
+
 def test_a_value_that_says_that_there_is_none_is_not_a_number() -> None:
     thing = one(missing=(99999,))
     assert math.isnan(thing.decode("value", (99999).to_bytes(4, "big")))
@@ -158,9 +246,6 @@ def test_a_value_that_says_that_there_is_none_is_not_a_number() -> None:
 
 
 # --- what is refused where it is declared --------------------------------------------------------------
-
-SCALED = Field("value", 0x10, "int16", "value", scaling=Scaling("scale"))
-ORDER = Field("order", 0x20, "uint16", "order", access="rw")
 
 
 @pytest.mark.parametrize(
@@ -179,6 +264,28 @@ ORDER = Field("order", 0x20, "uint16", "order", access="rw")
         ({"sign": ("status", "negative")}, "a int32 has a sign of its own"),
         ({"missing": (2**31,)}, "cannot be limits or choices of a int32"),
         ({"endures": -1}, "endures = -1 writes"),
+        ({"scale": 5e-324}, "scale = 4.94066e-324 is outside 1e-30 to 1e+30"),
+        ({"choices": {"a": 10**400}}, "cannot be limits or choices of a int32"),
+        ({"missing": (10**400,)}, "cannot be limits or choices of a int32"),
+        ({"type": "uint64", "choices": {"a": 2**53 + 1}}, "cannot be limits or choices of a uint64"),
+        ({"choices": {"N": 5, "kg": 5}}, "choices N and kg are both 5"),
+        ({"choices": {"": 5}}, "choices has an empty name"),
+        ({"choices": {"a": 5}, "scale": 0.1}, "has choices, which name raw values, and scale; leave one of them out"),
+        ({"choices": {"a": 5}, "missing": (5,)}, "choice 'a' is 5, which says that there is no reading"),
+        ({"choices": {"a": 5}, "maximum": 3}, "choice 'a' is 5, outside -inf to 3"),
+        ({"type": "uint16", "bits": {"a": 5, "b": 5}}, "bits a and b are both 5"),
+        ({"type": "uint16", "bits": {"a": 5}, "offset": 1.0}, "has bits, which name raw values, and offset"),
+        ({"type": "uint16", "bits": {"a": 5}, "missing": (7,)}, "has bits and missing"),
+        ({"type": "uint16", "bits": {"a": 5}, "choices": {"b": 1}}, "has bits and choices"),
+        ({"type": "uint16", "bits": {"a": 9}, "part": (0, 8)}, "bit 'a' is number 9; its part has 8 bits"),
+        ({"type": "text", "length": 4, "part": (0, 8), "missing": (1,)}, "missing, part: a text has none of these"),
+        ({"type": "text", "length": -2}, "length = -2 bytes; give 0 to 65535"),
+        ({"length": 4}, "length = 4, which is for texts"),
+        ({"default": "a"}, "default = 'a'; give a number for a int32"),
+        ({"default": math.nan}, "default = nan"),
+        ({"meaning": "\x1b[31m"}, "meaning = '\\x1b[31m' holds characters that cannot be printed"),
+        ({"name": "größe"}, "field 'größe': give a name of up to 64 lower-case letters"),
+        ({"name": ""}, "field '': give a name"),
     ],
 )  # fmt: skip
 def test_a_field_that_no_device_has_is_refused(given: Mapping[str, Any], message: str) -> None:
@@ -210,6 +317,37 @@ def test_a_field_that_no_device_has_is_refused(given: Mapping[str, Any], message
         ((ORDER,), {"manners": Manners(together=(("order", "speed"),))}, "'speed' is no field that can be written"),
         ((ORDER, replace(ORDER, name="far", address=0x30)), {"manners": Manners(together=(("order", "far"),))},
          "must be adjacent"),
+        (SCALED_BY_TABLE, {}, "its table of scales has a factor that is not above 0, or not 1e-30 to 1e+30"),
+        ((Field("a", 1, "uint16", "a", "N", unit_in="u"), Field("b", 2, "uint16", "b", "kg", unit_in="u"),
+          Field("u", 5, "uint16", "u", choices={"N": 0, "kg": 1})), {}, "u should tell 'N' for a and 'kg' for b"),
+        ((Field("a", 1, "uint16", "a", part=(0, 8)), Field("b", 1, "uint16", "b", part=(8, 8), octets="little")), {},
+         "a and b are parts of one register, 0x1; give them the same octets, function and access"),
+        ((ORDER,), {"marks": (Mark("order", 70000),), "known_by": "marks"}, "order = 70000 does not fit a uint16"),
+        ((ORDER,), {"marks": (Mark("order", math.nan),), "known_by": "marks"}, "order = nan"),
+        ((ORDER,), {"marks": (Mark("order", 1), Mark("order", 2)), "known_by": "marks"}, "several marks have the name"),
+        ((SCALED, SCALE), {"marks": (Mark("value", 1),), "known_by": "marks"}, "whose scale or sign is told by scale"),
+        ((TEXT,), {"marks": (Mark("text", ""),), "known_by": "marks"}, "may begin with any text"),
+        ((TEXT,), {"marks": (Mark("text", "abcdef"),), "known_by": "marks"}, "takes 6 bytes of UTF-8, 4 are allowed"),
+        ((replace(SCALED, access="rw"), SCALE), {"commands": (Command("go", "value", 1),)},
+         "has a scale that scale tells"),
+        ((ORDER, replace(ORDER, name="next", address=0x21)),
+         {"commands": (Command("go", "order", 1),), "manners": Manners(together=(("order", "next"),))},
+         "command go: order cannot be written without next"),
+        ((replace(ORDER, part=(0, 8)), replace(ORDER, name="next", part=(8, 8))),
+         {"commands": (Command("go", "order", 1),)}, "command go: order cannot be written without next"),
+        ((ORDER,), {"commands": (Command("go", "order", 1, clear=1),)}, "clear = 1 is its value"),
+        ((ORDER,), {"commands": (Command("Go", "order", 1),)}, "command 'Go': give a name"),
+        ((ORDER,), {"commands": (Command("go", "order", 1, done=Condition("order", (0,), 0)),)}, "mask = 0x0 of order"),
+        ((ORDER,), {"commands": (Command("go", "order", 1, done=Condition("order", (1,), -1)),)},
+         "mask = -0x1 of order"),
+        ((ORDER, replace(ORDER, name="state", address=0x21, part=(0, 4))),
+         {"commands": (Command("go", "order", 1, done=Condition("state", (99,))),)}, "which cannot read so (mask 0xF)"),
+        ((ORDER,),
+         {"commands": (Command("go", "order", 1, (), Condition("order", (2,)), Condition("order", (2, 3))),)},
+         "is done and has failed in one state of order"),
+        ((ORDER,), {"manners": Manners(together=((),))}, "together: [] is no run"),
+        ((replace(ORDER, function=6), replace(ORDER, name="next", address=0x21)),
+         {"manners": Manners(together=(("order", "next"),))}, "order is written with function 6, which writes it alone"),
         ((Field("long", 0, "uint64", "long"),), {"manners": Manners(most_read=2)}, "but a reply holds 2"),
     ],
 )  # fmt: skip

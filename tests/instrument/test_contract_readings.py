@@ -43,7 +43,7 @@ OVEN = Contract(
         ("heater", 2.0, "heater = 2 is no choice; valid: off (0), on (1)"),
         ("heat", 1e30, ""),
         ("heat", math.nan, ""),  # of a float without limits: the device has no reading
-        ("heat", math.inf, "heat = inf W is outside -inf to inf W"),
+        ("heat", math.inf, "heat = inf W, which is no finite number"),
     ],
 )
 def test_a_reading_is_held_to_the_limits_and_choices_of_its_field(name: str, value: float, fault: str) -> None:

@@ -167,6 +167,23 @@ scaling = { told_by = "decimals" }
             "address = 9\nscal = 2.0",
             "field.net: scal: unknown key .did you mean 'scale'.*; valid: access,",
         ),
+        ("address = 9", "address = 9\nchoices = { a = true }", r"field.net: choices.a: .* valid integer \(got True\)"),
+        ("address = 9", "address = 9\nmissing = ['1']", r"field.net: missing.0: .* valid integer \(got '1'\)"),
+        (
+            "[command.save]",
+            "[line]\nbitrate = 500000\n[command.save]",
+            "line.bitrate: is not for bus = 'modbus'; valid: baudrate, parity, stopbits, unit",
+        ),
+        (
+            "[command.save]",
+            "[line]\nunit = 200\n[manners]\nunits = [1, 99]\n[command.save]",
+            "line.unit = 200, but manners.units are 1 to 99",
+        ),
+        (
+            'links = ["modbus-rtu"',
+            'links = ["canopen"',
+            "device.links: 'canopen'; valid for bus = 'modbus', each once:",
+        ),
         ("[command.save]", SCALED, "tare: its scale is in decimals, which has access 'rw'; it must be 'ro'"),
         ('value = "save"', 'value = "tare"', "command save: .*command = 'tare' is no choice; valid: save"),
         ('says = "command save"', 'says = "save"', """frame 2: says: 'save': give "read", "write", "command","""),

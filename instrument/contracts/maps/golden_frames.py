@@ -131,7 +131,7 @@ def prove(contract: Contract, frames: Sequence[Frame]) -> Proof:
     for frame in frames:
         try:
             fields = list(_checked(contract, frame))
-        except (ConfigError, RangeError, UnknownName, struct.error, OverflowError) as error:
+        except (ConfigError, RangeError, UnknownName, struct.error, OverflowError, ValueError) as error:
             problems.append(f"{frame}: {error}")
             continue
         except KeyError as error:
@@ -195,8 +195,6 @@ def _data(contract: Contract, name: str, value: float | str, beside: Mapping[str
     if does in ("write", "command", "takes") and f.access == "ro":
         raise ConfigError(f"{name} cannot be written; its access is {f.access!r}")
     if isinstance(value, str):
-        if contract.bus == "canopen":  # there it is as long as it is
-            return value.encode()
         return contract.encode_text(name, value)
     if does in ("write", "command", "takes"):
         return contract.encode(name, value, beside)

@@ -8,13 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field as Key
 
 from palpate.instrument.config import MOST_PROBLEMS, Config, Name, check, parse, read_bytes
 from palpate.instrument.contracts.contract import Contract, Identity
-from palpate.instrument.contracts.manners import USUAL
+from palpate.instrument.contracts.manners import USUAL, Manners
 from palpate.instrument.contracts.maps import tables
 from palpate.instrument.contracts.maps.golden_frames import Frame, FrameTable, frame_of
 from palpate.instrument.errors import ConfigError
@@ -70,7 +70,7 @@ class MapFile(Config):
     eds: Sheet | None = None
     manners: dict[str, Any] = Key(default_factory=dict)  # keys of each table: see `tables`
     mark: tuple[dict[str, Any], ...] = ()
-    field: Tables
+    field: Annotated[Tables, Key(min_length=1)]
     command: Tables = Key(default_factory=dict)
     sends: Tables = Key(default_factory=dict)
     takes: Tables = Key(default_factory=dict)
@@ -151,6 +151,8 @@ def map_of(path: Path, data: bytes) -> DeviceMap:
     (manners,) = read.listed("manners", tables.MANNERS, [content.manners]) or (USUAL,)
     frames = tuple(read.frames(content.frame))
     read.refuse()
+    read.fits(device, content.line, manners)
+    read.refuse()
     try:
         contract = Contract(
             device.name,
@@ -176,6 +178,10 @@ def map_of(path: Path, data: bytes) -> DeviceMap:
         device.documents,
         content.eds,
     )
+
+
+def _twice(names: Sequence[str]) -> list[str]:
+    return [name for number, name in enumerate(names) if name in names[:number]]
 
 
 class _Reader:
@@ -208,6 +214,23 @@ class _Reader:
                 yield frame_of(number, check(dict(table), FrameTable, f"{self._where}: frame {number}"))
             except ConfigError as error:
                 self._problems.append(str(error))
+
+    def fits(self, device: DeviceTable, line: Line, manners: Manners) -> None:
+        """Check that links, line and manners are those of its bus."""
+        links = [link for link in get_args(Link) if (link == "canopen") == (device.bus == "canopen")]
+        if wrong := [link for link in device.links if link not in links] or _twice(device.links):
+            self._problems.append(
+                f"{self._where}: device.links: {wrong[0]!r}; valid for bus = {device.bus!r}, each once: "
+                + ", ".join(links)
+            )
+        of_bus = ("bitrate", "node") if device.bus == "canopen" else ("baudrate", "parity", "stopbits", "unit")
+        if other := sorted(line.model_fields_set - set(of_bus)):
+            self._problems.append(
+                f"{self._where}: line.{other[0]}: is not for bus = {device.bus!r}; valid: {', '.join(of_bus)}"
+            )
+        low, high = manners.units
+        if line.unit is not None and not low <= line.unit <= high:
+            self._problems.append(f"{self._where}: line.unit = {line.unit}, but manners.units are {low} to {high}")
 
     def refuse(self) -> None:
         """Raises ConfigError: something was wrong."""

@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_type_hints
 from pydantic import BeforeValidator, Strict, create_model
 
 from palpate.instrument.config import Config
-from palpate.instrument.contracts.contract import Command, Condition, Field, Manners, Mark, Pdo, Scaling, sdo
+from palpate.instrument.contracts.contract import Command, Condition, Field, Manners, Mark, Pdo, Scaling, Value, sdo
 
 OBJECT = re.compile(r"([0-9A-Fa-f]{4}):([0-9A-Fa-f]{1,2})")
 EXACT: dict[Any, Any] = {  # a text or `true` is no number
@@ -18,6 +18,11 @@ EXACT: dict[Any, Any] = {  # a text or `true` is no number
     float: Annotated[float, Strict()],
     float | None: Annotated[float, Strict()] | None,
     int | None: Annotated[int, Strict()] | None,
+    Value: Annotated[float, Strict()] | Annotated[str, Strict()],
+    tuple[int, int]: tuple[Annotated[int, Strict()], Annotated[int, Strict()]],
+    tuple[int, int] | None: tuple[Annotated[int, Strict()], Annotated[int, Strict()]] | None,
+    tuple[int, ...]: tuple[Annotated[int, Strict()], ...],
+    Mapping[str, int]: Mapping[str, Annotated[int, Strict()]],
 }
 MADE: dict[type[Config], type] = {}  # for each model of a table, the class of the declaration
 
