@@ -347,7 +347,8 @@ def test_a_field_that_no_device_has_is_refused(given: Mapping[str, Any], message
          "is done and has failed in one state of order"),
         ((ORDER,), {"manners": Manners(together=((),))}, "together: [] is no run"),
         ((replace(ORDER, function=6), replace(ORDER, name="next", address=0x21)),
-         {"manners": Manners(together=(("order", "next"),))}, "order is written with function 6, which writes it alone"),
+         {"manners": Manners(together=(("order", "next"),))},
+         "order is written with function 6, which writes it alone"),
         ((Field("long", 0, "uint64", "long"),), {"manners": Manners(most_read=2)}, "but a reply holds 2"),
     ],
 )  # fmt: skip
