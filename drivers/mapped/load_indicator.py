@@ -62,6 +62,7 @@ class LoadIndicator(EitherBus):
     _relative_u = 0.0
     _moving = False  # whether the load has moved since it is read peak to peak
     _level: float | None = None  # raw value of its filter
+    _restored: frozenset[str] = frozenset()  # settings of its filter that a recovery writes again
     _step = math.nan  # of its display, in its unit
 
     @property
@@ -75,16 +76,21 @@ class LoadIndicator(EitherBus):
         """As for every device; the filter and the display's step are read.
 
         Raises:
-            RangeError: the section sets a filter that the device cannot have, or lacks a key that it needs.
+            RangeError: the section sets a filter that the device cannot have, lacks a key that it needs, or has one
+                that the device tells itself.
             LinkError, DeviceError: the device does not answer, or reads no step.
         """
         self._settings_of, self.gage_factor = settings, settings.gage_factor
         table = self._map.filter
+        told = {"bandwidth": bool(table), "resolution": bool(self._map.step)}
+        if double := [key for key, read in told.items() if read and getattr(settings, key) is not None]:
+            raise RangeError(f"{self.name}: the device itself tells its {double[0]}; leave it out of its section")
         if settings.filter is not None:
             if table is None or str(settings.filter) not in table.levels:
                 valid = ", ".join(table.levels) if table else "none, as no field of its map sets one: set it there"
                 raise RangeError(f"{self.name}: filter = {settings.filter} is no level of its filter; valid: {valid}")
             self.give(**{table.field: settings.filter})
+            self._restored = frozenset({table.field})
         self._level = self.get(table.field) if table else None
         self._step = self._shown_step()
         self.resolution_mV = self._step * settings.span
@@ -214,7 +220,16 @@ class LoadIndicator(EitherBus):
         if not sick and self._frozen(value, values):
             sick = "display not updated"
         u_mV = self._relative_u * abs(value) * self._settings_of.span
-        return self._made(value, sick, stable=True, difference=True, u_mV=u_mV)
+        return self._made(value, sick, self._unchanged(), difference=True, u_mV=u_mV)
+
+    def _unchanged(self) -> bool:
+        """Whether the filter is still as it was: with another one the load would be taken for less than it is."""
+        table = self._map.filter
+        return table is None or all(self.get(name) == value for name, value in self._levels(table).items())
+
+    def _levels(self, table: FilterTable) -> dict[str, float | None]:
+        """What the fields of the filter must read."""
+        return {table.field: self._level, **table.needs}
 
     def _frozen(self, value: float, values: list[float]) -> bool:
         """Whether the display stands still although the load moves, or has moved since it is read peak to peak."""
@@ -253,9 +268,10 @@ class LoadIndicator(EitherBus):
     def differences(self) -> list[str]:
         """As for every device; also a filter, or a step of the display, that somebody has changed."""
         found = super().differences()
-        table = self._map.filter
-        if table and self._settings_of.filter is None and (level := self.get(table.field)) != self._level:
-            found.append(f"{self.name}: {table.field} is {level:g}, was {self._level:g}")
+        levels = self._levels(self._map.filter) if self._map.filter else {}
+        for name, value in levels.items():
+            if name not in self._restored and (now := self.get(name)) != value:
+                found.append(f"{self.name}: {name} is {now:g}, was {value:g}")
         if self._map.step and (step := self._shown_step()) != self._step:
             raise DeviceError(
                 f"{self.name}: {self._map.step} says {step:g} {self.contract[self._map.reading].unit}".rstrip()

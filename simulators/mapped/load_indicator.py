@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.contract import Command
@@ -26,8 +27,6 @@ STEP, SHIPPED_DECIMALS = 1, 3  # step of a new display in its last decimal, and 
 @lru_cache(16)
 def _sections(order: int, corner: float, rate: float) -> Floats:
     """A Butterworth filter for samples at a rate [1/s], as second-order sections."""
-    from scipy.signal import butter  # this import takes longer than opening a bench
-
     sections: Floats = butter(order, min(corner, 0.45 * rate), fs=rate, output="sos")
     return sections
 
@@ -177,8 +176,6 @@ class LoadIndicator(Twin):
             before = math.ceil(SETTLING * self._rate / low_pass.corner)
             total = max(min(count + before, LONGEST_NS // self._step_ns, last + 1), 1)
             force = self._cell.forces(last * self._step_ns, total, self._step_ns)
-            from scipy.signal import sosfilt, sosfilt_zi
-
             sections = _sections(low_pass.order, low_pass.corner, self._rate)
             passed, _ = sosfilt(sections, force, zi=sosfilt_zi(sections) * force[0])
             self._looked_at = (*moment, passed[-count:])

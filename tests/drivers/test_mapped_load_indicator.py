@@ -182,6 +182,8 @@ def test_that_filter_would_have_hidden_most_of_the_load() -> None:
         ("flintec-dad-141", {"filter": 9}, "filter = 9 is no level of its filter; valid: 0, 1"),
         ("laumas-tlb4", {"filter": 0}, "no field of its map sets one"),
         ("seneca-z-sg2", {}, "write resolution = NUMBER in its section"),
+        ("flintec-dad-141", {"bandwidth": "18 Hz"}, "the device itself tells its bandwidth; leave it out"),
+        ("laumas-tlb4", {"resolution": 0.01}, "the device itself tells its resolution; leave it out"),
     ],
 )
 def test_a_section_that_the_device_cannot_have_is_refused(kind: str, section: dict[str, Any], says: str) -> None:
@@ -247,6 +249,15 @@ def test_a_display_that_stands_still_while_the_load_moves_is_sick(kind: str) -> 
     read, stuck = device.twin.read, {name: device.twin.read(name) for name in device.twin.readings}
     device.twin.read = lambda name: stuck.get(name, 0.0) if name in stuck else read(name)  # type: ignore[method-assign]
     assert device.read().sick == "display not updated"
+
+
+def test_a_reading_behind_another_filter_is_not_stable() -> None:
+    device = indicator("flintec-dad-141")
+    device.check_frequency(FREQUENCY)
+    device.peak_to_peak(0.5)
+    assert device.read().stable
+    device.twin.reset()
+    assert not device.read().stable
 
 
 def test_the_tare_is_taken_off() -> None:

@@ -47,12 +47,12 @@ class LoadIndicatorSettings(Config):
         resolution: step of the display, in its unit, where no field tells it.
     """
 
-    span: Positive
+    span: Annotated[float, Field(gt=0, strict=True)]
     gage_factor: Annotated[float, Field(ge=0.5, le=20, strict=True)] = 8.98  # [T]
     filter: Annotated[int, Field(ge=0, strict=True)] | None = None
     bandwidth: Annotated[Hertz, Field(gt=0)] | None = None
     rate: Annotated[Hertz, Field(gt=0)] | None = None
-    resolution: Positive | None = None
+    resolution: Annotated[float, Field(gt=0, strict=True)] | None = None
 
 
 class LoadIndicatorMap(RoleMap):
