@@ -55,10 +55,16 @@ class Counts:
         return max(came, 1) if BROKEN < came < due else due  # a second answer to an earlier one, or none to this one
 
     def decoded(self, frames: Mapping[str, Kept]) -> tuple[Floats, npt.NDArray[np.bool_]]:
-        """Readings, shape (channels, n), and whether each is at the end of its range, where it may be saturated."""
+        """Readings, shape (channels, n), and whether each is at the end of its range, where it may be saturated.
+
+        NaN: the node says that it has no reading.
+        """
         raw = np.array([self._raw(name, frames) for name in self._channels])
         offset = np.array([self._contract[name].offset for name in self._channels])
         readings = raw * self.step[:, np.newaxis] + offset[:, np.newaxis]
+        for number, name in enumerate(self._channels):
+            if missing := self._contract[name].missing:
+                readings[number, np.isin(raw[number], missing)] = np.nan
         return readings, (raw <= self._low[:, np.newaxis]) | (raw >= self._high[:, np.newaxis])
 
     def _raw(self, channel: str, frames: Mapping[str, Kept]) -> npt.NDArray[np.int64]:

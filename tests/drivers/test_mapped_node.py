@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import Place
+from palpate.drivers.mapped.counts import Counts
 from palpate.drivers.mapped.sensor_node import MappedNode
 from palpate.drivers.mapped.sync import missing_sync
 from palpate.instrument.bench.kinds import device_kind
@@ -84,6 +86,15 @@ def test_a_node_tells_its_own_decimals(kind: str, size: int, raw: int, strain: f
     link.put(decimals=1)  # as writing 2112h does
     with pytest.raises(DeviceError, match="decimals is 1, was 2 before, so the scale of its readings has changed"):
         driver.differences()
+
+
+def test_a_raw_value_that_says_so_is_no_reading() -> None:
+    contract = device_kind("canopennode-io").contract
+    fields = tuple(replace(f, missing=(-32768,)) if f.name == "analog_2" else f for f in contract.fields)
+    counted = Counts(replace(contract, fields=fields), ("analog_1", "analog_2"))
+    counted.read_scales(lambda _name: {})
+    found, _ = counted.decoded({"samples": [(1, counts(-32768, -32768, 0, 0)), (2, counts(1, 2, 3, 4))]})
+    assert found == pytest.approx(np.array([[-32768, 1], [np.nan, 2]]), nan_ok=True)
 
 
 def test_a_status_that_is_not_ok_is_noticed() -> None:
@@ -248,12 +259,26 @@ def test_sync_that_does_not_come_or_too_seldom_is_noticed(
     assert one.acquire_with([], 0.1)[0].voltage.shape == (1, 25)
 
 
-def test_a_tare_by_text_makes_the_reading_zero(bench: tuple[SimulatedBench, Any]) -> None:
-    _, opened = bench
+def test_a_tare_by_text_makes_the_reading_zero(
+    bench: tuple[SimulatedBench, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sim, opened = bench
     one = opened.device("film_1")
-    one.command("tare")
     one.set_sample_rate(250.0)
-    assert abs(one.get("strain")) <= 0.01
+    monkeypatch.setattr(sim.rig, "film_voltages", lambda time_ns, _: np.full((2, len(time_ns)), 1.0))
+    before = one.acquire_with([], 0.1)[0].voltage
+    one.command("tare")
+    assert (before.mean(), one.acquire_with([], 0.1)[0].voltage.mean()) == pytest.approx((1.0, 0.0), abs=0.05)
+
+
+def test_sync_that_a_killed_program_left_on_is_switched_off(bench: tuple[SimulatedBench, Any]) -> None:
+    sim, opened = bench
+    one = opened.device("film_1")
+    one.set_sample_rate(250.0)
+    one.sync.on()
+    assert sim.can.sync_rate == 250.0
+    one.set_sample_rate(100.0)
+    assert sim.can.sync_rate == 0.0
 
 
 @pytest.mark.parametrize(
@@ -262,7 +287,7 @@ def test_a_tare_by_text_makes_the_reading_zero(bench: tuple[SimulatedBench, Any]
         (0x1A00, 0, "00", "device state"),  # it is on
         (0x1800, 1, "81 02 00 40", "range"),  # moves while it is on
         (0x1800, 1, "81 01 00 80", "range"),  # bit 30 is cleared
-        (0x1A00, 1, "10 01 30 71", "device state"),  # while objects are counted
+        (0x1A00, 1, "10 01 30 71", "device state"),
     ],
 )
 def test_a_twin_refuses_to_have_its_process_data_changed_out_of_turn(
@@ -281,6 +306,8 @@ def test_a_twin_holds_only_what_it_has_and_what_a_frame_can_carry(bench: tuple[S
         clock.link.download("test", clock._node, index, subindex, value.to_bytes(size, "little"))
 
     write(0x1800, 1, 0xC000_0183)
+    with pytest.raises(DeviceError, match="device state"):
+        write(0x1A00, 1, 0x6401_01_10)  # while objects are counted
     write(0x1A00, 0, 0, 1)
     for entry in (0x6401_01_08, 0x6401_05_10, 0x1008_00_20):  # another size, no such object, a text
         with pytest.raises(DeviceError, match="mapped"):
