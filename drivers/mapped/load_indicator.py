@@ -15,7 +15,7 @@ from palpate.instrument.bench.role_maps.load_indicator import (
 )
 from palpate.instrument.errors import DeviceError, RangeError
 
-TINY = 1e-30  # a float of this size is no load, but one whose words come in the other order
+TINY = 1e-9  # of the unit of a display; a float of this size is no load, but one whose words are swapped
 LOOKS = 6  # readings beside those of extremes, which tell that the display still moves
 MOVED = 4  # steps of the display that a load must move by, so that not all of these readings can be equal
 AGAIN = 3  # readings that must agree where no bit says that the load is stable
