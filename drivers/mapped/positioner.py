@@ -45,22 +45,24 @@ class MappedPositioner(EitherBus):
         m = self._map
         self.orders: frozenset[str] = self.orders | {m.target, m.speed, *m.with_target, m.lifetime, m.heartbeat}
         super().connect()
-        for name, wanted in m.requires.items():
-            self._require(name, wanted)
+        self._check_required()
         self._turn = self.get(m.steps_per_turn) if isinstance(m.steps_per_turn, str) else m.steps_per_turn
         if not self._turn > 0:
             raise DeviceError(
                 f"{self.name}: {m.steps_per_turn} is {self._turn:g}; set the steps of a turn", device=self.name
             )
 
-    def _require(self, name: str, wanted: Value) -> None:
-        field, found = self.contract[name], self.held(name)
-        if not math.isfinite(found) or field.to_raw(found) != self.contract.raw(name, wanted):
-            raise DeviceError(
-                f"{self.name}: {name} is {self.contract.choice(name, found)}, must be {wanted} ({field.meaning}); set "
-                "it at the device",
-                device=self.name,
-            )
+    def _check_required(self) -> None:
+        """Raises DeviceError: a person must set something otherwise at the device."""
+        for name in self._map.requires:
+            wanted, field, found = self._map.required(name), self.contract[name], self.held(name)
+            if not math.isfinite(found) or field.to_raw(found) not in [self.contract.raw(name, v) for v in wanted]:
+                shown = " or ".join(f"{each:g}" if isinstance(each, float) else each for each in wanted)
+                raise DeviceError(
+                    f"{self.name}: {name} is {self.contract.choice(name, found)}, must be {shown} ({field.meaning}); "
+                    "set it at the device",
+                    device=self.name,
+                )
 
     def set_up(self, settings: Any, watchdog: float) -> None:
         """Write the travel limits and the settings of moves, and switch the motor on. Raises LinkError, DeviceError."""
@@ -120,6 +122,7 @@ class MappedPositioner(EitherBus):
         """Go to 0, and wait until it is there; look for the home position first if the device has lost it."""
         self._get_ready()
         if not self._homed:
+            self._check_required()
             self._target = None
             try:
                 for command in self._map.find_home:

@@ -35,6 +35,15 @@ class Moving:
         self._homed = False
         self._gone_ns = NEVER  # when its master counts as gone
 
+    def _set_by_a_person(self) -> dict[str, float]:
+        """The settings that a person must have made at the device."""
+        found = {}
+        for name in self._map.requires:
+            f = self.contract[name]
+            allowed = [self.contract.raw(name, value) * f.scale for value in self._map.required(name)]
+            found[name] = self.settings[name] if self.settings[name] in allowed else allowed[0]
+        return found
+
     def _turn(self) -> float:
         steps = self._map.steps_per_turn
         return self.settings[steps] if isinstance(steps, str) else steps
@@ -124,6 +133,7 @@ class ModbusPositioner(Moving, Twin):
         self._axis.stop(self.clock.now_ns())
         self._alarm, self._on, self._gone_ns = 0, False, NEVER
         super().reset()
+        self.settings |= self._set_by_a_person()
         if not self._map.keeps_home:
             self._lose_home()
 
@@ -200,6 +210,7 @@ class DriveNode(Moving, CanopenTwin):
     def reset(self) -> None:
         """Return to the state after power-on; the axis stops, and the position stays."""
         super().reset()
+        self.settings |= self._set_by_a_person()
         self._state, self._taken, self._gone_ns = DISABLED, False, NEVER
         self._axis.stop(self.clock.now_ns())
         if not self._map.keeps_home:

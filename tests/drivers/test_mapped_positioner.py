@@ -73,6 +73,18 @@ def test_a_move_takes_the_time_of_its_speed_and_acceleration_and_moves_the_probe
 
 
 @pytest.mark.slow
+def test_a_home_is_not_looked_for_in_a_way_that_takes_the_present_position() -> None:
+    with opened(C5) as (sim, twin, stage):
+        stage.home()
+        stage.move(2e-3)
+        twin.settings["homing_method"] = 35.0  # it was never saved, and the power has gone
+        stage._knows_home = False
+        with pytest.raises(DeviceError, match="homing_method is 35"):
+            stage.home()
+        assert sim.rig.position == pytest.approx(2e-3)
+
+
+@pytest.mark.slow
 def test_steps_may_count_upwards() -> None:
     with opened(C5, metres_per_step=-5e-7) as (sim, twin, stage):
         stage.home()
@@ -87,10 +99,11 @@ def test_steps_may_count_upwards() -> None:
         (KRD, "failed_requests", 0.0, "failed_requests is normal, must be exception"),
         pytest.param(KRD, "timeout", 500.0, "timeout is 500, must be 0", marks=pytest.mark.slow),
         pytest.param(KRD, "trigger_clears", 0.0, "trigger_clears is no, must be yes", marks=pytest.mark.slow),
+        pytest.param(C5, "homing_method", 35.0, "homing_method is 35, must be 17 or 18 or", marks=pytest.mark.slow),
         pytest.param(C5, "steps_per_turn", 0.0, "steps_per_turn is 0; set the steps", marks=pytest.mark.slow),
     ],
 )
-def test_a_setting_that_hides_failures_is_refused_when_the_bench_is_opened(
+def test_a_setting_that_hides_failures_or_is_dangerous_is_refused_when_the_bench_is_opened(
     kind: str, field: str, value: float, said: str
 ) -> None:
     with served(kind) as (sim, twin):

@@ -12,12 +12,16 @@ from palpate.instrument.config import Config
 from palpate.instrument.contracts.contract import Condition, Contract
 from palpate.instrument.quantity import Metres
 
+SHORTEST, LONGEST = 1e-12, 1e-3  # m that a step can be
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
-def _not_zero(value: float) -> float:
-    if value == 0:
-        raise ValueError("0 m for a step: give the lead of the screw, divided by the steps of a turn")
+def _a_step(value: float) -> float:
+    if not SHORTEST <= abs(value) <= LONGEST:
+        raise ValueError(
+            f"{value:g} m for a step is not within {SHORTEST:g} to {LONGEST:g} m; give the lead of the screw, divided "
+            "by the steps of a turn"
+        )
     return value
 
 
@@ -31,7 +35,7 @@ class PositionerSettings(Config):
         torque: greatest torque, as a share of the motor's rated one.
     """
 
-    metres_per_step: Annotated[float, Field(strict=True, ge=-1e-3, le=1e-3), AfterValidator(_not_zero)]
+    metres_per_step: Annotated[Number, AfterValidator(_a_step)]
     travel: Metres = Field(gt=0, le=1)
     acceleration: float = Field(default=0.02, gt=0, le=10, strict=True)
     torque: float = Field(default=0.5, gt=0, le=1, strict=True)
@@ -65,7 +69,8 @@ class PositionerMap(RoleMap):
         steps_per_turn: the steps of a turn, or the field that tells them.
         with_target: what else is written with each target, and so that the move starts, if a write starts it.
         holds: settings that the role needs.
-        requires: settings that a person must have made at the device; with others the bench refuses it.
+        requires: settings that a person must have made at the device: a value, or one of several. With others it is
+            refused when the bench opens, and before it looks for its home.
         soft_limits: fields of the lowest and the highest position in the device's own counting [step].
         start: commands that start a move after its target was written.
         enable: command that switches the motor on.
@@ -95,7 +100,7 @@ class PositionerMap(RoleMap):
     steps_per_turn: str | Annotated[float, Field(strict=True, gt=0)]
     with_target: dict[str, Number | str] = Field(default_factory=dict)
     holds: dict[str, Number | str] = Field(default_factory=dict)
-    requires: dict[str, Number | str] = Field(default_factory=dict)
+    requires: dict[str, Number | str | tuple[Number | str, ...]] = Field(default_factory=dict)
     soft_limits: tuple[str, str] | None = None
     start: tuple[str, ...] = ()
     enable: str
@@ -118,6 +123,11 @@ class PositionerMap(RoleMap):
         if bool(self.lifetime) != bool(self.idle):
             raise ValueError("idle: needed with a lifetime, and only with one")
         return self
+
+    def required(self, name: str) -> tuple[float | str, ...]:
+        """The values of which a setting must have one."""
+        wanted = self.requires[name]
+        return wanted if isinstance(wanted, tuple) else (wanted,)
 
     def together(self, contract: Contract) -> frozenset[str]:
         """The fields that are written in one request with the target."""
