@@ -41,3 +41,7 @@ class ReadOnlyCan(CanLink):
     def send(self, cob_id: int, data: bytes) -> NoReturn:
         """Not sent."""
         raise UsageError(f"{self.name}: a search only reads; no frame {cob_id:03X}h was sent")
+
+    def begin_cycle(self, cob_id: int, *_: object) -> NoReturn:
+        """Not sent."""
+        raise UsageError(f"{self.name}: a search only reads; no frame {cob_id:03X}h was sent")

@@ -210,15 +210,19 @@ class Contract(Declaration):
         """Name of the choice with raw value `value`; the number itself where no choice has it."""
         return next((k for k, v in self[name].choices.items() if v == value), f"{value:g}")
 
-    def shown(self, name: str, data: bytes) -> str:
-        """Name and value of a field, from its wire bytes, as text for people."""
+    def shown(self, name: str, data: bytes, beside: Mapping[str, float] = NOTHING) -> str:
+        """Name and value of a field, from its wire bytes, as text for people; `beside`: see `decode`."""
         f = self[name]
         if f.type == "text":
             return f"{name} = {self._ordered(f, data).decode('utf-8', 'replace').rstrip(NUL)!r}"
         try:
-            value = self.decode(name, data)
-        except (struct.error, KeyError):  # a wrong length; or what tells its scale or sign is not here
+            value = self.decode(name, data, beside)
+        except struct.error:  # a wrong length
             return f"{name} = {data.hex(' ')}"
+        except KeyError:
+            return f"{name} = {data.hex(' ')} (its scale or sign is not known here)"
+        if math.isnan(value) and f.missing:
+            return f"{name} = no reading"
         if f.choices:
             return f"{name} = {self.choice(name, value)}"
         if f.bits:

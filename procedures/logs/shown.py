@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import struct
+import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.drivers.links.modbus import EXCEPTIONS
-from palpate.drivers.logs.bus_log import WHOLE_FORMAT, Frame, frame_of, kind_called, logged, read_frames
+from palpate.drivers.logs.bus_log import RUN, WHOLE_FORMAT, Frame, frame_of, kind_called, logged, read_frames
 from palpate.drivers.logs.pcapng import Link, Packet, read_pcapng
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, sdo
+from palpate.instrument.contracts.maps.map_file import read_map
 from palpate.instrument.errors import ConfigError, PalpateError, UsageError
+from palpate.procedures.logs.modbus_shown import Conversation, take
 
 NODE = sensor_node.CONTRACT
 NODE_BITS = 0x7F  # bits of an identifier that hold the node id
@@ -21,7 +25,6 @@ NMT, SYNC, EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT = 0x000, 0x080, 0x080, 
 COMMANDS = {1: "start", 2: "stop", 0x80: "enter pre-operational", 0x81: "reset node", 0x82: "reset communication"}
 STATES = {0: "boot-up", 4: "stopped", 5: "operational", 0x7F: "pre-operational"}
 EXPEDITED = 2  # bit of an SDO command
-READ, WRITE_ONE, WRITE_MANY, IDENTIFY, EXCEPTION = 3, 6, 16, 43, 0x80
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,32 +63,39 @@ def read_log(path: Path) -> Iterator[Line]:
 
 
 def _messages(packets: Iterator[Packet]) -> Iterator[Line]:
-    asked: dict[str, tuple[int, int]] = {}  # function and address of the last request to each device
+    talks: dict[str, Conversation] = {}  # by device
+    maps: dict[str, Contract] = {}
     for packet in packets:
-        if packet.link is Link.CAN:
-            yield _frame(frame_of(packet), _contract(packet.who) or NODE)
-        elif packet.link is not Link.NOTE:
-            yield _modbus(packet, asked)
+        if packet.link is Link.NOTE:
+            maps |= _maps(packet) if packet.who == RUN else {}
+            continue
+        talk = talks.setdefault(packet.who, Conversation(None))
+        if talk.contract is None:  # what precedes the run's header, as who answers, is shown without a laboratory's map
+            talk.contract = maps.get(kind_called(packet.who)) or _contract(packet.who)
+        yield _line(packet, talk)
+
+
+def _line(packet: Packet, talk: Conversation) -> Line:
+    if packet.link is Link.CAN:
+        return _frame(frame_of(packet), talk.contract or NODE, talk.known)
+    return _modbus(packet, talk)
 
 
 def described(packet: Packet) -> str:
     """Decode one packet for people."""
     if packet.link is Link.NOTE:
         return f"a look at the {packet.who}"
-    line = _frame(frame_of(packet), _contract(packet.who) or NODE) if packet.link is Link.CAN else _modbus(packet, {})
+    line = _line(packet, Conversation(_contract(packet.who)))
     return f"{line.who} {line.text}"
 
 
 # --- Modbus --------------------------------------------------------------------------------------------
 
 
-def _modbus(packet: Packet, asked: dict[str, tuple[int, int]]) -> Line:
+def _modbus(packet: Packet, talk: Conversation) -> Line:
     pdu = packet.data[1:-2] if packet.link is Link.LINE else packet.data[7:]
     arrow = "<-" if packet.sent else "->"
-    contract = _contract(packet.who)
-    text = _pdu(contract, pdu, packet.sent, asked.get(packet.who, (0, 0))) if pdu else "empty"
-    if packet.sent and len(pdu) >= 3:
-        asked[packet.who] = (pdu[0], int.from_bytes(pdu[1:3], "big"))
+    text = talk.pdu(pdu, sent=packet.sent) if pdu else "empty"
     return Line(packet.time_ns / 1e9, packet.who, f"{arrow} {text}", packet.data.hex(" "))
 
 
@@ -97,58 +107,32 @@ def _contract(who: str) -> Contract | None:
         return None
 
 
-def _pdu(contract: Contract | None, pdu: bytes, sent: bool, asked: tuple[int, int]) -> str:
-    function, body = pdu[0], pdu[1:]
-    if function & EXCEPTION:
-        code = body[0] if body else 0
-        return f"exception {code}, {EXCEPTIONS.get(code, 'unknown')}"
-    address = int.from_bytes(body[:2], "big")
-    if function == IDENTIFY:
-        return "identify" if sent else "identity " + " ".join(_texts(body[6:]))
-    if function == READ:
-        if sent:
-            return f"read {_names(contract, address, int.from_bytes(body[2:4], 'big'))}"
-        return _registers(contract, asked[1], body[1:])
-    if function == WRITE_MANY:
-        return f"write {_registers(contract, address, body[5:])}" if sent else "written"
-    if function == WRITE_ONE:
-        return f"write {_registers(contract, address, body[2:])}" if sent else "written"
-    return f"function {function}"
-
-
-def _texts(data: bytes) -> Iterator[str]:
-    while len(data) >= 2:
-        size = data[1]
-        yield repr(data[2 : 2 + size].decode("ascii", "replace"))
-        data = data[2 + size :]
-
-
-def _names(contract: Contract | None, address: int, count: int) -> str:
-    if contract is None:
-        return f"{count} registers from 0x{address:04x}"
-    return ", ".join(f.name for f in contract.fields if address <= f.address < address + count)
-
-
-def _registers(contract: Contract | None, address: int, data: bytes) -> str:
-    if contract is None:
-        return f"0x{address:04x}: {data.hex(' ')}"
-    found = [(f, 2 * (f.address - address)) for f in contract.fields]
-    return ", ".join(contract.shown(f.name, data[at : at + f.size]) for f, at in found if 0 <= at < len(data))
+def _maps(packet: Packet) -> dict[str, Contract]:
+    """Contracts of a laboratory's maps that the run's header names, if the files are still the same."""
+    with suppress(ValueError, KeyError, TypeError, AttributeError, PalpateError):
+        header = json.loads(packet.data)
+        files = [Path(each["map"]) for each in tomllib.loads(header["bench"])["device"].values() if "map" in each]
+        found = {path: read_map(path) for path in files if path.is_file()}
+        return {each.name: each.contract for each in found.values() if header["maps"].get(each.name) == each.sha256}
+    return {}
 
 
 # --- CANopen -------------------------------------------------------------------------------------------
 
 
-def _frame(frame: Frame, contract: Contract = NODE) -> Line:
+def _frame(frame: Frame, contract: Contract = NODE, known: dict[str, float] | None = None) -> Line:
     node, kind = frame.identifier & NODE_BITS, frame.identifier & ~NODE_BITS
     who = f"node {node}" if node else "all nodes"
-    return Line(frame.time, who, _message(contract, frame.identifier, node, kind, frame.data), frame.data.hex(" "))
+    text = _message(contract, frame.identifier, node, kind, frame.data, {} if known is None else known)
+    return Line(frame.time, who, text, frame.data.hex(" "))
 
 
-def _message(contract: Contract, identifier: int, node: int, kind: int, data: bytes) -> str:
+def _message(contract: Contract, identifier: int, node: int, kind: int, data: bytes, known: dict[str, float]) -> str:
     pdo = next((pdo for pdo in (*contract.pdos, *contract.receives) if pdo.base == kind), None)
     if pdo is not None and node:
-        return ", ".join(contract.shown(name, part) for name, part in contract.parts(pdo, data).items())
+        parts = contract.parts(pdo, data)
+        take(contract, parts, known)
+        return ", ".join(contract.shown(name, part, known) for name, part in parts.items())
     if identifier == NMT and len(data) >= 2:
         return f"NMT {COMMANDS.get(data[0], f'command {data[0]}')}, node {data[1] or 'all'}"
     if identifier == SYNC:
@@ -158,16 +142,18 @@ def _message(contract: Contract, identifier: int, node: int, kind: int, data: by
     if kind == HEARTBEAT and data:
         return f"heartbeat, {STATES.get(data[0] & NODE_BITS, f'state {data[0]}')}"
     if kind in (SDO_REQUEST, SDO_ANSWER) and len(data) == 8:
-        return _sdo(contract, data, asked=kind == SDO_REQUEST)
+        return _sdo(contract, data, known, asked=kind == SDO_REQUEST)
     return f"0x{identifier:03X}"
 
 
-def _sdo(contract: Contract, data: bytes, *, asked: bool) -> str:
+def _sdo(contract: Contract, data: bytes, known: dict[str, float], *, asked: bool) -> str:
     command, index, subindex = struct.unpack_from("<BHB", data)
     field = next((f for f in contract.fields if f.address == sdo(index, subindex)), None)
     name = field.name if field else f"0x{index:04X}:{subindex}"
     content = data[4 : 8 - (command >> 2 & 3)] if command & EXPEDITED else b""
-    shown = contract.shown(field.name, content) if field and content else name
+    if field and content:
+        take(contract, {name: content}, known)
+    shown = contract.shown(field.name, content, known) if field and content else name
     match command >> 5, asked:
         case 4, _:
             return f"abort {name}, 0x{int.from_bytes(data[4:], 'little'):08X}"
