@@ -19,9 +19,11 @@ from typing import Any, Self
 import can
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.links.can import HEARTBEAT
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.bus_log import (
     CLOCK,
+    NODE_ID,
     RUN,
     WHOLE_FORMAT,
     called,
@@ -54,7 +56,7 @@ class BusReplay:
     """A context manager inside which the devices of a log answer at the addresses of `description`.
 
     It is also the clock of the bench that is opened on it; call `attach` with that bench before opening it. Requests
-    that feed the amplifier's watchdog may come at any time, and are always confirmed.
+    that feed the amplifier's watchdog may come at any time, and are always confirmed; so may heartbeats of this program.
 
     Attributes:
         path: the log.
@@ -165,8 +167,8 @@ class BusReplay:
         link.tap(heard)
 
     def _heard_frame(self, whom: Callable[[bytes], str], sending: bool, frame: can.Message) -> None:
-        if sending:
-            data = packed(frame)
+        data = packed(frame)
+        if sending and not _is_beat(data):
             self._next(Packet(0, whom(data), Link.CAN, True, data))
 
     def _next(self, did: Packet) -> int:
@@ -215,6 +217,12 @@ def _is_heartbeat(packet: Packet) -> bool:
     return packet.sent and (request == LOOK or (request.startswith(ALIVE) and request[-4:] != FIRST))
 
 
+def _is_beat(frame: bytes) -> bool:
+    """Whether a frame that this program sends is its own heartbeat, by which a node watches it."""
+    found = unpacked(frame)
+    return not found.is_extended_id and found.arbitration_id & ~NODE_ID == HEARTBEAT
+
+
 def _confirmed(request: bytes) -> bytes:
     """The answer to a heartbeat."""
     reply = request[MBAP:][:5] if request[MBAP:].startswith(ALIVE) else LOOKED
@@ -227,5 +235,6 @@ def _without_heartbeats(packets: Iterable[Packet]) -> Iterator[Packet]:
         of_amplifier = kind_called(packet.who) == AMPLIFIER.name
         if of_amplifier and packet.sent:
             unheard = _is_heartbeat(packet)
-        if not (of_amplifier and unheard):
+        beat = packet.link is Link.CAN and packet.sent and _is_beat(packet.data)
+        if not (beat or (of_amplifier and unheard)):
             yield packet
