@@ -56,7 +56,8 @@ class BusReplay:
     """A context manager inside which the devices of a log answer at the addresses of `description`.
 
     It is also the clock of the bench that is opened on it; call `attach` with that bench before opening it. Requests
-    that feed the amplifier's watchdog may come at any time, and are always confirmed; so may heartbeats of this program.
+    that feed the amplifier's watchdog may come at any time, and are always confirmed; heartbeats of this program may
+    come at any time, too.
 
     Attributes:
         path: the log.

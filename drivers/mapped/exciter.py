@@ -15,7 +15,7 @@ from palpate.drivers.devices.exciter import Exciter
 from palpate.drivers.mapped.set_points import Grid, grid
 from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
 from palpate.instrument.contracts.contract import Pdo
-from palpate.instrument.errors import DeviceError, RangeError, SafetyError
+from palpate.instrument.errors import DeviceError, LinkError, RangeError, SafetyError
 
 NODE_BITS = 16  # bits of 1016h below those of the node id that is watched
 OFF = 0.0
@@ -199,4 +199,9 @@ class StreamedExciter(CanopenDevice, Exciter):
         self._asked(self._barrier)
 
     def _switch_off(self) -> None:
-        self.command(self._map.disable)
+        """Switch the output off. An order that is not confirmed is given once more: it cannot do harm."""
+        try:
+            self.command(self._map.disable)
+        except LinkError as error:
+            self.noticed(f"{error}; switched off once more")
+            self.command(self._map.disable)
