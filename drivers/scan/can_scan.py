@@ -133,7 +133,9 @@ def _said(read: Callable[..., bytes]) -> str:
     """What a node says of itself: its name, device type and identity."""
     words = [read(NAME).decode("ascii", "replace").rstrip("\0")]
     numbers = [("type", read(DEVICE_TYPE))]
-    numbers += [(what, read(IDENTITY, part)) for part, what in enumerate(("vendor", "product", "revision"), 1)]
+    numbers += [
+        (what, read(IDENTITY, part)) for part, what in enumerate(("vendor", "product", "revision", "serial"), 1)
+    ]
     words += [f"{what} {int.from_bytes(data, 'little'):X}h" for what, data in numbers if data]
     return " ".join(filter(None, words))
 

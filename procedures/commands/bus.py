@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from palpate.procedures.commands.bus_lss import lss
 from palpate.procedures.commands.bus_scan import scan
 from palpate.procedures.commands.options import FILE_NAME, OUT, Group, Output, output_options
 
@@ -17,6 +18,7 @@ def bus() -> None:
 
 
 bus.add_command(scan)
+bus.add_command(lss)
 
 
 @bus.command(
