@@ -11,9 +11,10 @@ import math
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -49,6 +50,10 @@ PANEL = {
     "positioner": (("limit_high", 0.02),),
     "sample_changer": (("speed", 0.001),),
     "sensor_node_1": (("range_1", 0.0), ("sync_period", 0.01)),
+    "exciter": (("mode", 1.0),),
+    "load_cell": (("filter_level", 5.0),),
+    "stage": (("limit_high", -20000.0), ("mode", 3.0)),
+    "films": (("sync_period", 0.01), ("heartbeat", 0.0)),
 }  # fmt: skip
 
 
@@ -78,11 +83,12 @@ class Outcome:
     said: str = ""
 
 
-def cells() -> Iterator[Cell]:
-    """The whole matrix."""
-    for procedure in PROCEDURES:
+def cells(procedures: Iterable[str] = tuple(PROCEDURES), of: Scenes = scene) -> Iterator[Cell]:
+    """The whole matrix of a bench; `of`: gives the scene of a procedure."""
+    for procedure in procedures:
+        standing = places(1, of(procedure).devices)
         for kind in FAULTS:
-            for on in struck(fault_class(kind).targets, places(1)):
+            for on in struck(fault_class(kind).targets, standing):
                 mores: list[tuple[tuple[str, Any], ...]] = [()]
                 if kind == "front_panel":
                     mores = [(("setting", setting), ("value", value)) for setting, value in PANEL[on]]
@@ -107,17 +113,15 @@ def play(cell: Cell, of: Scenes = scene) -> Outcome:
     return _play(cell, *undisturbed(cell.procedure, cell.on == "sample_changer", of), of)
 
 
-def play_all() -> dict[Cell, Outcome]:
+def play_all(procedures: Sequence[str] = tuple(PROCEDURES), of: Scenes = scene) -> dict[Cell, Outcome]:
     """What comes of every cell, in as many processes as keep the cores busy: most of a cell is waiting in vain."""
-    whole = list(cells())
+    whole = list(cells(procedures, of))
     spawned = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(PROCESSES_A_CORE * (os.cpu_count() or 1), spawned) as pool:
-        kinds = [(procedure, changer) for procedure in PROCEDURES for changer in (False, True)]
-        right = dict(zip(kinds, pool.map(undisturbed, *zip(*kinds, strict=True)), strict=True))
-        outcomes = pool.map(
-            _play, whole, *zip(*(right[cell.procedure, cell.on == "sample_changer"] for cell in whole), strict=True)
-        )
-        return dict(zip(whole, outcomes, strict=True))
+        kinds = [(procedure, changer) for procedure in procedures for changer in (False, True)]
+        right = dict(zip(kinds, pool.map(partial(undisturbed, of=of), *zip(*kinds, strict=True)), strict=True))
+        found = (right[cell.procedure, cell.on == "sample_changer"] for cell in whole)
+        return dict(zip(whole, pool.map(partial(_play, of=of), whole, *zip(*found, strict=True)), strict=True))
 
 
 def _play(cell: Cell, right: Found, middle: float, of: Scenes = scene) -> Outcome:
@@ -157,5 +161,5 @@ def _done(procedure: str, of: Scene, folder: Path, changer: bool) -> tuple[Found
         except PalpateError as error:
             result = error
         sim.clock.wait(SETTLED)
-        least, greatest = sim.amplifier.voltage().extremes()
+        least, greatest = sim.rig.coil_voltage().extremes()
     return result, Run.open(folder), max(math.fabs(least), math.fabs(greatest))

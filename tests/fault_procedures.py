@@ -150,6 +150,12 @@ def scene(procedure: str = "") -> Scene:
     return replace(whole, effects={name: e for name, e in whole.effects.items() if name != "gain_scatter"})
 
 
+@functools.cache
+def real_bench(_procedure: str) -> Scene:
+    """The same bench of twins of devices that can be bought."""
+    return replace(scene(), devices=read_scene("real_bench").devices)
+
+
 def wrong(found: Found, right: Found) -> str:
     """The first value that is wrong without a mark; empty: none is."""
     for name, each in found.items():

@@ -204,10 +204,10 @@ class BenchDescription(Config):
 
     def moved(self, places: Mapping[str, Mapping[str, Any]]) -> Self:
         """The same bench with other addresses of its links, by link name."""
-        sections = {
-            name: getattr(self, name).model_copy(update=place) for name, place in places.items() if name in LINKING
-        }
         tables = {name: {**table, **places.get(name, {})} for name, table in (self.link or {}).items()}
+        sections = {
+            name: getattr(self, name).model_copy(update=place) for name, place in places.items() if name not in tables
+        }
         return self.model_copy(update={**sections, "link": tables or None})
 
     def to_toml(self) -> str:

@@ -52,9 +52,12 @@ class LoadCell(CellEffect):
             return self.sensitivity
         return self.sensitivity * (1 + self.position_spread * math.sin(math.radians(degrees)))
 
+    def added_mV(self, stream: Stream, update: int) -> float:
+        """Zero offset and noise at an update of a display of that number [mV]."""
+        return 1e3 * (self.zero + self.noise * float(stream.normal(update, 1)[0]))
+
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
-        noise = self.noise * float(stream.normal(update, 1)[0])
-        return round(ideal_mV + 1e3 * (self.zero + noise), self.decimals)
+        return round(ideal_mV + self.added_mV(stream, update), self.decimals)
 
     def known_bound(self, case: Case) -> Bound:
         """The films' signals do not pass the load cell; it changes only which load is read and set."""

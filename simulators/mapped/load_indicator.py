@@ -110,7 +110,7 @@ class LoadIndicator(Twin):
 
     def _shown(self, force: float, update: int) -> float:
         signal = self._cell.signal(force, self._own.gage_factor)
-        return self._cell.shown(signal, update) / float(self._own.span)
+        return self._cell.given(signal, update) / float(self._own.span)
 
     def _status(self) -> float:
         """The status word: signs of loads, and whether the load is stable."""

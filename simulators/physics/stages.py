@@ -197,6 +197,10 @@ class CellEffect(Effect, ABC):
         """Sensitivity [V/N] of the cell when it is turned about its axis."""
 
     @abstractmethod
+    def added_mV(self, stream: Stream, update: int) -> float:
+        """Zero offset and noise at an update of a display of that number [mV]."""
+
+    @abstractmethod
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
         """Reading [mV] at the display's update number `update`, of a bridge whose ideal reading is `ideal_mV`."""
 

@@ -35,6 +35,10 @@ class LoadCell:
         """A signal [mV] with the offset, noise and steps of the display, at its update of that number."""
         return self._cell.display(signal, self._stream, update) if self._cell else signal
 
+    def given(self, signal: float, update: int) -> float:
+        """A signal [mV] with offset and noise, as a display gets it that has steps of its own."""
+        return signal + self._cell.added_mV(self._stream, update) if self._cell else signal
+
     def crept(self, force: float, now_ns: int) -> float:
         """Force that the cell feels [N], where `force` stands on it."""
         return self._cell.crept(force, self._rig.placed, now_ns) if self._cell else force

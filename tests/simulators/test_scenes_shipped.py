@@ -20,8 +20,8 @@ from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene, shipped
 
 SCENES = (
-    "array_16", "everything", "humid_body", "ideal", "long_drift", "noisy_lab", "overdriven", "thesis_common_base",
-    "thesis_different_base", "thesis_single",
+    "array_16", "everything", "humid_body", "ideal", "long_drift", "noisy_lab", "overdriven", "real_bench",
+    "thesis_common_base", "thesis_different_base", "thesis_single",
 )  # fmt: skip
 PERIOD_NS = 4_000_000  # of the samples
 SETTLED = 500  # samples
