@@ -12,6 +12,7 @@ from palpate.instrument.bench.role_maps.load_indicator import (
     LoadIndicatorMap,
     LoadIndicatorSettings,
     LowPass,
+    says,
 )
 from palpate.instrument.errors import DeviceError, RangeError
 
@@ -44,6 +45,11 @@ class MappedReading:
     @property
     def valid(self) -> bool:
         return self.stable and not self.sick and math.isfinite(self.reading_mV)
+
+
+def _range(values: list[float]) -> float:
+    """The greatest less the least; NaN if one of them is missing, which might have been either."""
+    return max(values) - min(values) if all(map(math.isfinite, values)) else math.nan
 
 
 class LoadIndicator(EitherBus):
@@ -190,7 +196,7 @@ class LoadIndicator(EitherBus):
     def _tracked(self) -> MappedReading:
         role = self._map
         value, status = self._load()
-        stable = role.stable in self._bits(status) if role.stable else self._agree(value)
+        stable = says(self._bits(status), role.stable) if role.stable else self._agree(value)
         return self._made(value, self._faults(status), stable)
 
     def _agree(self, first: float) -> bool:
@@ -199,7 +205,7 @@ class LoadIndicator(EitherBus):
         for _ in range(AGAIN - 1):
             self.clock.wait(self._time_constant)
             values.append(self._load()[0])
-        return max(values) - min(values) <= self._step * (1 + 1e-6)
+        return _range(values) <= self._step * (1 + 1e-6)
 
     def _over(self, window: float) -> MappedReading:
         """The greatest less the least load over a window [s] that begins now."""
@@ -213,7 +219,7 @@ class LoadIndicator(EitherBus):
             load, status = self._load()
             values.append(load)
             sick = sick or self._faults(status)
-        value = max(values) - min(values)
+        value = _range(values)
         if extremes:
             found = self.get_many(*extremes)
             value = found[0] - (found[1] if len(extremes) > 1 else 0.0)
@@ -249,8 +255,10 @@ class LoadIndicator(EitherBus):
         return self.contract.set_bits(self._map.status, status[0]) if status else frozenset()
 
     def _faults(self, status: list[float]) -> str:
+        if not status:
+            return ""
         set_ = self._bits(status)
-        return ", ".join(meaning for bit, meaning in self._map.faults.items() if bit in set_)
+        return ", ".join(meaning for bit, meaning in self._map.faults.items() if says(set_, bit))
 
     def _made(
         self, value: float, sick: str, stable: bool, difference: bool = False, u_mV: float = 0.0

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LowPass
+from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.contract import Command
 from palpate.simulators.mapped.twin import Twin
 from palpate.simulators.rig.load_cell import LoadCell
@@ -117,8 +117,10 @@ class LoadIndicator(Twin):
         role = self._role
         bits = self.contract[role.status].bits
         word = 0
-        if role.stable and self._still():
-            word |= 1 << bits[role.stable]
+        said = {role.stable: self._still()} if role.stable else {}
+        for which, true in (said | dict.fromkeys(role.faults, False)).items():
+            if true != which.startswith(NOT):
+                word |= 1 << bits[which.removeprefix(NOT)]
         for f in self.contract.fields:
             if f.sign and f.sign[0] == role.status and self.read(f.name) < 0:
                 word |= 1 << bits[f.sign[1]]

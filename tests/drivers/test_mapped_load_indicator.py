@@ -124,7 +124,7 @@ def test_a_peak_to_peak_load_is_right_within_what_it_says_of_itself(kind: str) -
 
 
 def test_a_load_that_moves_is_not_stable_with_a_bit_for_it_or_without() -> None:
-    for role in ({}, {"stable": ""}):
+    for role in ({}, {"stable": ""}, {"stable": "not tare_set"}):
         device = indicator("flintec-dad-141", **role)
         device.track(0.013)
         device.twin.rig.load(3.0, 1.0)
@@ -245,6 +245,36 @@ def test_a_fault_bit_says_that_there_is_no_load() -> None:
     assert device.read().sick == "error of the load cell"
     assert not device.read().valid
     assert device.sick().startswith("error of the load cell; check")
+
+
+def test_a_bit_may_say_that_all_is_well() -> None:
+    device = indicator("flintec-dad-141", faults={"not set_point_0": "no data"})
+    device.track(0.1)
+    assert (device.read().sick, device.sick()) == ("", "")
+    read = device.twin.read
+    device.twin.read = lambda name: 0.0 if name == "status" else read(name)  # type: ignore[method-assign]
+    assert device.read().sick == "no data"
+    assert indicator("seneca-z-sg2", status="", stable="", faults={"not ready": "no data"}).sick() == ""
+
+
+@pytest.mark.parametrize("window", [None, 1.0])
+def test_a_reading_that_is_missing_is_in_no_range(window: float | None) -> None:
+    device = indicator("seneca-z-sg2", stable="", faults={})
+    device.track(0.1)
+    device.twin.rig.load(3.0)
+    if window:
+        device.peak_to_peak(window)
+    asked, read = [], device.twin.read
+
+    def gaps(name: str) -> float:
+        if name != device.kind.serves["load_indicator"].reading:  # type: ignore[union-attr]
+            return read(name)
+        asked.append(name)
+        return math.nan if len(asked) == 2 else read(name)  # the second of some readings
+
+    device.twin.read = gaps  # type: ignore[method-assign]
+    assert not device.read().valid
+    assert len(asked) > 2
 
 
 @pytest.mark.parametrize("kind", ["flintec-dad-141", "laumas-tlb4"])

@@ -132,6 +132,12 @@ def test_the_map_of_the_documentation_is_one_and_its_frame_fits(tmp_path: Path) 
     assert (set(proof.proved), proof.problems) == ({"net", "status"}, ())
 
 
+def test_bytes_of_a_frame_may_have_commas_as_some_manuals_print_them(tmp_path: Path) -> None:
+    (line,) = [line for line in TRANSMITTER.splitlines() if line.startswith("request") and " 03 " in line]
+    found = read_map(changed(tmp_path, {line: line.replace(" ", ",").replace(",=,", " = ")}))
+    assert prove(found.contract, found.frames).problems == ()
+
+
 def test_an_unknown_kind_names_the_shipped_maps() -> None:
     with pytest.raises(UnknownName, match="did you mean 'flintec-dad-141'"):
         device_kind("flintec-dad-14")

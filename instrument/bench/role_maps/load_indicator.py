@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Annotated, ClassVar
 
 from pydantic import Field
@@ -11,6 +12,14 @@ from palpate.instrument.bench.role_maps.role_map import RoleMap
 from palpate.instrument.config import Config, Positive
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.quantity import Hertz
+
+
+NOT = "not "  # before a bit: it says the opposite
+
+
+def says(bits: Collection[str], which: str) -> bool:
+    """Whether bits that are set say what a map asks for: "BIT" or "not BIT"."""
+    return (which.removeprefix(NOT) in bits) != which.startswith(NOT)
 
 
 class LowPass(Config):
@@ -62,8 +71,10 @@ class LoadIndicatorMap(RoleMap):
         reading: field of the load, net of tare.
         gross: field of the load with the tare in it; "": there is none.
         status: field whose bits tell of the reading; "": there is none.
-        stable: its bit that says that the reading is stable; "": stability is told by repeated readings.
-        faults: its bits that say that there is no load to read, each with what it means.
+        stable: its bit that says that the reading is stable, or "not BIT" for one that says that it moves; "":
+            stability is told by repeated readings.
+        faults: its bits that say that there is no load to read, each with what it means; "not BIT" for one that says
+            that there is a load.
         peak_to_peak: field of the greatest less the least reading since these were cleared; "": there is none.
         greatest, least: fields of the greatest and the least reading since they were cleared; "": there are none.
         clear: command that clears the extremes; needed where a field of extremes is named.
@@ -125,7 +136,7 @@ class LoadIndicatorMap(RoleMap):
         found += [
             f"{bit!r} is no bit of status = {self.status!r}; valid: {', '.join(bits) or 'none'}"
             for bit in (*filter(None, (self.stable,)), *self.faults)
-            if bit not in bits
+            if bit.removeprefix(NOT) not in bits
         ]
         units = {contract[name].unit for name in (self.reading, *self.extremes)}
         if len(units) > 1:

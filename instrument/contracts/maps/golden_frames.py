@@ -43,6 +43,7 @@ class Message:
 
 def _message(text: str) -> Message:
     """Raises ValueError: the text is no message."""
+    text = text.replace(",", " ")  # as some manuals print them
     found = CAN.fullmatch(text.strip())
     try:
         return Message(bytes.fromhex(found[2]), int(found[1], 16)) if found else Message(bytes.fromhex(text))
