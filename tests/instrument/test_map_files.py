@@ -127,9 +127,11 @@ def test_two_maps_of_one_name_that_say_different_things_cannot_be_on_one_bench(t
 def test_the_map_of_the_documentation_is_one_and_its_frame_fits(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "how-to" / "map.md").read_text(encoding="utf-8")
     device, frame = page.split("```\n")[1], page.split("```\n")[3]
-    found = read_map(written(tmp_path, device.partition("[role")[0] + frame))
+    file = written(tmp_path, device + frame)
+    found = read_map(file)
     proof = prove(found.contract, found.frames)
     assert (set(proof.proved), proof.problems) == ({"net", "status"}, ())
+    assert set(kind_in_file(file).serves) == {"load_indicator"}
 
 
 def test_bytes_of_a_frame_may_have_commas_as_some_manuals_print_them(tmp_path: Path) -> None:

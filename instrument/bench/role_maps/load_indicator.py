@@ -13,7 +13,6 @@ from palpate.instrument.config import Config, Positive
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.quantity import Hertz
 
-
 NOT = "not "  # before a bit: it says the opposite
 
 
