@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.contract import Command
@@ -25,10 +24,25 @@ STEP, SHIPPED_DECIMALS = 1, 3  # step of a new display in its last decimal, and 
 
 
 @lru_cache(16)
-def _sections(order: int, corner: float, rate: float) -> Floats:
-    """A Butterworth filter for samples at a rate [1/s], as second-order sections."""
-    sections: Floats = butter(order, min(corner, 0.45 * rate), fs=rate, output="sos")
-    return sections
+def _response(order: int, corner: float, rate: float, size: int) -> npt.NDArray[np.complex128]:
+    """Response of a Butterworth filter for samples at a rate [1/s], at the frequencies of so many samples (n,).
+
+    It is made from the analogue filter by the bilinear transform, which keeps the cut-off frequency.
+    """
+    frequencies = np.fft.rfftfreq(size, 1 / rate)[:-1]
+    s = 1j * np.tan(math.pi * frequencies / rate) / math.tan(math.pi * min(corner / rate, 0.45))
+    poles = np.exp(0.5j * math.pi * (2 * np.arange(order) + order + 1) / order)
+    response = 1 / np.prod(s[:, np.newaxis] - poles, axis=1) * np.prod(-poles).real
+    return np.append(response, 0.0)  # at half the rate nothing passes
+
+
+def low_passed(force: Floats, low_pass: LowPass, rate: float) -> Floats:
+    """Samples (n,) at a rate [1/s] behind a filter that was at rest at the first of them."""
+    size = 2 * len(force)  # the second half takes up what the filter still gives after the end
+    response = _response(low_pass.order, low_pass.corner, rate, size)
+    passed = np.fft.irfft(np.fft.rfft(force - force[0], size) * response, size)
+    found: Floats = passed[: len(force)] + force[0]
+    return found
 
 
 class LoadIndicator(Twin):
@@ -178,8 +192,6 @@ class LoadIndicator(Twin):
             before = math.ceil(SETTLING * self._rate / low_pass.corner)
             total = max(min(count + before, LONGEST_NS // self._step_ns, last + 1), 1)
             force = self._cell.forces(last * self._step_ns, total, self._step_ns)
-            sections = _sections(low_pass.order, low_pass.corner, self._rate)
-            passed, _ = sosfilt(sections, force, zi=sosfilt_zi(sections) * force[0])
-            self._looked_at = (*moment, passed[-count:])
+            self._looked_at = (*moment, low_passed(force, low_pass, self._rate)[-count:])
         found: Floats = self._looked_at[-1]
         return found

@@ -19,6 +19,7 @@ from palpate.instrument.contracts.contract import Value
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.mapped.load_indicator import LoadIndicator as Twin
+from palpate.simulators.mapped.load_indicator import low_passed
 from palpate.simulators.rig.load_cell import IDEAL_SENSITIVITY
 from palpate.simulators.wire.device import Place as ServedPlace
 
@@ -339,3 +340,17 @@ def test_a_role_that_the_map_cannot_serve_is_refused(change: dict[str, str], say
     table = kind.serves["load_indicator"].model_copy(update=change)
     assert isinstance(table, LoadIndicatorMap)
     assert says in "; ".join(table.wrong(kind.contract))
+
+
+@pytest.mark.parametrize(
+    "low_pass", [LowPass(corner=17.0, order=3), LowPass(corner=80.0), LowPass(corner=4.0, order=2)]
+)
+def test_the_filter_of_a_twin_passes_what_a_butterworth_filter_passes(low_pass: LowPass) -> None:
+    rate, frequency = 600.0, 10.0
+    time = np.arange(1200) / rate
+    force = 3.0 + np.sin(2 * math.pi * frequency * time)
+    passed = low_passed(force, low_pass, rate)
+    assert np.ptp(passed[-600:]) / 2 == pytest.approx(low_pass.passes(frequency), rel=5e-3)
+    assert passed[-600:].mean() == pytest.approx(3.0, abs=1e-3)
+    early = low_passed(force[:700], low_pass, rate)
+    assert early == pytest.approx(passed[:700], abs=1e-9)  # nothing that comes later counts

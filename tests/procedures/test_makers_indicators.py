@@ -72,6 +72,8 @@ def test_the_filter_of_the_factory_is_refused_before_anything_moves(tmp_path: Pa
         sim.rig.set_position = moved.append  # type: ignore[method-assign]
         sim.rig.mount = moved.append  # type: ignore[method-assign]
         with Bench(sim.description, sim.clock, sim.operator) as bench:
+            indicator = bench.role(LoadIndicator)
+            assert (indicator.serial, indicator.gage_factor) == ("14110001", 8.98)
             with pytest.raises(RangeError, match=r"filter_level = 3: 4 Hz.*write filter = 0"):
                 sweep(bench, tmp_path / "run", calibration=IDEAL_CALIBRATION)
             assert outputs(sim) == OFF
@@ -89,20 +91,18 @@ def test_kilograms_where_newtons_were_set_are_refused_when_the_bench_is_opened()
 @pytest.mark.slow
 def test_a_scale_that_changes_in_a_run_stops_it_by_name(tmp_path: Path) -> None:
     with SimulatedBench(with_indicator(read_scene("ideal"), LAUMAS)) as sim:
-        cell = sim.devices["cell"]
-        happens_in(sim, 30.0, lambda: cell.settings.update(division=12.0))
+        cell, driven = sim.devices["cell"], []
+
+        def turned() -> None:
+            cell.settings["division"] = 12.0
+            driven.append(outputs(sim)[0])
+
+        happens_in(sim, 92.0, turned)
         bench = Bench(sim.description, sim.clock, sim.operator)
         with pytest.raises(BenchError, match="division is 12, was 15 before, so the scale"), bench:
             sweep(bench, tmp_path / "run", calibration=IDEAL_CALIBRATION)
+        assert driven == [True]
         assert outputs(sim) == OFF
-
-
-def test_it_fills_the_role_and_tells_its_serial_number() -> None:
-    scene = with_indicator(read_scene("ideal"), FLINTEC)
-    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        indicator = bench.role(LoadIndicator)
-        assert (indicator.serial, indicator.gage_factor) == ("14110001", 8.98)
-        assert indicator.resolution_mV == pytest.approx(1e-3 * SPAN)
 
 
 def with_the_dad_141(procedure: str) -> Scene:
