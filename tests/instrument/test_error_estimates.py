@@ -64,12 +64,24 @@ def test_no_estimate_of_some_random_sensors_is_below_the_error(number: int) -> N
 
 
 @pytest.mark.slow
-def test_two_meshes_alone_say_least_of_voltages() -> None:
+def test_two_meshes_say_little_of_voltages() -> None:
     """Those of this random round sensor are off by more than four times their change."""
     sensor = estimates.sensor(1010)
     curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2, 3)]
     (claim,) = estimates.claims(1010, sensor, curves)
     assert claim.voltage is not None and 0.5 < claim.voltage <= 1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_the_digits_that_a_stiff_sheet_loses_beside_a_narrow_gap_are_told() -> None:
+    """The finest mesh of this random sensor rounds its ratio by 3e-5: another unit of length says so."""
+    sensor = estimates.sensor(563)
+    curves = [axisymmetric.curve(sensor, refinement) for refinement in axisymmetric.REFINEMENTS]
+    found = list(estimates.claims(563, sensor, curves))
+    assert all(claim.ratio <= 1 for claim in found)
+    told, _ = axisymmetric.rounding(curves, sensor, 1e4 * np.array([sensor.compliant_modulus]))
+    assert told[0] > 1e-5
 
 
 @pytest.mark.slow
