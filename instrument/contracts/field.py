@@ -221,7 +221,7 @@ class Field:
     @property
     def limits(self) -> tuple[float, float]:
         """Least and greatest physical value; infinite where there is no limit. A part holds no more than its bits."""
-        low, high = -math.inf, math.inf
+        low, high = (self.offset, self.scale + self.offset) if self.type == "bool" else (-math.inf, math.inf)
         if self.part is not None:
             low, high = self.offset, self.scale * ((1 << self.part[1]) - 1) + self.offset
         return (low if self.minimum is None else self.minimum, high if self.maximum is None else self.maximum)

@@ -59,7 +59,7 @@ class Registers:
         self.put(**{field.name: field.default for field in plain})
         self.put(**values)
 
-    def put(self, **values: Value) -> None:
+    def put(self, /, **values: Value) -> None:
         """Let fields have these values: names of choices, texts, or numbers, also beyond their limits."""
         for name, value in values.items():
             field = self.contract[name]

@@ -186,6 +186,37 @@ def test_a_scale_that_the_map_does_not_know_is_an_error_by_name() -> None:
         device.get("span")
 
 
+@pytest.mark.parametrize("ask", ["get", "held"])
+def test_a_scale_that_cannot_be_is_an_error_by_name_and_no_reading(ask: str) -> None:
+    thing = replace(THING, fields=tuple(replace(f, maximum=None) if f.name == "decimals" else f for f in FIELDS))
+    device, link, _ = made(thing, gross=5)
+    link.put(decimals=65535)
+    with pytest.raises(
+        DeviceError, match="gross cannot be used: decimals = 65535 is no number of decimals; valid: -20"
+    ):
+        getattr(device, ask)("gross")
+
+
+def test_process_data_are_sent_in_the_scale_that_the_node_tells() -> None:
+    node = Contract(
+        "node", "node", "canopen", Identity("0x5F", "", ""),
+        (Field("target", sdo(0x607A), "int32", "target", access="rw", scaling=Scaling("decimals")),
+         Field("decimals", sdo(0x6132, 1), "uint8", "decimals")),
+        receives=(Pdo("order", 0x200, ("target",)),),
+    )  # fmt: skip
+    told = node.packed(
+        node.receives[0], {"target": 1.25}, lambda name, value: node.encode(name, value, {"decimals": 2})
+    )
+    assert told == (125).to_bytes(4, "little")
+
+
+def test_a_field_may_have_the_name_of_an_argument() -> None:
+    device, link, _ = made(replace(THING, fields=(*FIELDS, Field("self", 50, "uint16", "self", access="rw"))))
+    device.set(self=3)
+    device.give(**{"self": 4})
+    assert link.held("self") == 4.0
+
+
 def test_a_setting_is_written_in_the_scale_that_the_device_tells() -> None:
     device, link, _ = made()
     device.set(span=1.25)

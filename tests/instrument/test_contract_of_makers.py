@@ -219,6 +219,13 @@ def test_a_part_never_spills_into_the_bits_of_its_neighbour(value: float) -> Non
         thing.pack("low", value)
 
 
+def test_a_bool_is_0_or_1() -> None:
+    node = contract(Field("on", sdo(0x2000), "bool", "on", access="rw"), bus="canopen")
+    assert node.misread("on", node.decode("on", b"\7")) == "on = 7 is outside 0 to 1"
+    with pytest.raises(RangeError, match="on = 2 is outside 0 to 1"):
+        node.encode("on", 2)
+
+
 @pytest.mark.parametrize(("value", "fits"), [(0.3, False), (0.4, True), (9.6, True), (9.61, False), (0.3999, False)])
 def test_limits_of_a_scale_that_is_told_are_physical(value: float, fits: bool) -> None:
     thing = contract(replace(SCALED, access="rw", minimum=0.4, maximum=9.6), SCALE)
