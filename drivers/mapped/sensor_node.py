@@ -23,7 +23,8 @@ from palpate.instrument.errors import ConfigError, DeviceError, LinkError, Range
 
 ROLE = "sensor_node"
 FIXED = "fixed"  # name of the only range
-SLACK, EDGES = 1e-3, 2  # part of the SYNCs, and number, by which they may differ from what the bench's clock says
+# How far SYNCs may be from the bench's clock: a part of them, some at both ends, and how late a machine may be [s].
+SLACK, EDGES, LATE = 1e-3, 2, 0.1
 
 
 class MappedNode(CanopenDevice):
@@ -245,7 +246,8 @@ def _check_rate(node: MappedNode, sync: Sync, within: tuple[float, float]) -> No
             device=node.name,
         )
     low, high = (seconds * sync.rate for seconds in within)
-    if not low * (1 - SLACK) - EDGES <= node.syncs <= high * (1 + SLACK) + EDGES:
+    edges = EDGES + LATE * sync.rate
+    if not low * (1 - SLACK) - edges <= node.syncs <= high * (1 + SLACK) + edges:
         raise LinkError(
             f"{node.name}: {node.syncs} SYNCs came in {within[0]:.4g} s, {low:.0f} were due; the bus lost frames, or "
             "another node sends SYNC as well",
