@@ -51,7 +51,7 @@ def grid(frequency: float, fastest: float, who: str) -> Grid:
     if not lowest <= frequency <= highest:
         raise RangeError(
             f"{who}: frequency = {frequency:g} Hz is outside {lowest:.3g} to {highest:g} Hz, which {FEWEST} to {MOST} "
-            f"set-points of a period reach that come every {1e3 * fastest:g} ms at most; give one inside"
+            f"set-points of a period reach, {1e3 * fastest:g} ms or more apart; give one inside"
         )
     best = min(_lists(frequency, fastest), key=lambda each: abs(each.frequency - frequency))
     if abs(best.frequency - frequency) > CLOSEST * frequency:
