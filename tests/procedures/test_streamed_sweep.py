@@ -39,6 +39,7 @@ def swept(scene: Scene, folder: Path, **settings: Any) -> SweepResult:
     return found
 
 
+@pytest.mark.slow  # with the devices of others beside it, test_real_bench.py does the same
 def test_a_drive_that_follows_set_points_finds_the_ratio_that_generator_and_amplifier_find(
     ideal: Scene, usual: float, tmp_path: Path
 ) -> None:
