@@ -22,13 +22,14 @@ from pymodbus.exceptions import ConnectionException
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
 
-from palpate.instrument.bench.serial_line import FASTEST, character_bits, earliest_reply
+from palpate.instrument.bench.serial_line import FASTEST, character_bits, earliest_reply, silence
 
 READS_BITS, READS_REGISTERS, WRITES_ONE, WRITES_SOME = (1, 2), (3, 4), (5, 6), (15, 16)  # functions
 REFUSED = 0x80  # bit of a function code that marks a refusal
 LARGEST_REPLY = 4096  # greatest number of bytes for one request, with late replies
 CHECK_SUM, OF_REFUSAL, OF_CONFIRMATION = 2, 5, 8  # bytes of a check sum, a refusal, a confirmation
 HEAD = 3  # bytes of a reply to a read before its registers
+TERMINALS = "/dev/pts/"  # pseudo-terminals, which have no wire
 UART = re.compile(r"/dev/tty(S|USB|AMA|O|SC|THS|mxc|PS|UL|LP|HS|sWK|XRUSB)\d+")  # device files of Linux
 
 
@@ -115,13 +116,20 @@ class RtuClient(ModbusSerialClient):
         self._earliest = 0.0
         line = self.comm_params
         self._bits = character_bits(line.parity != "N", line.stopbits)
+        self._free_at = 0.0  # when the line has been silent for long enough
+        terminal = os.path.realpath(port).startswith(TERMINALS)
+        self.silence = 0.0 if terminal else silence(line.baudrate, self._bits)
         self.speed = line.baudrate if UART.fullmatch(os.path.realpath(port)) else FASTEST
 
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
-        """Throw away bytes that came unasked, and hand the request to the system."""
+        """Throw away bytes that came unasked, keep the silence between frames, and hand the request to the system.
+
+        pymodbus' own client keeps no silence: on a slow line a device would take the request for the end of the reply
+        before it, which may come from another device.
+        """
         try:
             unasked = 0
-            while unasked < LARGEST_REPLY and self._ready(0.0):
+            while unasked < LARGEST_REPLY and self._ready(max(self._free_at - self._now(), 0.0)):
                 unasked += len(self._heard())
             self.replies.request = request
             self.replies.early = b""
@@ -152,6 +160,7 @@ class RtuClient(ModbusSerialClient):
     def _heard(self) -> bytes:
         """Read what is there. Raises OSError: nothing is there although the port is ready, because it was unplugged."""
         if heard := self._read():
+            self._free_at = self._now() + self.silence
             return heard
         raise OSError
 

@@ -13,6 +13,11 @@ def character_bits(parity: bool, stop_bits: int) -> int:
     return 1 + 8 + parity + stop_bits
 
 
+def silence(baudrate: float, bits: int) -> float:
+    """Silence [s] that must separate two frames, so that devices know where the second begins."""
+    return max(SILENCE * bits / baudrate, SHORTEST_SILENCE)
+
+
 def reply_begins(size: int, baudrate: float, bits: int) -> float:
     """Time [s] from the first bit of a request of `size` bytes until a device that keeps the silence may reply."""
     return (size + SILENCE) * bits / baudrate

@@ -8,6 +8,7 @@ import threading
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 from pymodbus.pdu import DecodePDU
@@ -17,6 +18,7 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import Positioner
 from palpate.drivers.devices.strain_indicator import StrainIndicator
 from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.requests import read_registers
 from palpate.drivers.links.rtu import ReplyFramer, RtuClient
 from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST, SILENCE, reply_begins
@@ -275,3 +277,35 @@ def test_a_line_that_is_unplugged_is_a_link_error_before_anything_is_sent(monkey
     monkeypatch.setattr(client, "_write", lambda _request: pytest.fail("something was sent"))
     with pytest.raises(LinkError, match="the connection to virtual line is lost; check cable and power"):
         read(driver)
+
+
+# --- a line that several devices share -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("baudrate", "least"), [(1200, 3.5 * 10 / 1200), (9600, 3.5 * 10 / 9600), (115200, 1.75e-3)])
+def test_a_request_to_another_device_begins_when_the_line_was_silent_long_enough(baudrate: int, least: float) -> None:
+    """The least silence: "MODBUS over serial line" 1.02, 2.5.1.1. The line adds a byte of noise behind a reply."""
+    begun: list[float] = []
+    ended: list[float] = []
+
+    def said(request: bytes) -> list[tuple[float, bytes]]:
+        begun.append(client.now)
+        reply = checked(bytes([request[0], 3, 2, 0, request[0]]))
+        ended.append(client.now + client.wire(len(request) + SILENCE) + client.wire(len(reply) + 1))
+        return [(0.0, reply + b"\xf8")]
+
+    client = VirtualLine(said, baudrate=baudrate)
+    link = ModbusLink("virtual line", client)
+    for unit in (1, 2):
+        reply: Any = link.transact(f"unit {unit}", read_registers, 0, 1, unit)
+        assert reply.registers == [unit]
+    assert begun[1] - ended[0] == pytest.approx(least)
+
+
+def test_a_pseudo_terminal_has_no_wire_to_keep_silent() -> None:
+    own, theirs = os.openpty()
+    try:
+        assert RtuClient(os.ttyname(theirs), baudrate=1200).silence == 0.0
+    finally:
+        os.close(theirs)
+        os.close(own)
