@@ -231,16 +231,22 @@ class CanLink:
             raise LinkError(f"{who}: keeps sending unasked answers; look for a second SDO client on the bus")
 
     def beat(self, master: int) -> None:
-        """Send one heartbeat of this program as node id `master`, which nodes can watch. Raises LinkError."""
-        self.send(HEARTBEAT + master, OPERATIONAL)
+        """Send one heartbeat of this program as node id `master`, which nodes can watch. Raises LinkError.
+
+        It waits for no transfer, because one without an answer could last longer than a node waits for its master.
+        """
+        self._send(HEARTBEAT + master, OPERATIONAL)
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send one frame, once. Raises LinkError."""
         with self._lock:
-            try:
-                self.network.send_message(cob_id, data)
-            except (can.CanError, OSError) as error:
-                raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error
+            self._send(cob_id, data)
+
+    def _send(self, cob_id: int, data: bytes) -> None:
+        try:
+            self.network.send_message(cob_id, data)
+        except (can.CanError, OSError) as error:
+            raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error
 
     def begin_cycle(self, cob_id: int, frames: Sequence[bytes], period_us: int) -> None:
         """From now on let the bus send these frames over and over; see `Cyclic.begin`. Raises LinkError."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import queue
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -304,3 +305,15 @@ def test_a_command_goes_to_the_node_or_its_failure_is_told(error: Exception, lin
     bus.send = fails(error)
     with pytest.raises(LinkError, match=r"^pcan:USB1 failed: off; check adapter and termination$"):
         link.command(node, "OPERATIONAL")
+
+
+def test_a_heartbeat_goes_out_while_a_transfer_waits_for_its_answer(link: CanLink, node: Any) -> None:
+    def waits(_index: int, _subindex: int, _size: int) -> bytes:
+        beating = threading.Thread(target=link.beat, args=(127,), daemon=True)
+        beating.start()
+        beating.join(5.0)
+        return bytes([beating.is_alive()])
+
+    node.sdo.upload = waits
+    assert link.upload("node", node, 0x1000, 0, 1) == b"\0"
+    assert [(each.arbitration_id, bytes(each.data)) for each in link.network.bus.sent] == [(0x77F, b"\5")]  # type: ignore[union-attr]
