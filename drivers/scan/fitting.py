@@ -33,7 +33,8 @@ def fitting(kinds: Iterable[DeviceKind], driver: Callable[[DeviceKind], ModbusDe
     found = Fitting()
     for kind in kinds:
         device = driver(kind)
-        device.inventory = UNNAMED
+        if kind.contract.known_by == "nothing":
+            device.inventory = UNNAMED
         try:
             if isinstance(device, CanopenNode):
                 device.join()
