@@ -27,6 +27,7 @@ class Moving:
     rig: Any
     _map: PositionerMap
     _stage: PositionerSettings
+    speed: float
 
     def _put_on(self, place: Place) -> None:
         served: Any = place.kind.serves["positioner"]
@@ -107,6 +108,10 @@ class Moving:
             self._halt()
             self._master_gone()
 
+    def _heard_of_master(self, within: float) -> None:
+        """It must be heard of again within this time of the clients' clock [s]; negative: it need not."""
+        self._gone_ns = self.clock.now_ns() + round(1e9 * within * self.speed) if within > 0 else NEVER
+
     def _master_gone(self) -> None:
         """Called when nothing was heard of the master for too long; it has stopped."""
 
@@ -165,7 +170,7 @@ class ModbusPositioner(Moving, Twin):
     def written(self, values: Mapping[str, float]) -> None:
         m, contract = self._map, self.contract
         if lifetime := values.get(m.lifetime, 0.0):
-            self._gone_ns = self.clock.now_ns() + round(1e6 * lifetime) if lifetime > 0 else NEVER
+            self._heard_of_master(1e-3 * lifetime)
         starts = {name: contract.raw(name, value) for name, value in m.with_target.items()}
         if m.target in values and all(contract[name].to_raw(values[name]) == raw for name, raw in starts.items()):
             self._start()
@@ -273,7 +278,7 @@ class DriveNode(Moving, CanopenTwin):
         """As for every node."""
         watched = int(self.settings[self._map.heartbeat])
         if watched >> 16 == node_id and watched & 0xFFFF:
-            self._gone_ns = self.clock.now_ns() + 1_000_000 * (watched & 0xFFFF)
+            self._heard_of_master(1e-3 * (watched & 0xFFFF))
 
     def _master_gone(self) -> None:
         self._state = FAULT

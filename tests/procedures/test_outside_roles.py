@@ -110,6 +110,7 @@ def test_a_device_to_which_the_scene_gives_a_role_measures_in_a_sweep_and_stands
         "nanotec-c5-e",
         pytest.param("oriental-motor-blvd-krd", marks=pytest.mark.slow),
         pytest.param("oriental-motor-blvd-krd-can", marks=pytest.mark.slow),
+        pytest.param("leadshine-cs2rs", marks=pytest.mark.slow),
     ],
 )
 def test_a_positioner_of_a_maker_carries_a_sweep_that_finds_the_ratio_that_our_own_finds(
