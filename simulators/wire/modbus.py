@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
+import time
 from collections.abc import Coroutine
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
@@ -170,12 +171,16 @@ class _Line:
     def trace_packet(self, sending: bool, data: bytes) -> bytes:
         if not sending:
             gap_ns = self._gaps_ns.get(data[0], 0) if data else 0
-            return data if not gap_ns or self._clock.now_ns() - self._replied_ns >= gap_ns else b""
+            return data if not gap_ns or self._now_ns() - self._replied_ns >= gap_ns else b""
         if data and data[0] not in self._units:
             return b""  # pymodbus would answer for an absent unit
         self._pass(len(data))
-        self._replied_ns = self._clock.now_ns()
+        self._replied_ns = self._now_ns()
         return data
+
+    def _now_ns(self) -> int:
+        """The time by which clients keep silences; a clock that follows the wall clock does so in steps too long for it."""
+        return time.monotonic_ns() if self._clock.goes_on else self._clock.now_ns()
 
     def _pass(self, size: int) -> None:
         if self._timing is not None:

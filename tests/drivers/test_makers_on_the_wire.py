@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -87,3 +88,17 @@ def test_a_driver_and_a_twin_understand_each_other_in_all_that_a_contract_says(w
     thing.settings["decimals"] = 3.0
     with pytest.raises(DeviceError, match="decimals is 3, was 2 before"):
         driver.get("load")
+
+
+@pytest.mark.parametrize("wired", ["rtu"], indirect=True)
+def test_a_bench_that_follows_the_wall_clock_in_steps_measures_silences_by_the_wall_clock(
+    wired: tuple[ModbusDevice, Any, VirtualClock], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device, _, clock = wired
+    now = itertools.count(0, 4_000_000)  # ns; each look at the clock is a silence later
+    wall = SimpleNamespace(monotonic_ns=lambda: next(now))
+    monkeypatch.setattr("palpate.simulators.wire.modbus.time", wall, raising=False)
+    clock.goes_on = True
+    device.link._clock = SimpleNamespace(wait=lambda _duration: None)  # type: ignore[assignment]  # it stands still here
+    device.get("heat")
+    device.get("heat")
