@@ -179,7 +179,7 @@ class _Line:
         return data
 
     def _now_ns(self) -> int:
-        """The time by which clients keep silences; a clock that follows the wall clock does so in steps too long for it."""
+        """The time by which clients keep silences; a served clock stands still for longer than these last."""
         return time.monotonic_ns() if self._clock.goes_on else self._clock.now_ns()
 
     def _pass(self, size: int) -> None:

@@ -91,7 +91,7 @@ def test_a_driver_and_a_twin_understand_each_other_in_all_that_a_contract_says(w
 
 
 @pytest.mark.parametrize("wired", ["rtu"], indirect=True)
-def test_a_bench_that_follows_the_wall_clock_in_steps_measures_silences_by_the_wall_clock(
+def test_a_served_bench_measures_silences_by_the_wall_clock(
     wired: tuple[ModbusDevice, Any, VirtualClock], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device, _, clock = wired
