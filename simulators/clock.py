@@ -28,7 +28,8 @@ class VirtualClock:
     results do not depend on how a wait is divided.
     """
 
-    goes_on = False  # True: it is served, so that its clients do not wait by it
+    goes_on = False  # True: time passes without waits, because a pacer moves the clock on
+    served = False  # whether clients in other processes keep the time of the wall
 
     def __init__(self) -> None:
         self.lock: AbstractContextManager[Any] = threading.RLock()

@@ -141,7 +141,7 @@ def serving(wish: Wish) -> Iterator[Served]:
     with ExitStack() as stack:
         sim = stack.enter_context(SimulatedBench(wish.scene, wish.place, wish.samples))
         sim.set_speed(wish.speed)
-        sim.clock.goes_on = True
+        sim.clock.served = True
         description = _description(sim, wish)
         if wish.line is not None:
             with storing(wish.line, "a name in a writable folder with --line"):

@@ -180,7 +180,7 @@ class _Line:
 
     def _now_ns(self) -> int:
         """The time by which clients keep silences; a served clock stands still for longer than these last."""
-        return time.monotonic_ns() if self._clock.goes_on else self._clock.now_ns()
+        return time.monotonic_ns() if self._clock.served else self._clock.now_ns()
 
     def _pass(self, size: int) -> None:
         if self._timing is not None:
