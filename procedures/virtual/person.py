@@ -161,6 +161,17 @@ def _exciter(sim: SimulatedBench) -> dict[str, str]:
     }
 
 
+def _measured(sim: SimulatedBench) -> dict[str, str]:
+    """The lines of the status page about our own indicator and positioner, unless others stand in for them."""
+    lines = {}
+    if "strain_indicator" in sim.devices:
+        reading = sim.indicator.read("reading_float")
+        lines["indicator"] = "bridge open" if math.isnan(reading) else f"{reading:g} mV"
+    if "positioner" in sim.devices:
+        lines["positioner"] = show(sim.positioner.read("position"), "m")
+    return lines
+
+
 def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
     """The status page of a served bench at this moment.
 
@@ -172,15 +183,14 @@ def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
     from rich.table import Table
 
     with sim.clock.lock:
-        positioner, indicator, states, sync = sim.positioner, sim.indicator, sim.can.states, sim.can.sync_rate
+        states, sync = sim.can.states, sim.can.sync_rate
         active = sum(state == "OPERATIONAL" for state in states.values())
-        reading = indicator.read("reading_float")
         load = bus_load(active, sync, sim.bitrate) if sync else 0.0
         rows = {
             "bench time": f"{sim.clock.now_ns() / 1e9:.1f} s" + (f", {behind:.1f} s behind" if behind >= 1 else ""),
             **_exciter(sim),
-            "indicator": "bridge open" if math.isnan(reading) else f"{reading:g} mV",
-            "positioner": show(positioner.read("position"), "m"),
+            **_measured(sim),
+            **{guest.name: guest.kind.contract.title for guest in sim.scene.devices},
             "sensor nodes": ", ".join(f"{number} {state.lower()}" for number, state in states.items()),
             "CAN bus": f"{100 * load:.0f} % of {show(sim.bitrate, 'bit/s')} at worst",
             "Modbus": f"{rate:.0f} transactions/s",
