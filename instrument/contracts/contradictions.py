@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Protocol
 
 from palpate.instrument.errors import ConfigError
-
-if TYPE_CHECKING:
-    from palpate.instrument.contracts.field import Field
 
 NAME = re.compile("[a-z][a-z0-9_]{0,63}")
 LEAST_SCALE, GREATEST_SCALE = 1e-30, 1e30
@@ -25,6 +22,41 @@ USUAL: dict[str, object] = {
 OF_SCALED = ("scale", "offset", "scaling", "sign")
 
 
+class Attributes(Protocol):
+    """What is looked at of a `palpate.instrument.contracts.field.Field`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def type(self) -> str: ...
+    @property
+    def meaning(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def scale(self) -> float: ...
+    @property
+    def default(self) -> float | str: ...
+    @property
+    def choices(self) -> Mapping[str, int]: ...
+    @property
+    def bits(self) -> Mapping[str, int]: ...
+    @property
+    def missing(self) -> tuple[int, ...]: ...
+    @property
+    def part(self) -> tuple[int, int] | None: ...
+    @property
+    def length(self) -> int: ...
+    @property
+    def limits(self) -> tuple[float, float]: ...
+
+
+def check_once(title: str, what: str, names: Sequence[str]) -> None:
+    """Raises ConfigError: several things of a contract have one name."""
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise ConfigError(f"{title}: several {what} have the name {', '.join(twice)}; each needs its own")
+
+
 def check_name(what: str, name: str) -> None:
     """Raises ConfigError: a name cannot stand in a frame, a bench file or a record."""
     if not NAME.fullmatch(name):
@@ -33,19 +65,19 @@ def check_name(what: str, name: str) -> None:
         )
 
 
-def check_attributes(f: Field) -> None:
+def check_attributes(f: Attributes) -> None:
     """Check what `Field` can say that no device can mean. Raises ConfigError: field, attribute and what is allowed."""
     check_name("field", f.name)
     for problem in _problems(f):
         raise ConfigError(f"field {f.name}: {problem}")
 
 
-def _given(f: Field, names: tuple[str, ...]) -> list[str]:
+def _given(f: Attributes, names: tuple[str, ...]) -> list[str]:
     """Those of some attributes that the declaration gives."""
     return [name for name in names if getattr(f, name) != USUAL[name]]
 
 
-def _problems(f: Field) -> Iterator[str]:
+def _problems(f: Attributes) -> Iterator[str]:
     for what, text in (("meaning", f.meaning), ("unit", f.unit)):
         if not text.isprintable():
             yield f"{what} = {text!r} holds characters that cannot be printed; leave them out"

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
-from palpate.instrument.contracts.contradictions import GREATEST_SCALE, LEAST_SCALE, check_name
+from palpate.instrument.contracts.contradictions import GREATEST_SCALE, LEAST_SCALE, check_name, check_once
 from palpate.instrument.contracts.declaration import Declaration
+from palpate.instrument.contracts.declared_pdos import check_pdos
 from palpate.instrument.contracts.field import BITS, ONE_REGISTER, Field, Value
 from palpate.instrument.contracts.manners import Condition
-from palpate.instrument.contracts.pdo import LONGEST_INHIBIT, PDOS, SENT, TAKEN, Pdo
 from palpate.instrument.contracts.wire_types import SIZE
 from palpate.instrument.errors import ConfigError, RangeError
 
 HEXADECIMAL = re.compile("(0[xX])?[0-9A-Fa-f]{1,8}")
 Encode = Callable[[str, Value], bytes]
-LARGEST_PDO = 8  # bytes
 LAST = {"modbus": 0xFFFF, "canopen": 0xFFFFFF}  # greatest address
 WHOLE = ", ".join([*(name for name, size in SIZE.items() if size % 2 == 0), "text of an even length"])
 
@@ -34,14 +32,14 @@ def check_declaration(contract: Declaration, encode: Encode) -> None:
     """
     fields = {f.name: f for f in contract.fields}
     names = [f.name for f in contract.fields]
-    _check_once(contract, "fields", names)
+    check_once(contract.title, "fields", names)
     for f in contract.fields:
         _check_place(contract, f)
         _check_beside(contract, f, fields)
     _check_units(contract)
     _check_overlaps(contract)
     _check_parts(contract)
-    _check_pdos(contract, fields)
+    check_pdos(contract, fields)
     _check_marks(contract, fields, encode)
     _check_commands(contract, fields, encode)
     _check_together(contract, fields)
@@ -71,11 +69,6 @@ def _check_parts(contract: Declaration) -> None:
                 f"{contract.title}: {first.name} and {f.name} are parts of one register, 0x{f.address:x}; give "
                 "them the same octets, function and access"
             )
-
-
-def _check_once(contract: Declaration, what: str, names: Sequence[str]) -> None:
-    if twice := [name for name, count in Counter(names).items() if count > 1]:
-        raise ConfigError(f"{contract.title}: several {what} have the name {', '.join(twice)}; each needs its own")
 
 
 def _check_place(contract: Declaration, f: Field) -> None:
@@ -167,43 +160,6 @@ def _check_overlaps(contract: Declaration) -> None:
             raise ConfigError(f"{contract.title}: {first.name} and {second.name} overlap at 0x{second.address:x}")
 
 
-def _check_pdos(contract: Declaration, fields: Mapping[str, Field]) -> None:
-    """Raises ConfigError: a PDO cannot be sent on a CAN bus, or cannot hold one of its fields."""
-    if contract.bus != "canopen" and (contract.pdos or contract.receives):
-        raise ConfigError(f"{contract.title}: has PDOs, which are for CANopen only; leave them out")
-    for pdo, wrong in (*((each, "wo") for each in contract.pdos), *((each, "ro") for each in contract.receives)):
-        for name in pdo.fields:
-            if name not in fields or fields[name].type == "text" or fields[name].access == wrong:
-                raise ConfigError(
-                    f"{contract.title}: PDO {pdo.name} cannot hold {name}: it must be a number field of the contract "
-                    f"that can be {'read' if wrong == 'wo' else 'written'}"
-                )
-        if len(set(pdo.fields)) < len(pdo.fields):
-            raise ConfigError(f"{contract.title}: PDO {pdo.name} holds a field twice: {', '.join(pdo.fields)}")
-        if not 0 < (size := sum(fields[name].size for name in pdo.fields)) <= LARGEST_PDO:
-            raise ConfigError(f"{contract.title}: PDO {pdo.name} has {size} bytes; give 1 to {LARGEST_PDO}")
-    for first, pdos in ((SENT, contract.pdos), (TAKEN, contract.receives)):
-        set_up = [pdo for pdo in pdos if pdo.index]
-        for pdo in set_up:
-            _check_set_up(contract, pdo, first)
-        _check_once(contract, "PDOs", [f"0x{pdo.index:X}" for pdo in set_up])
-    for pdo in (*contract.pdos, *contract.receives):
-        check_name(f"{contract.title}: PDO", pdo.name)
-    _check_once(contract, "PDOs", [pdo.name for pdo in (*contract.pdos, *contract.receives)])
-
-
-def _check_set_up(contract: Declaration, pdo: Pdo, first: int) -> None:
-    """Raises ConfigError: no driver can set this PDO up."""
-    for what, given, least, most in (
-        ("index", pdo.index, first, first + PDOS - 1),
-        ("transmission", pdo.transmission, 0, 255),
-        ("inhibit", pdo.inhibit, 0, LONGEST_INHIBIT),
-    ):
-        if not least <= given <= most:
-            limits = f"0x{least:X} to 0x{most:X}" if what == "index" else f"{least} to {most:g}"
-            raise ConfigError(f"{contract.title}: PDO {pdo.name}: {what} = {given:g} is outside {limits}")
-
-
 def _check_marks(contract: Declaration, fields: Mapping[str, Field], encode: Encode) -> None:
     """Raises ConfigError: it cannot be known by what it says, or its serial number is in no field that can be read."""
     identity = contract.identity
@@ -233,14 +189,14 @@ def _check_marks(contract: Declaration, fields: Mapping[str, Field], encode: Enc
                 f"{contract.title}: is known by {f.name}, which may begin with any text; give its beginning"
             )
         _check_value(f"{contract.title}: is known by {f.name}", f, mark.value, encode)
-    _check_once(contract, "marks", [mark.field for mark in contract.marks])
+    check_once(contract.title, "marks", [mark.field for mark in contract.marks])
     if contract.serial and (contract.serial not in fields or fields[contract.serial].access == "wo"):
         raise ConfigError(f"{contract.title}: its serial number is in {contract.serial!r}, which cannot be read")
 
 
 def _check_commands(contract: Declaration, fields: Mapping[str, Field], encode: Encode) -> None:
     """Raises ConfigError: a command cannot be given, or what it waits for cannot be read."""
-    _check_once(contract, "commands", [command.name for command in contract.commands])
+    check_once(contract.title, "commands", [command.name for command in contract.commands])
     known: list[str] = []
     for command in contract.commands:
         where = f"{contract.title}: command {command.name}"
