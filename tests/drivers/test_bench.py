@@ -71,7 +71,7 @@ def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(sim: S
         update={"shaker_amplifier": description.shaker_amplifier.model_copy(update={"port": port})}
     )
     bench = open_bench(sim, elsewhere)
-    with pytest.raises(LinkError, match=f"nothing answers at 127.0.0.1:{port}; .*the bench file"):
+    with pytest.raises(LinkError, match=f"nothing answers at 127.0.0.1:{port}; .*check power and cable"):
         bench.__enter__()
     assert is_closed(bench)
 
