@@ -1,8 +1,8 @@
-"""How a device without an identity object is known: by marks in its fields, or by a person alone."""
+"""How a device is known: by its identity objects, by marks in its fields, or by a person alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from palpate.drivers.devices.device import Device
@@ -27,6 +27,23 @@ def identity_objects(transact: Callable[..., Any]) -> dict[int, str]:
     if VENDOR not in objects:
         objects |= category(BASIC) | category(REGULAR)
     return objects
+
+
+def check_objects(device: Device, objects: Mapping[int, str]) -> None:
+    """Check identity objects, by number, against the contract.
+
+    Raises:
+        IdentityError: another vendor, product or major version.
+    """
+    expected = device.contract.identity
+    found = (objects.get(VENDOR, ""), objects.get(PRODUCT, ""), objects.get(REVISION, ""))
+    wanted = (expected.vendor, expected.product, expected.revision)
+    major = (*found[:2], found[2].split(".")[0])
+    if any(text and given != text for given, text in zip(major, (*wanted[:2], wanted[2].split(".")[0]), strict=True)):
+        raise IdentityError(
+            f"{device.name}: identifies itself as {' '.join(found).strip() or 'nothing'}, the contract is for "
+            f"{' '.join(wanted).strip()}; check the address and unit id in the bench file"
+        )
 
 
 def check_marks(device: Device) -> None:

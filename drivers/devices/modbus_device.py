@@ -10,12 +10,10 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device, Place
 from palpate.drivers.devices.identified import (
     APPLICATION,
-    PRODUCT,
-    REVISION,
     SERIAL,
-    VENDOR,
     check_inventory,
     check_marks,
+    check_objects,
     identity_objects,
     serial_number,
 )
@@ -103,17 +101,7 @@ class ModbusDevice(Device):
     def _check_identity(self) -> str:
         """Check the identity objects that the contract has; returns the serial number among them. Raises as above."""
         objects = self._asked(partial(identity_objects, self._transact))
-        expected = self.contract.identity
-        found = (objects.get(VENDOR, ""), objects.get(PRODUCT, ""), objects.get(REVISION, ""))
-        wanted = (expected.vendor, expected.product, expected.revision)
-        major = (*found[:2], found[2].split(".")[0])
-        if any(
-            text and given != text for given, text in zip(major, (*wanted[:2], wanted[2].split(".")[0]), strict=True)
-        ):
-            raise IdentityError(
-                f"{self.name}: identifies itself as {' '.join(found).strip() or 'nothing'}, the contract is for "
-                f"{' '.join(wanted).strip()}; check the address and unit id in the bench file"
-            )
+        check_objects(self, objects)
         self.simulated = objects.get(APPLICATION, "") == "simulated"
         return objects.get(SERIAL, "")
 

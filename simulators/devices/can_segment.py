@@ -16,8 +16,9 @@ from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
 from palpate.simulators.rig.rig import Rig
+from palpate.simulators.wire.attached import attach, local_node
 from palpate.simulators.wire.can_bus import VirtualNetwork, burst, open_bus
-from palpate.simulators.wire.canopen_device import CanopenDevice, attach, local_node
+from palpate.simulators.wire.canopen_device import CanopenDevice
 
 if TYPE_CHECKING:
     from palpate.simulators.wire.relay import Send

@@ -13,20 +13,21 @@ import math
 import socket
 import struct
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
-from pymodbus.pdu.bit_message import WriteSingleCoilRequest, WriteSingleCoilResponse
-from pymodbus.pdu.mei_message import ReadDeviceInformationRequest, ReadDeviceInformationResponse
-from pymodbus.pdu.register_message import WriteSingleRegisterRequest, WriteSingleRegisterResponse
+from pymodbus.pdu.bit_message import WriteSingleCoilRequest
+from pymodbus.pdu.mei_message import ReadDeviceInformationRequest
+from pymodbus.pdu.register_message import WriteSingleRegisterRequest
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.transaction import TransactionManager
 
+from palpate.simulators.wire.modbus_answers import done, echo, identification
 from palpate.simulators.wire.modbus_frames import EXCEPTION, LineFramer, RequestDecoder, alien, whole_frame
 from palpate.simulators.wire.registers import IDENTIFY, Registers, Units
 from palpate.simulators.wire.relay import Damage, Relay
@@ -42,49 +43,11 @@ MOST_WAITING = 64  # requests of one client that may wait before the server stop
 IDLE = 60.0  # s of silence after which a client makes room for another
 PIECE = 4096  # bytes that are read from one client before the next one has its turn
 UNREAD = 65536  # bytes of answers that a client may leave unread
-CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # read device id code: numbers of its identity objects
-ONE_OBJECT = 4  # the read device id code that asks for a single object
 AT_ONCE = struct.pack("ii", 1, 0)  # value of SO_LINGER with which closing resets the connection
 
 UNUSED = SimDevice(1, [SimData(0, datatype=DataType.REGISTERS)])  # pymodbus wants one; `Units` answers in its place
 
 Identity = Callable[[], Mapping[int, bytes]]
-
-
-def _done(update: Coroutine[Any, Any, ModbusPDU]) -> ModbusPDU:
-    """The answer of an update, which ends in one step because a device's action never awaits."""
-    try:
-        update.send(None)
-    except StopIteration as done:
-        answer: ModbusPDU = done.value
-        return answer
-    raise AssertionError("an action awaits something")
-
-
-def _identification(request: ReadDeviceInformationRequest, objects: Mapping[int, bytes]) -> ModbusPDU:
-    """The answer to function 43/14."""
-    if request.read_code == ONE_OBJECT:
-        if request.object_id not in objects:
-            return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_ADDRESS)
-        asked: Iterable[int] = [request.object_id]
-    elif request.read_code in CATEGORIES:
-        category = CATEGORIES[request.read_code]
-        first = request.object_id if request.object_id in objects and request.object_id in category else 0
-        asked = [number for number in sorted(objects) if number in category and number >= first]
-    else:
-        return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_VALUE)
-    return ReadDeviceInformationResponse(request.read_code, {number: objects[number] for number in asked})
-
-
-def _echo(request: WriteSingleRegisterRequest | WriteSingleCoilRequest, registers: Registers) -> ModbusPDU:
-    """The answer to a write of one register or coil: what was written, though a command may be idle again by now."""
-    values: list[Any] = [*request.bits[:1], *request.registers[:1]]
-    refusal = registers.write(request.function_code, request.address, values)
-    if refusal is not None:
-        return ExceptionResponse(request.function_code, refusal)
-    if isinstance(request, WriteSingleCoilRequest):
-        return WriteSingleCoilResponse(address=request.address, bits=request.bits)
-    return WriteSingleRegisterResponse(address=request.address, registers=request.registers)
 
 
 class _Connection(ServerRequestHandler):
@@ -119,7 +82,7 @@ class _Connection(ServerRequestHandler):
         everybody = request.dev_id == BROADCAST and self._completed.broadcast_enable
         if everybody and BROADCAST not in self._completed.identities:
             for unit in self._completed.identities:
-                _done(request.datastore_update(self._completed.context, unit))
+                done(request.datastore_update(self._completed.context, unit))
         else:
             response = self._response(request)
             response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
@@ -139,10 +102,10 @@ class _Connection(ServerRequestHandler):
         if isinstance(request, ReadDeviceInformationRequest):
             if IDENTIFY not in registers.functions:
                 return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_FUNCTION)
-            return _identification(request, identity())
+            return identification(request, identity())
         if isinstance(request, WriteSingleRegisterRequest | WriteSingleCoilRequest):
-            return _echo(request, registers)
-        return _done(request.datastore_update(self._completed.context, request.dev_id))
+            return echo(request, registers)
+        return done(request.datastore_update(self._completed.context, request.dev_id))
 
 
 class _TcpConnection(_Connection):

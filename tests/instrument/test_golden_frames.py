@@ -16,7 +16,8 @@ from palpate.instrument.config import check
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Command, Contract, Field, Identity, Pdo, Scaling, sdo
 from palpate.instrument.contracts.maps.computed_frames import computed
-from palpate.instrument.contracts.maps.golden_frames import Frame, FrameTable, frame_of, prove
+from palpate.instrument.contracts.maps.frame_tables import Frame, FrameTable, frame_of
+from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.modbus_frames import crc
 
 

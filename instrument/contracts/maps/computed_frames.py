@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.contracts.maps import modbus_frames, sdo_frames
-from palpate.instrument.contracts.maps.golden_frames import Message
+from palpate.instrument.contracts.maps.frame_tables import Message
 from palpate.instrument.errors import PalpateError
 
 UNIT = 1  # Modbus unit id, or node id, of the frames

@@ -16,7 +16,7 @@ from palpate.instrument.config import MOST_PROBLEMS, Config, Name, check, parse,
 from palpate.instrument.contracts.contract import Contract, Identity
 from palpate.instrument.contracts.manners import USUAL, Manners
 from palpate.instrument.contracts.maps import tables
-from palpate.instrument.contracts.maps.golden_frames import Frame, FrameTable, frame_of
+from palpate.instrument.contracts.maps.frame_tables import Frame, FrameTable, frame_of
 from palpate.instrument.errors import ConfigError
 
 SHIPPED = Path(__file__).parent
