@@ -8,7 +8,7 @@ acme-oven = "acme_oven:KIND"
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -26,7 +26,7 @@ from palpate.instrument.quantity import Amperes, Volts
 
 __all__ = [
     "GROUP", "KINDS", "WHAT", "DeviceKind", "LinkKind", "NoSettings", "Role", "all_kinds", "check_identities",
-    "device_kind", "kind_in_file",
+    "device_kind", "frequency_step", "kind_in_file",
 ]  # fmt: skip
 GROUP, WHAT = "palpate.devices", "kind of device"
 
@@ -109,6 +109,15 @@ def all_kinds() -> list[DeviceKind]:
     found = [*KINDS.values(), *(device_kind(name) for name in (*shipped(), *additions(GROUP)))]
     check_identities(found)
     return found
+
+
+def frequency_step(kind_in: Callable[[Role], DeviceKind | None]) -> float | None:
+    """Step to which a bench rounds the frequency of a load [Hz]; None: its kinds do not say.
+
+    `kind_in` gives the kind that fills a role.
+    """
+    source = kind_in("exciter") or kind_in("source")
+    return source.frequency_step if source else None
 
 
 def check_identities(kinds: Iterable[DeviceKind]) -> None:

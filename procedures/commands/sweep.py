@@ -90,7 +90,7 @@ def frequency(
 ) -> FrequencySweep:
     """Measure gain and phase of each film over frequency, the charge amplifiers' corner, and the resonance.
 
-    The gain is film voltage over the load that the load cell measures. Generator and sensor nodes have no common clock,
+    The gain is film voltage over the load that the load cell measures. Exciter and sensor nodes have no common clock,
     so the phase is the lead over the first base film. The band of touch, up to 20 Hz, is marked.
     """
     from palpate.procedures.measurements.frequency.procedure import FrequencySweep

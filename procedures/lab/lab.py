@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.bench.kinds import DeviceKind, Role
+from palpate.instrument.bench.kinds import DeviceKind, Role, frequency_step
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.sensor_node import CHANNELS
@@ -40,10 +40,10 @@ class Target:
 
 def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> Target:
     """A target with what a bench's kinds say of their limits; `kind_in` gives the kind that fills a role."""
-    source, positioner = kind_in("exciter") or kind_in("source"), kind_in("positioner")
+    positioner = kind_in("positioner")
     return replace(
         target,
-        frequency_step=source.frequency_step if source else None,
+        frequency_step=frequency_step(kind_in),
         travel=positioner.travel if positioner else None,
     )
 

@@ -1,7 +1,7 @@
 """Whether two devices that measure the same quantity agree within their uncertainties. This is checked at each point.
 
-The load cell and the base films measure the force. The generator and the nodes' clock have the drive's frequency. A
-wrong calibration, a film that came off, or a generator that drifts does not show in the readings of one device alone.
+The load cell and the base films measure the force. The exciter and the nodes' clock have the drive's frequency. A
+wrong calibration, a film that came off, or an exciter that drifts does not show in the readings of one device alone.
 """
 
 from __future__ import annotations
@@ -10,14 +10,12 @@ import math
 
 import numpy as np
 
-from palpate.instrument.contracts import signal_generator
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.film_forces import FilmForces
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER, FilmRecord, Films
 
 FALSE_ALARMS = 6.3e-5  # of points that agree: 4 standard uncertainties of a normal distribution
-FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 CRYSTALS = 1e-4  # relative difference of two clocks [A]
 
 
@@ -69,7 +67,7 @@ def frequencies_differ(films: Films, record: FilmRecord) -> bool:
         for name, fit in (("first half", first), ("second half", second))
     )
     off = Budget("frequency less what was set", turned / between, "Hz", halves)
-    return _differ(off, CRYSTALS * films.frequency + FREQUENCY_STEP / 2)
+    return _differ(off, CRYSTALS * films.frequency + films.frequency_step / 2)
 
 
 def _differ(difference: Budget, allowed: float) -> bool:

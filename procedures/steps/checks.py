@@ -84,7 +84,7 @@ def check_frequency(frequency: float, step: float | None, allowed: tuple[float, 
     steps = max(round(frequency / step), 1)
     if abs(frequency - steps * step) > 1e-6 * step:
         raise RangeError(
-            f"frequency {frequency:.10g} Hz lies between the generator's steps of {step:g} Hz; "
+            f"frequency {frequency:.10g} Hz lies between the exciter's steps of {step:g} Hz; "
             f"take {steps * step:.10g} Hz"
         )
 
@@ -139,7 +139,7 @@ def check_loads(loads: Sequence[float], calibration: LoadCellCalibration, extrap
     smallest = SMALLEST_LOAD * calibration.resolution()
     if min(loads) < smallest:
         raise UnreachableError(
-            f"load {min(loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the strain indicator; "
+            f"load {min(loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the load indicator; "
             f"ask for {show(smallest, 'N', 3)} or more"
         )
     if not extrapolate:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
+from palpate.instrument.bench.kinds import frequency_step
 from palpate.instrument.contracts.sensor_node import CHANNELS, place
 from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
 from palpate.instrument.sensor.design import Design
@@ -156,6 +157,11 @@ class Films:
         for number, film in enumerate(design.films):
             fits = HEADROOM * film.sensitivity * largest <= ranges[finest]
             self._set_range(number, finest if fits else self._widest)
+
+    @property
+    def frequency_step(self) -> float:
+        """Step to which the bench rounds the drive's frequency [Hz]; 0: its kinds do not say."""
+        return frequency_step(self.bench.description.kind_in) or 0.0
 
     def set_frequency(self, frequency: float) -> None:
         """Set the frequency of the drive [Hz]. The nodes then take 25 samples a cycle."""

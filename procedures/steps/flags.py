@@ -24,7 +24,7 @@ FLAGS: dict[str, str] = {
     DRIFTED: "after the dwell the load cell reads another load than was set; check the mounting of the sample",
     FORCE: f"films and load cell measure different forces, {_APART}; check their calibrations, and look for a "
     "loose or swapped film",
-    FREQUENCY: f"films and generator have different frequencies, {_APART}; check the generator",
+    FREQUENCY: f"films and exciter have different frequencies, {_APART}; check the exciter",
     HUM: "the dwell is too short to separate mains hum from the drive; the point is used, but hum may change it",
     SHORT: "the dwell is too short to know the noise well; the point is used, with a large uncertainty",
 }

@@ -1,4 +1,4 @@
-"""Reading the strain indicator: when a display counts, and the mean of several."""
+"""Reading the load indicator: when a display counts, and the mean of several."""
 
 from __future__ import annotations
 

@@ -53,9 +53,9 @@ class Policy:
 
 # The first policy that fits an error counts.
 POLICIES = (
-    Policy("a limit of the bench is passed, or the amplifier has tripped", (SafetyError,), STOP),
+    Policy("a limit of the bench is passed, or the exciter has tripped", (SafetyError,), STOP),
     Policy("another device answers at the address of one", (IdentityError,), STOP),
-    Policy("another program has the amplifier", (BenchInUse,), STOP),
+    Policy("another program has the exciter", (BenchInUse,), STOP),
     Policy("another sample is mounted than was ordered, or it was away meanwhile", (SampleError,), STOP),
     Policy("the rig cannot reach what is asked for", (UnreachableError,), STOP),
     Policy("settings are lost or changed: power cycle, reboot, front panel", (SettingsLost,), RESTORE, ATTEMPTS),
@@ -66,7 +66,7 @@ POLICIES = (
     Policy("a node or its bus reports trouble: emergency, missing heartbeat, error frames", "after a step", NOTE),
     Policy("films clipped, not finite, unsettled; emergency in a dwell; load drifted", "of a point", MARK, ATTEMPTS),
     Policy(
-        "films and load cell measure different forces (`force`), films and generator have different frequencies "
+        "films and load cell measure different forces (`force`), films and exciter have different frequencies "
         "(`frequency`), further apart than noise explains (by noise alone only 6 points of 100,000)",
         "of a point", MARK, ATTEMPTS,
     ),

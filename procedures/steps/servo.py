@@ -103,7 +103,7 @@ class LoadServo:
         if amplitude > self._exciter.largest:
             raise UnreachableError(
                 f"{load:g} N peak to peak is not reached: no load appears at {show(self._amplitude, 'V')} from the "
-                "exciter; check amplifier, shaker and mounting"
+                "exciter; check it, the shaker and the mounting"
             )
         self._amplitude = amplitude
         self._exciter.sine(self._frequency, amplitude)
@@ -113,7 +113,7 @@ class LoadServo:
         if amplitude > self._exciter.largest:
             raise UnreachableError(
                 f"{load:g} N peak to peak needs {amplitude:.3g} V from the exciter, which gives "
-                f"{self._exciter.largest:g} V; ask for a smaller load or raise the amplifier's gain"
+                f"{self._exciter.largest:g} V; ask for a smaller load or raise the exciter's gain"
             )
         if not self._amplitude:
             return

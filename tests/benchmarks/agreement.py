@@ -35,8 +35,10 @@ MOST = 3  # of 3600 points: 0.2 are stated, and chance gives more than 3 once in
 class OnPaper(Films):
     """Films that fit a record and have no bench."""
 
-    def __init__(self, design: Design) -> None:
-        self.design, self.frequency = design, FREQUENCY
+    frequency_step = 0.0
+
+    def __init__(self, design: Design, frequency_step: float = 1e-3) -> None:
+        self.design, self.frequency, self.frequency_step = design, FREQUENCY, frequency_step
 
 
 def measure() -> Iterator[Row]:

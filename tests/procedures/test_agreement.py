@@ -11,14 +11,14 @@ from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import FEW_DEGREES
 from palpate.instrument.uncertainty.budget import coverage_factor
-from palpate.procedures.steps.agreement import CRYSTALS, FALSE_ALARMS, FREQUENCY_STEP, forces_differ, frequencies_differ
+from palpate.procedures.steps.agreement import CRYSTALS, FALSE_ALARMS, forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord
 from tests.benchmarks.agreement import DWELLS, OnPaper, false_alarms
 from tests.benchmarks.coverage import FREQUENCY, LOADS, LOUD, RATE
 
 SEEDS = 20  # the benchmark `agreement` takes 300
 FILMS = OnPaper(get_design("single"))
-ALLOWED = CRYSTALS * FREQUENCY + FREQUENCY_STEP / 2  # Hz, beside what is uncertain
+ALLOWED = CRYSTALS * FREQUENCY + FILMS.frequency_step / 2  # Hz, beside what is uncertain
 
 
 def record(dwell: float, turned: float, noise: float) -> FilmRecord:
@@ -42,6 +42,13 @@ def test_four_standard_uncertainties_between_short_halves_are_chance_and_twenty_
         frequencies_differ(FILMS, record(dwell, allowed + times * turned_u - drawn, noise)) for times in (4.5, 20)
     ]
     assert flagged == [False, True]
+
+
+@pytest.mark.parametrize(("step", "differ"), [(0.5, False), (1e-3, True), (0.0, True)])
+def test_a_drive_may_be_half_a_step_of_the_bench_s_own_exciter_beside_what_was_set(step: float, differ: bool) -> None:
+    films = OnPaper(FILMS.design, step)
+    turned = 2 * math.pi * 0.2 * 0.5  # rad between the halves' middles, of a drive that is 0.2 Hz too fast
+    assert frequencies_differ(films, record(1.0, turned, 1e-5)) == differ
 
 
 def test_few_samples_of_loud_noise_tell_of_another_force_by_what_their_degrees_of_freedom_allow() -> None:

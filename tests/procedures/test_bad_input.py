@@ -83,7 +83,7 @@ def test_the_example_of_a_plain_number_is_one_of_use(words: tuple[str, ...], rem
         ("--frequency", "10 N", "'10 N' is in N where Hz belongs"),
         ("--frequency", "0 Hz", "outside 0.5 to 100 Hz"),
         ("--frequency", "1 kHz", "outside 0.5 to 100 Hz"),
-        ("--frequency", "10.0004 Hz", "between the generator's steps of 0.001 Hz; take 10 Hz"),
+        ("--frequency", "10.0004 Hz", "between the exciter's steps of 0.001 Hz; take 10 Hz"),
         ("--model", "colum", "unknown model 'colum' (did you mean 'column'?)"),
         ("--model", NO_TEXT, "unknown model"),
         ("--scene", "thesis_singel", "unknown scene 'thesis_singel' (did you mean 'thesis_single'?)"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import pytest
@@ -303,6 +303,14 @@ def test_films_fill_each_node_s_channels_however_many_its_kind_has(channels: int
     bench: Any = SimpleNamespace(all=lambda _role: nodes, named=lambda _node: SimpleNamespace(kind=kind))
     Films(bench, get_design("different_base"), 10.0, 4.0)
     assert [sorted(node.set) for node in nodes] == used
+
+
+@pytest.mark.parametrize(("roles", "step"), [(("exciter",), 0.5), (("source",), 0.5), ((), 0.0)])
+def test_films_know_to_which_step_the_bench_s_own_exciter_rounds_the_drive(roles: tuple[str, ...], step: float) -> None:
+    kind = replace(KINDS["signal_generator"], frequency_step=0.5)
+    films = Films.__new__(Films)
+    films.bench = cast("Any", SimpleNamespace(description=SimpleNamespace(kind_in=dict.fromkeys(roles, kind).get)))
+    assert films.frequency_step == step
 
 
 def test_a_bench_is_refused_by_how_many_channels_its_own_nodes_have() -> None:

@@ -81,7 +81,7 @@ def test_stated_uncertainties_hold_where_all_points_share_the_load_cell_s_error(
         (("--frequencies", "3 Hz, 2 Hz, 5 Hz"), "they must increase"),
         (("--frequencies", "0.01 Hz, 1 Hz, 2 Hz"), "frequency 0.01 Hz is outside 0.1 to 100 Hz"),
         (("--frequencies", "1 Hz, 9 Hz, 1 kHz"), "frequency 1000 Hz is outside 0.1 to 100 Hz"),
-        (("--frequencies", "1.00049 Hz, 2 Hz, 3 Hz"), "lies between the generator's steps"),
+        (("--frequencies", "1.00049 Hz, 2 Hz, 3 Hz"), "lies between the exciter's steps"),
         (("--dwell", "2 h"), "dwell 7200 s is not above 0 and at most 3600 s"),
         (("--dwell", "-1 s"), "dwell -1 s is not above 0"),
         (("--load", "0 N"), "load 0 N peak to peak is not above zero"),
@@ -95,7 +95,7 @@ def test_what_cannot_be_swept_is_refused_before_a_bench_starts(
     assert message in refused(palpate(*SWEEP, *arguments), benches)
 
 
-def test_frequencies_are_even_in_the_logarithm_and_on_the_generators_steps() -> None:
+def test_frequencies_are_even_in_the_logarithm_and_whole_millihertz() -> None:
     assert parse_frequencies("0.1 Hz:100 Hz:4") == (0.1, 1.0, 10.0, 100.0)
     assert parse_frequencies("1 Hz:2 Hz:3") == (1.0, 1.414, 2.0)
     assert parse_frequencies("1 Hz, 3 Hz, 5 Hz") == (1.0, 3.0, 5.0)

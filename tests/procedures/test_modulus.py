@@ -136,7 +136,7 @@ def test_a_pad_beyond_the_travel_or_a_force_beyond_the_limit_is_refused(monkeypa
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        (replace(THREE, strain=0.02), UnreachableError, "gives about 225 mN, below 4 steps of the strain indicator"),
+        (replace(THREE, strain=0.02), UnreachableError, "gives about 225 mN, below 4 steps of the load indicator"),
         (replace(THREE, strain=0.6), RangeError, r"lies outside the 1.373 to 5 N that the load cell is calibrated for"),
     ],
 )

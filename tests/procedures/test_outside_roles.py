@@ -290,9 +290,9 @@ def test_settings_are_held_to_the_limits_of_the_bench_s_own_kinds_before_it_open
     between = palpate.LoadSweep(samples=("1",), loads=(2.0,), frequency=10.0002)
     between.check(found["fine-exciter"][1])
     between.check(found["silent-exciter"][1])
-    with pytest.raises(RangeError, match=r"lies between the generator's steps of 0.001 Hz; take 10 Hz"):
+    with pytest.raises(RangeError, match=r"lies between the exciter's steps of 0.001 Hz; take 10 Hz"):
         between.check(usual)
-    with pytest.raises(RangeError, match=r"frequency 10.2 Hz lies between the generator's steps of 0.5 Hz; take 10 Hz"):
+    with pytest.raises(RangeError, match=r"frequency 10.2 Hz lies between the exciter's steps of 0.5 Hz; take 10 Hz"):
         replace(between, frequency=10.2).check(found["coarse-exciter"][1])
     test = palpate.ModulusTest("1")
     test.check(found["long-positioner"][1])
@@ -305,5 +305,5 @@ def test_a_study_is_held_to_the_exciter_of_its_scene(ideal: Scene, install: Inst
     install("acme", "palpate.devices", {"coarse-exciter": "acme_limited:COARSE"}, acme_limited=LIMITED)
     scene = written(tmp_path, {"it": {"kind": "coarse-exciter"}})
     file = {"name": "s", "frequency": "10.2 Hz", "axes": {"scene": [str(scene)]}}
-    with pytest.raises(ConfigError, match=r"^s.toml: frequency 10.2 Hz lies between the generator's steps of 0.5 Hz"):
+    with pytest.raises(ConfigError, match=r"^s.toml: frequency 10.2 Hz lies between the exciter's steps of 0.5 Hz"):
         Sweep.of(study_of(check(file, StudyFile, "s.toml"), "s.toml"), "s.toml")

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import numpy as np
 
-from palpate.instrument.contracts import signal_generator
 from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
@@ -43,7 +42,7 @@ from palpate.procedures.steps.probe import press
 
 DEFAULT = "0.1 Hz:100 Hz:13"
 RANGE = (0.1, 100.0)  # Hz
-FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz, of frequencies that are spread over a range
+GRID = 1e-3  # Hz, to which frequencies that are spread over a range are rounded
 MOST = 200  # greatest number of frequencies
 CYCLES = 3  # least number of cycles in a dwell
 
@@ -77,7 +76,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: a frequency is outside 0.1 to 100 Hz or between the generator's steps, there are too few of
+            RangeError: a frequency is outside 0.1 to 100 Hz or between the exciter's steps, there are too few of
                 them, the load exceeds the force limit, the dwell is not finite, or the bench has too few sensor nodes.
             UnknownName: there is no such sample.
         """
@@ -145,7 +144,7 @@ def parse_frequencies(text: str) -> tuple[float, ...]:
     """Frequencies from a text [Hz].
 
     The text is a list as "1 Hz, 10 Hz", or "0.1 Hz:100 Hz:16" with first, last and number of frequencies, which are
-    spaced evenly in the logarithm and rounded to the generator's steps between the ends.
+    spaced evenly in the logarithm and rounded to 1 mHz between the ends.
 
     Raises:
         QuantityError: a part is no frequency.
@@ -159,16 +158,14 @@ def parse_frequencies(text: str) -> tuple[float, ...]:
                 f"frequencies {quoted(text)}: give first:last:count with first < last and a count of {FEWEST} to {MOST}"
             )
         even = np.geomspace(first, last, round(count))
-        inner = (round(float(f) / FREQUENCY_STEP) * FREQUENCY_STEP for f in even[1:-1])
+        inner = (round(float(f) / GRID) * GRID for f in even[1:-1])
         found = (first, *(round(f, 9) for f in inner), last)
     elif len(parts) == 1:
         found = parse_list(text, "Hz")
     else:
         raise RangeError(f"frequencies {quoted(text)}: give first:last:count, such as '0.1 Hz:100 Hz:16', or a list")
     if list(found) != sorted(set(found)):
-        raise RangeError(
-            f"frequencies {quoted(text)}: they must increase, each at least a step of {FREQUENCY_STEP:g} Hz"
-        )
+        raise RangeError(f"frequencies {quoted(text)}: they must increase, each by {GRID:g} Hz or more")
     if not FEWEST <= len(found) <= MOST:
         raise RangeError(
             f"frequencies {quoted(text)}: {len(found)} frequencies; give {FEWEST} to {MOST} to find a corner"

@@ -22,7 +22,7 @@ FEWEST = 3  # least number of points for a corner
 class FilmResponse:
     """Response of one film. Names with `_u` are standard uncertainties.
 
-    The generator and the nodes have no common clock, so the phase relative to the drive is unknown.
+    The exciter and the nodes have no common clock, so the phase relative to the drive is unknown.
 
     Attributes:
         film: name of the film.
@@ -45,7 +45,7 @@ class FrequencyPoint:
         frequency_Hz: the frequency.
         tactile: whether it lies within the band of touch.
         load_measured_N, load_measured_u: the measured load.
-        response_N_per_V: the measured load over the generator's voltage, both peak to peak.
+        response_N_per_V: the measured load over the exciter's voltage, both peak to peak.
         films: the response of each film.
         valid: whether the point is used.
         dwell_s: the dwell.

@@ -20,7 +20,7 @@ class LoadPoint:
     Attributes:
         sample: name of the sample.
         load_N: the load that was asked for.
-        indicator_mV: reading of the strain indicator.
+        indicator_mV: reading of the load indicator.
         load_measured_N, load_measured_u: the measured load.
         voltage_rigid_V, voltage_total_V: sums of the voltages of the rigid films and of the base films.
         force_rigid_N, force_total_N: sums of the forces on the teeth and on the bases.

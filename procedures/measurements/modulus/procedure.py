@@ -142,7 +142,7 @@ class Compressing:
             least = test.strain * LEAST_LOAD * resolution / force
             raise UnreachableError(
                 f"strain {test.strain:g} of sample {sample.name!r} gives about {show(force, 'N', 3)}, below"
-                f" {LEAST_LOAD:g} steps of the strain indicator; ask for {least:.2g} or more"
+                f" {LEAST_LOAD:g} steps of the load indicator; ask for {least:.2g} or more"
             )
         if force > self._calibration.greatest_N and not test.extrapolate:
             self._calibration.check_range(force)
