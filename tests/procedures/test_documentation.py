@@ -11,6 +11,9 @@ from pathlib import Path
 import click
 import pytest
 
+from palpate.instrument.bench.kinds import device_kind
+from palpate.instrument.contracts.maps.golden_frames import prove
+from palpate.instrument.contracts.maps.map_file import shipped as maps
 from palpate.procedures.commands.root import palpate as main
 from palpate.procedures.steps.policy import POLICIES
 from palpate.simulators.faults import FAULTS, fault_class
@@ -79,3 +82,24 @@ def test_the_names_in_json_are_those_of_the_command(palpate: Palpate, command: s
     (names,) = (cell for commands, cell in table("reference/json.md") if commands.strip("`") == row.strip("`"))
     outside = re.sub(r"\([^()]*\)", "", re.sub(r"\([^()]*\)", "", names))
     assert re.findall("`([^`]*)`", outside) == list(palpate(*command.split(), "--json").object)
+
+
+def proved(page: str) -> tuple[int, int]:
+    """How many fields a device's page says that frames of a manual prove, and how many there are."""
+    text = " ".join((DOCUMENTATION / "devices" / f"{page}.md").read_text(encoding="utf-8").split())
+    if found := re.search(r"(\d+) of (\d+) fields", text):
+        return int(found[1]), int(found[2])
+    if found := re.search(r"of (\d+) fields (\d+) are proved", text):
+        return int(found[2]), int(found[1])
+    found = re.search(r"all (\d+) fields have frames", text)
+    assert found, f"{page}.md does not say how many fields are proved"
+    return 0, int(found[1])
+
+
+@pytest.mark.parametrize("name", sorted(maps()))
+def test_a_device_s_page_says_how_many_of_its_fields_frames_of_the_manual_prove(name: str) -> None:
+    kind = device_kind(name)
+    assert kind.map is not None
+    proof = prove(kind.contract, kind.map.frames)
+    assert (list(proof.proved.values()).count("printed"), len(kind.contract.fields)) == proved(name)
+    assert proof.without == ()
