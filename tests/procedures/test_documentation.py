@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Iterator
@@ -11,7 +12,9 @@ from pathlib import Path
 import click
 import pytest
 
+from palpate.drivers.mapped.following import Following
 from palpate.instrument.bench.kinds import device_kind
+from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import shipped as maps
 from palpate.procedures.commands.root import palpate as main
@@ -103,3 +106,13 @@ def test_a_device_s_page_says_how_many_of_its_fields_frames_of_the_manual_prove(
     proof = prove(kind.contract, kind.map.frames)
     assert (list(proof.proved.values()).count("printed"), len(kind.contract.fields)) == proved(name)
     assert proof.without == ()
+
+
+def test_the_page_of_the_dad_141_says_what_its_readings_lose() -> None:
+    role = device_kind("flintec-dad-141").serves["load_indicator"]
+    assert isinstance(role, LoadIndicatorMap) and role.filter is not None
+    off, usual = (Following(role.filter.levels[level], role.rate) for level in ("0", "3"))
+    page = (DOCUMENTATION / "devices" / "flintec-dad-141.md").read_text(encoding="utf-8")
+    assert f"It follows loads up to {math.floor(10 * off.highest()) / 10:g} Hz" in page
+    assert f"At 10 Hz up to {off.loss(10.0):.1%} are lost".replace("%", " %") in page
+    assert f"{usual.loss(10.0):.0%} of a force at 10 Hz are lost".replace("%", " %") in page
