@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any, TypeVar, get_args
 
-from palpate.drivers.clock import BenchClock
+from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.devices.device import Device, Place
 from palpate.drivers.devices.exciter import Amplified, Exciter
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.roles import role_of
+from palpate.drivers.roles import LoadIndicator, Positioner, role_of
 from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.additions import load
 from palpate.instrument.bench import links as files
@@ -125,6 +125,21 @@ class Fitted:
             del self._devices[name]
             self.absent.append(f"{name} is not used: {why}")
         return True
+
+
+def check_drivable(description: BenchDescription, frequency: float) -> None:
+    """Check, by the bench file alone, that a bench can have a load of a frequency [Hz]; nothing is opened.
+
+    Raises:
+        RangeError: a device cannot work with it, or its section lacks a key.
+        BenchError: the bench lacks a device that a load needs.
+        ConfigError: the driver of a device cannot be loaded, or does not fit its role.
+    """
+    fitted = Fitted(description, WallClock())
+    for needed in (Exciter, LoadIndicator, Positioner):
+        fitted.role(needed)
+    for device in fitted.devices:
+        device.check_section(fitted.named(device).settings, frequency)
 
 
 def _link(place: files.Link, clock: BenchClock) -> ModbusLink | CanLink:

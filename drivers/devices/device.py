@@ -124,6 +124,12 @@ class Device:
     def set_up(self, settings: Any, watchdog: float) -> None:
         """Write the settings of its section, and the bench's watchdog time-out [s]. Raises LinkError, DeviceError."""
 
+    def check_section(self, settings: Any, frequency: float) -> None:
+        """Check by its section of the bench file alone that it can work with a load of a frequency [Hz].
+
+        It is called before the device is opened. Raises RangeError: it cannot, or the section lacks a key.
+        """
+
     def check_frequency(self, frequency: float) -> None:
         """Check that it can work with a load of this frequency [Hz], before anything moves. Raises RangeError."""
 

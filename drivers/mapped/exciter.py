@@ -65,6 +65,10 @@ class StreamedExciter(CanopenDevice, Exciter):
         self._timeout = watchdog
         self.give(**self._map.set_up)
 
+    def check_section(self, settings: Any, frequency: float) -> None:
+        """As for every device: its map tells all that limits its frequency."""
+        self.check_frequency(frequency)
+
     def check_frequency(self, frequency: float) -> None:
         """Raises RangeError: no list of set-points has this frequency [Hz]."""
         grid(frequency, self._map.fastest, self.name)

@@ -86,30 +86,36 @@ class LoadIndicator(EitherBus):
                 that the device tells itself.
             LinkError, DeviceError: the device does not answer, or reads no step.
         """
+        self._check_keys(settings)
         self._settings_of, self.gage_factor = settings, settings.gage_factor
         table = self._map.filter
-        told = {"bandwidth": bool(table), "resolution": bool(self._map.step)}
-        if double := [key for key, read in told.items() if read and getattr(settings, key) is not None]:
-            raise RangeError(f"{self.name}: the device itself tells its {double[0]}; leave it out of its section")
-        if settings.filter is not None:
-            if table is None or str(settings.filter) not in table.levels:
-                valid = ", ".join(table.levels) if table else "none, as no field of its map sets one: set it there"
-                raise RangeError(f"{self.name}: filter = {settings.filter} is no level of its filter; valid: {valid}")
+        if table is not None and settings.filter is not None:
             self.give(**{table.field: settings.filter})
             self._restored = frozenset({table.field})
         self._level = self.get(table.field) if table else None
         self._step = self._shown_step()
         self.resolution_mV = self._step * settings.span
 
+    def _check_keys(self, settings: LoadIndicatorSettings) -> None:
+        """Raises RangeError: a key is missing, tells what the device tells itself, or is no level of the filter."""
+        table = self._map.filter
+        told = {"bandwidth": bool(table), "resolution": bool(self._map.step)}
+        if double := [key for key, read in told.items() if read and getattr(settings, key) is not None]:
+            raise RangeError(f"{self.name}: the device itself tells its {double[0]}; leave it out of its section")
+        if settings.filter is not None and (table is None or str(settings.filter) not in table.levels):
+            valid = ", ".join(table.levels) if table else "none, as no field of its map sets one: set it there"
+            raise RangeError(f"{self.name}: filter = {settings.filter} is no level of its filter; valid: {valid}")
+        if not self._map.step and settings.resolution is None:
+            raise RangeError(
+                f"{self.name}: no field tells the step of its display; write resolution = NUMBER in its section "
+                f"({self.contract[self._map.reading].unit or 'in the unit of the display'})"
+            )
+
     def _shown_step(self) -> float:
-        """Step of the display, in its unit. Raises RangeError, LinkError, DeviceError."""
+        """Step of the display, in its unit. Raises LinkError, DeviceError."""
         role = self._map
         if not role.step:
-            if self._settings_of.resolution is None:
-                raise RangeError(
-                    f"{self.name}: no field tells the step of its display; write resolution = NUMBER in its section "
-                    f"({self.contract[role.reading].unit or 'in the unit of the display'})"
-                )
+            assert self._settings_of.resolution is not None  # `_check_keys`
             return self._settings_of.resolution
         told = self.get(role.step)
         step = role.steps.get(f"{told:g}", math.nan) if role.steps else told
@@ -136,7 +142,6 @@ class LoadIndicator(EitherBus):
                     f"frequency; write filter = one of {', '.join(role.filter.levels)} in its section"
                 )
             low_pass = found
-            self._check_needs(role.filter)
         return Following(low_pass, given.rate or role.rate, polled=not role.extremes)
 
     def _check_needs(self, table: FilterTable) -> None:
@@ -148,8 +153,21 @@ class LoadIndicator(EitherBus):
                     f"for {self.contract.choice(name, needed)} alone; set it so at the device"
                 )
 
+    def check_section(self, settings: LoadIndicatorSettings, frequency: float) -> None:
+        """As for every device; a filter that is not set by the section is known to the device alone."""
+        self._check_keys(settings)
+        self._settings_of, self._level = settings, settings.filter
+        if self._map.filter is None or settings.filter is not None:
+            self._check_loss(frequency)
+
     def check_frequency(self, frequency: float) -> None:
         """As for every device. Raises RangeError: a peak-to-peak reading would lose too much at this frequency [Hz]."""
+        if self._map.filter is not None:
+            self._check_needs(self._map.filter)
+        self._check_loss(frequency)
+
+    def _check_loss(self, frequency: float) -> None:
+        """Raises RangeError: see `check_frequency`."""
         following = self._following
         self._relative_u = following.relative_u(frequency)
         if (loss := following.loss(frequency)) <= LARGEST_LOSS:

@@ -27,6 +27,8 @@ class Target:
         channels: number of channels of each node.
         frequency_step: step to which the bench rounds the frequency of a load [Hz]; None: unknown.
         travel: lowest position to which the positioner may go [m]; None: unknown.
+        drivable: called with the frequency of a load [Hz]; raises RangeError or BenchError if the bench file tells that
+            the bench cannot have such a load.
     """
 
     design: Design
@@ -36,6 +38,7 @@ class Target:
     channels: int = CHANNELS
     frequency_step: float | None = None
     travel: float | None = None
+    drivable: Callable[[float], object] = lambda _frequency: None
 
 
 def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> Target:

@@ -7,12 +7,14 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Literal
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
+from palpate.drivers.fitted import check_drivable
 from palpate.drivers.logs.bus_log import BusLog, check_log
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.bench.kinds import KINDS, Role
@@ -67,7 +69,8 @@ class Chosen:
             design = get_design(self.description.design).with_pickup(self.description.pickup)
             nodes = self.description.filling("sensor_node")
             channels = nodes[0].kind.channels if nodes else CHANNELS
-            target = Target(design, self.description.force_limit, len(nodes), channels=channels)
+            drivable = partial(check_drivable, self.description)
+            target = Target(design, self.description.force_limit, len(nodes), channels=channels, drivable=drivable)
             return with_kinds(target, self.description.kind_in)
         assert self.scene is not None
         design = self.scene.design.with_pickup(self.scene.pickup)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Protocol
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import MOST_QUOTED, RangeError, UnreachableError, quoted
@@ -72,13 +73,30 @@ def preload_for(loads: Sequence[float]) -> float:
     return PRELOAD_MARGIN * max(loads) / 2
 
 
-def check_frequency(frequency: float, step: float | None, allowed: tuple[float, float] = FREQUENCIES) -> None:
-    """Refuse a frequency [Hz] that is outside the limits, or between the bench's steps [Hz]. Raises RangeError.
+class Driven(Protocol):
+    """What is known of the loads of a bench before it is opened; see `palpate.procedures.lab.lab.Target`."""
 
-    A step of None is unknown; then the driver refuses what the device cannot give.
+    @property
+    def frequency_step(self) -> float | None: ...
+    @property
+    def drivable(self) -> Callable[[float], object]: ...
+
+
+def check_frequency(frequency: float, target: Driven | None, allowed: tuple[float, float] = FREQUENCIES) -> None:
+    """Refuse a frequency [Hz] that is outside the limits, or that the bench cannot have by its file.
+
+    What the file does not tell, the drivers refuse before anything moves. A target of None: no bench is known yet.
+
+    Raises:
+        RangeError: it is outside the limits, between the bench's steps, or one of its devices cannot do it.
+        BenchError: the bench lacks a device that a load needs.
     """
     if not allowed[0] <= frequency <= allowed[1]:
         raise RangeError(f"frequency {frequency:g} Hz is outside {allowed[0]:g} to {allowed[1]:g} Hz; give one inside")
+    if target is None:
+        return
+    target.drivable(frequency)
+    step = target.frequency_step
     if step is None:
         return
     steps = max(round(frequency / step), 1)

@@ -73,7 +73,7 @@ class Sweep:
         scenes = {str(name): read_scene(str(name)) for name in named}
         for scene in scenes.values():
             try:
-                check_frequency(study.file.frequency, _target(scene).frequency_step)
+                check_frequency(study.file.frequency, _target(scene))
             except RangeError as error:
                 raise ConfigError(f"{where}: {error}") from None
         files = {name: scene.file for name, scene in scenes.items()}

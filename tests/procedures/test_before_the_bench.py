@@ -147,3 +147,68 @@ def test_a_store_that_is_a_file_is_named(palpate: Palpate, monkeypatch: pytest.M
     monkeypatch.setenv("PALPATE_STORE", "file")
     assert "file is a file, not a folder; choose a writable folder" in palpate("sweep", "loads").complaint
     assert palpate("runs", "list").complaint == "file is no folder; name one that holds runs with --out"
+
+
+MAKERS_BENCH = """
+name = "makers"
+[link.can]
+kind = "canopen"
+interface = "socketcan"
+channel = "can9"
+bitrate = 1000000
+[link.line]
+kind = "modbus-rtu"
+port = "/dev/ttyUSB9"
+[device.exciter]
+kind = "maxon-epos4"
+link = "can"
+node = 1
+full_scale = 0.5
+[device.load_cell]
+kind = "flintec-dad-141"
+link = "line"
+unit = 1
+inventory = "LAB-1"
+span = 10.306
+filter = 0
+[device.stage]
+kind = "nanotec-c5-e"
+link = "can"
+node = 2
+metres_per_step = 0.5e-6
+travel = "50 mm"
+[device.films]
+kind = "canopennode-io"
+link = "can"
+node = 3
+set_to_link = true
+volts_per_unit = 1.5e-5
+"""
+EXCITER = MAKERS_BENCH[MAKERS_BENCH.index("[device.exciter]") : MAKERS_BENCH.index("[device.load_cell]")]
+STAGE = MAKERS_BENCH[MAKERS_BENCH.index("[device.stage]") : MAKERS_BENCH.index("[device.films]")]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "frequency", "message"),
+    [
+        ("filter = 0", "filter = 4", "10 Hz", "write filter = 0 in its section"),
+        ("filter = 0", "filter = 99", "10 Hz", "filter = 99 is no level of its filter; valid: 0, 1"),
+        ("filter = 0", 'filter = 0\nbandwidth = "9 Hz"', "10 Hz", "the device itself tells its bandwidth"),
+        ("", "", "20 Hz", "drive at up to 12 Hz"),
+        (EXCITER, "", "10 Hz", "has no exciter; add a device"),
+        (STAGE, "", "10 Hz", "has no positioner; add a device"),
+    ],
+)
+def test_a_rehearsal_tells_which_load_the_devices_of_a_bench_file_cannot_do(
+    palpate: Palpate, old: str, new: str, frequency: str, message: str
+) -> None:
+    Path("bench.toml").write_text(MAKERS_BENCH.replace(old, new, 1))
+    said = palpate("sweep", "loads", "--bench", "bench.toml", "--frequency", frequency, "--dry-run")
+    assert said.status
+    assert message in said.complaint
+
+
+def test_a_rehearsal_of_a_bench_of_makers_opens_nothing(palpate: Palpate) -> None:
+    Path("bench.toml").write_text(MAKERS_BENCH)
+    said = palpate("sweep", "loads", "--bench", "bench.toml", "--dry-run", "--quiet")
+    assert (said.status, said.err) == (0, "")

@@ -76,7 +76,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
             )
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
-        check_frequency(self.frequency, target.frequency_step)
+        check_frequency(self.frequency, target)
         check_time(self.dwell, self.frequency)
         least = LEAST_DRIFT_POINTS * self.dwell
         if not least <= self.drift_time <= LARGEST_DRIFT_TIME:

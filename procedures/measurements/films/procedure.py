@@ -80,7 +80,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             given = ", ".join(f"{frequency:g}" for frequency in self.frequencies) or "none"
             raise RangeError(f"frequencies (Hz): {given}; give at least one, and each only once")
         for frequency in self.frequencies:
-            check_frequency(frequency, target.frequency_step)
+            check_frequency(frequency, target)
             check_time(self.dwell, frequency)
         if not 1 <= self.valid_days <= LONGEST_VALIDITY:
             raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")

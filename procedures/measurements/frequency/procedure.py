@@ -88,7 +88,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
             raise RangeError(f"a corner takes {FEWEST} frequencies or more, not {len(self.frequencies)}; give more")
         check_increasing("frequencies", self.frequencies, "Hz")
         for frequency in self.frequencies:
-            check_frequency(frequency, target.frequency_step, RANGE)
+            check_frequency(frequency, target, RANGE)
             check_time(dwell_at(frequency, self.dwell), frequency)
 
     def required_loads(self) -> RequiredLoads:

@@ -73,7 +73,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
             raise RangeError(f"samples {quoted(list(self.samples))}: one is named twice; name each sample once")
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
-        check_frequency(self.frequency, target.frequency_step)
+        check_frequency(self.frequency, target)
         if self.tolerance is None:
             check_time(self.dwell, self.frequency)
         else:

@@ -76,7 +76,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
             check_place(target.design, position)
             tooth_shares(target.design, sample, _at(target.design, position))
         check_force((self.load,), target.force_limit)
-        check_frequency(self.frequency, target.frequency_step)
+        check_frequency(self.frequency, target)
         check_time(self.dwell, self.frequency)
 
     def required_loads(self) -> RequiredLoads:

@@ -72,7 +72,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         check_nodes(target.design, target.nodes, target.channels)
         check_force(self.loads, target.force_limit)
         check_increasing("loads", self.loads, "N")
-        check_frequency(self.frequency, target.frequency_step)
+        check_frequency(self.frequency, target)
         check_time(self.dwell, self.frequency)
         question = self._question(target.design)
         if self.model not in SLOW:

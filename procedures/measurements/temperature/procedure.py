@@ -107,7 +107,7 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
                     " which the films bear; give one inside"
                 )
         check_force((self.load,), target.force_limit)
-        check_frequency(self.frequency, target.frequency_step)
+        check_frequency(self.frequency, target)
         check_time(self.dwell, self.frequency)
 
     def required_loads(self) -> RequiredLoads:
