@@ -14,7 +14,7 @@ import pytest
 
 from palpate.drivers.mapped.following import Following
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
+from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import shipped as maps
 from palpate.procedures.commands.root import palpate as main
@@ -106,6 +106,13 @@ def test_a_device_s_page_says_how_many_of_its_fields_frames_of_the_manual_prove(
     proof = prove(kind.contract, kind.map.frames)
     assert (list(proof.proved.values()).count("printed"), len(kind.contract.fields)) == proved(name)
     assert proof.without == ()
+
+
+def test_the_page_of_the_tlb4_says_up_to_which_frequency_its_fastest_filter_follows() -> None:
+    page = (DOCUMENTATION / "devices" / "laumas-tlb4.md").read_text(encoding="utf-8")
+    corner, rate = (float(found) for found in re.findall(r'= "(\d+) Hz"`', page))
+    highest = Following(LowPass(corner=corner), rate, polled=True).highest()
+    assert f"follows loads up to {math.floor(10 * highest) / 10:g} Hz" in page
 
 
 def test_the_page_of_the_dad_141_says_what_its_readings_lose() -> None:
