@@ -133,7 +133,7 @@ def check_drivable(description: BenchDescription, frequency: float) -> None:
     Raises:
         RangeError: a device cannot work with it, or its section lacks a key.
         BenchError: the bench lacks a device that a load needs.
-        ConfigError: the driver of a device cannot be loaded, or does not fit its role.
+        ConfigError: the driver of a device cannot be loaded or does not fit its role, or a section lacks a key.
     """
     fitted = Fitted(description, WallClock())
     for needed in (Exciter, LoadIndicator, Positioner):

@@ -200,11 +200,17 @@ def _describe(error: dict[str, Any], model: type[BaseModel]) -> str:
             valid = _keys(model, path[:-1])
             return f"{key}: unknown key{nearest(path[-1], valid)}" + (f"; valid: {', '.join(valid)}" if valid else "")
         case "missing":
-            return f"{key}: is missing"
+            return f"{key}: is missing{_wanted(model, path)}"
     message = str(error["msg"]).removeprefix("Value error, ")
     if error["type"] == "value_error":
         return f"{key}: {message}" if key else message
-    return f"{key}: {message} (got {error['input']!r})"
+    return f"{key}: {message} (got {error['input']!r}){_wanted(model, path)}"
+
+
+def _wanted(model: type[BaseModel], path: list[str]) -> str:
+    """What a key of `model` itself is, as the end of a message; empty: its class does not say."""
+    info = model.model_fields.get(path[0]) if len(path) == 1 else None
+    return f"; give {info.description}" if info and info.description else ""
 
 
 def _keys(model: type[BaseModel], path: list[str]) -> list[str]:

@@ -127,7 +127,7 @@ class Device:
     def check_section(self, settings: Any, frequency: float) -> None:
         """Check by its section of the bench file alone that it can work with a load of a frequency [Hz].
 
-        It is called before the device is opened. Raises RangeError: it cannot, or the section lacks a key.
+        It is called before the device is opened. Raises RangeError, ConfigError: it cannot, or the section lacks a key.
         """
 
     def check_frequency(self, frequency: float) -> None:

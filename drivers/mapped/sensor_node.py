@@ -83,6 +83,10 @@ class MappedNode(CanopenDevice):
         """Its only range, which it cannot change [V]. Raises ConfigError as `volts_per_unit`."""
         return {FIXED: self.volts_per_unit * self.counts.full_scale}
 
+    def check_section(self, settings: NodeSettings, frequency: float) -> None:
+        """As for every device. Raises ConfigError: the section does not say what a count is."""
+        _ = self.volts_per_unit
+
     def set_range(self, channel: int, range_: str) -> None:
         """Raises UnknownName: this is not the range that it has."""
         if range_ not in self.ranges:

@@ -178,8 +178,14 @@ class BenchDescription(Config):
         for number, node_id in enumerate(self.can.nodes if self.can is not None else (), 1):
             found.append(Listed(f"{node.name}_{number}", node, CAN, node_id, NoSettings()))
         links = self.links
+        problems = []
         for name, table in (self.device or {}).items():
-            found.append(listed(name, dict(table), links))
+            try:
+                found.append(listed(name, dict(table), links))
+            except (ConfigError, UnknownName) as error:
+                problems.append(str(error))
+        if problems:
+            raise ConfigError("\n".join(problems))
         order = list(KINDS)
         return sorted(found, key=lambda each: order.index(each.kind.name) if each.kind.name in order else len(order))
 

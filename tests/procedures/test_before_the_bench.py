@@ -195,6 +195,12 @@ STAGE = MAKERS_BENCH[MAKERS_BENCH.index("[device.stage]") : MAKERS_BENCH.index("
         ("filter = 0", "filter = 99", "10 Hz", "filter = 99 is no level of its filter; valid: 0, 1"),
         ("filter = 0", 'filter = 0\nbandwidth = "9 Hz"', "10 Hz", "the device itself tells its bandwidth"),
         ("", "", "20 Hz", "drive at up to 12 Hz"),
+        (
+            "volts_per_unit = 1.5e-5",
+            "",
+            "10 Hz",
+            "volts_per_unit in its section of the bench file: the node reads counts",
+        ),
         (EXCITER, "", "10 Hz", "has no exciter; add a device"),
         (STAGE, "", "10 Hz", "has no positioner; add a device"),
     ],
@@ -206,6 +212,18 @@ def test_a_rehearsal_tells_which_load_the_devices_of_a_bench_file_cannot_do(
     said = palpate("sweep", "loads", "--bench", "bench.toml", "--frequency", frequency, "--dry-run")
     assert said.status
     assert message in said.complaint
+
+
+def test_all_that_the_sections_of_a_bench_file_lack_is_told_at_once_each_with_its_unit(palpate: Palpate) -> None:
+    lacking = MAKERS_BENCH
+    for line in ("full_scale = 0.5", "span = 10.306", "metres_per_step = 0.5e-6", 'travel = "50 mm"'):
+        lacking = lacking.replace(line, "")
+    Path("bench.toml").write_text(lacking)
+    said = palpate("sweep", "loads", "--bench", "bench.toml", "--dry-run").complaint
+    assert "device.exciter: full_scale: is missing; give the share of its rated effort that 10 V stand for" in said
+    assert "device.load_cell: span: is missing; give the mV of the load cell for one unit of the display" in said
+    assert "device.stage: metres_per_step: is missing; give the lead of the screw by the steps of a turn in m" in said
+    assert 'device.stage: travel: is missing; give the lowest position, downwards from home, as "50 mm"' in said
 
 
 def test_a_rehearsal_of_a_bench_of_makers_opens_nothing(palpate: Palpate) -> None:

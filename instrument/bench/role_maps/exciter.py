@@ -22,7 +22,9 @@ class ExciterSettings(Config):
             of the effort, too.
     """
 
-    full_scale: Annotated[float, Field(gt=0, le=1, strict=True)]
+    full_scale: Annotated[
+        float, Field(gt=0, le=1, strict=True, description="the share of its rated effort that 10 V stand for, as 0.5")
+    ]
 
 
 class ExciterMap(RoleMap):

@@ -55,7 +55,10 @@ class LoadIndicatorSettings(Config):
         resolution: step of the display, in its unit, where no field tells it.
     """
 
-    span: Annotated[float, Field(gt=0, strict=True)]
+    span: Annotated[
+        float,
+        Field(gt=0, strict=True, description="the mV of the load cell for one unit of the display, as 10.306"),
+    ]
     gage_factor: Annotated[float, Field(ge=0.5, le=20, strict=True)] = 8.98  # [T]
     filter: Annotated[int, Field(ge=0, strict=True)] | None = None
     bandwidth: Annotated[Hertz, Field(gt=0)] | None = None

@@ -35,8 +35,10 @@ class PositionerSettings(Config):
         torque: greatest torque, as a share of the motor's rated one.
     """
 
-    metres_per_step: Annotated[Number, AfterValidator(_a_step)]
-    travel: Metres = Field(gt=0, le=1)
+    metres_per_step: Annotated[
+        Number, AfterValidator(_a_step), Field(description="the lead of the screw by the steps of a turn in m, as 5e-7")
+    ]
+    travel: Metres = Field(gt=0, le=1, description='the lowest position, downwards from home, as "50 mm"')
     acceleration: float = Field(default=0.02, gt=0, le=10, strict=True)
     torque: float = Field(default=0.5, gt=0, le=1, strict=True)
 
