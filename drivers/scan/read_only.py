@@ -38,8 +38,8 @@ class ReadOnlyCan(CanLink):
         """Not sent."""
         raise UsageError(f"{self.name}: a search only reads; no node was switched to another state")
 
-    def send(self, cob_id: int, data: bytes) -> NoReturn:
-        """Not sent."""
+    def _send(self, cob_id: int, data: bytes) -> NoReturn:
+        """Not sent: neither process data nor a heartbeat."""
         raise UsageError(f"{self.name}: a search only reads; no frame {cob_id:03X}h was sent")
 
     def begin_cycle(self, cob_id: int, *_: object) -> NoReturn:

@@ -328,7 +328,7 @@ def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its
         filling=lambda _role: [listed] * 3,
         kind_in=lambda _role: None,
     )
-    target = Chosen(known, None).target
+    target = replace(Chosen(known, None).target, drivable=lambda _frequency: None)
     assert (target.nodes, target.channels) == (3, 8)
     LoadSweep().check(target)
     with pytest.raises(RangeError, match="17 films on 5 sensor nodes of 4 channels"):

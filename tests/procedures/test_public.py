@@ -69,7 +69,7 @@ SIGNATURES = {
     "SoftnessTest": "objects loads dwell frequency model",
     "StaticLoadWork": "lab sample force",
     "Step": "dwell_s seconds force_ratio_u what group",
-    "Target": "design force_limit nodes model channels frequency_step travel",
+    "Target": "design force_limit nodes model channels frequency_step travel drivable",
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
     "as_dataset": "run",
@@ -104,7 +104,7 @@ MEMBERS = {  # what a script or a class of its own uses
         "waveform waveform_names waveforms"
     ),
     "StaticLoadWork": "arrange end load",
-    "Target": "channels design force_limit frequency_step model nodes travel",
+    "Target": "channels design drivable force_limit frequency_step model nodes travel",
     "Work": "arrange end take",
 }
 
