@@ -75,9 +75,9 @@ def _constant(ratio: float) -> Curve:
 
 
 def test_a_bound_falls_with_the_root_of_the_rate_where_errors_fall_regularly() -> None:
-    meshes = [_constant(ratio) for ratio in (0.5, 0.4, 0.39, 0.389)]
+    meshes = [_constant(ratio) for ratio in (0.5, 0.4, 0.385, 0.38275)]
     bounds = [_ratio_bound(meshes[:k], 1e5, REGULAR) for k in (2, 3, 4)]
-    assert bounds == pytest.approx([0.7 * 0.1, 1.4 * 0.01 * 0.1**0.5, 1.4 * 0.001 * 0.1**0.5])
+    assert bounds == pytest.approx([1.2 * 0.1, 1.4 * 0.015 * 0.15**0.5, 1.4 * 0.00225 * 0.15**0.5])
 
 
 def test_each_step_of_the_meshes_has_its_factor_and_no_bound_falls_below_a_share_of_the_one_before() -> None:
@@ -104,7 +104,7 @@ def test_energies_bound_a_ratio_that_two_meshes_agree_upon() -> None:
     fine = replace(FINE, clamped=FINE.clamped + 3.0, least=FINE.least + 2.0)
     product = np.sqrt(3.0 / (1e5 * 10**-0.5) * 2.0)
     assert _ratio_bound([FINE, fine], 1e5) == pytest.approx(product)
-    assert _ratio_bound([FINE, fine], 1e5, REGULAR) == pytest.approx(0.7 * 0.3 * product)
+    assert _ratio_bound([FINE, fine], 1e5, REGULAR) == pytest.approx(1.2 * 0.3 * product)
 
 
 def test_what_rounding_may_change_is_added_to_the_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
