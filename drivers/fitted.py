@@ -14,11 +14,16 @@ from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.additions import load
 from palpate.instrument.bench import links as files
 from palpate.instrument.bench.description import DRIVING, BenchDescription
-from palpate.instrument.bench.kinds import Role
+from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.bench.listed import Listed, filling
 from palpate.instrument.errors import BenchError, ConfigError, UnknownName, UsageError
 
 T = TypeVar("T")
+UNOPENED: dict[str, files.Link] = {
+    "modbus-tcp": files.TcpLink(host="unopened"),
+    "modbus-rtu": files.SerialLine(port="unopened"),
+    "canopen": files.CanLink(interface="virtual", channel="unopened"),
+}  # links that are never opened, by kind
 
 
 class Fitted:
@@ -140,6 +145,15 @@ def check_drivable(description: BenchDescription, frequency: float) -> None:
         fitted.role(needed)
     for device in fitted.devices:
         device.check_section(fitted.named(device).settings, frequency)
+
+
+def check_alone(name: str, kind: DeviceKind, settings: Any, frequency: float) -> None:
+    """As `check_drivable`, for one device of a simulated bench, which has no address before the bench is open."""
+    clock = WallClock()
+    driver: type[Device] = load(kind.driver, f"driver of {name}")
+    device = driver.at(Place(_link(UNOPENED[kind.links[0]], clock), 1, settings, clock, kind))
+    device.name = name
+    device.check_section(settings, frequency)
 
 
 def _link(place: files.Link, clock: BenchClock) -> ModbusLink | CanLink:

@@ -14,7 +14,7 @@ from typing import Literal
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
-from palpate.drivers.fitted import check_drivable
+from palpate.drivers.fitted import check_alone, check_drivable
 from palpate.drivers.logs.bus_log import BusLog, check_log
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.bench.kinds import KINDS, Role
@@ -77,8 +77,17 @@ class Chosen:
         force_limit = BenchDescription.model_fields["force_limit"].default
         given = [guest.kind for guest in self.scene.devices if guest.table.get("role") == "sensor_node"]
         count, channels = (len(given), given[0].channels) if given else (self.scene.nodes, CHANNELS)
-        target = Target(design, force_limit, count, self.scene.model, channels)
+        target = Target(design, force_limit, count, self.scene.model, channels, drivable=self._check_guests)
         return with_kinds(target, self.scene.kind_in)
+
+    def _check_guests(self, frequency: float) -> None:
+        """Check by the scene alone that its additional devices can work with a load of a frequency [Hz].
+
+        Raises RangeError, ConfigError: a device cannot, or its section lacks a key.
+        """
+        assert self.scene is not None
+        for guest in self.scene.devices:
+            check_alone(guest.name, guest.kind, guest.settings, frequency)
 
     def check_names(self) -> None:
         """Raises ConfigError: a device, the design or an effect has a name that an installed package uses as well."""

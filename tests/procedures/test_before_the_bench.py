@@ -214,6 +214,22 @@ def test_a_rehearsal_tells_which_load_the_devices_of_a_bench_file_cannot_do(
     assert message in said.complaint
 
 
+@pytest.mark.parametrize(
+    ("frequency", "message"),
+    [
+        ("20 Hz", "load_cell: its readings (filter_level = 0: 17 Hz, 600 a second) lose up to 48 % of a force at 20"),
+        ("100 Hz", "exciter: frequency = 100 Hz is outside 0.00391 to 50 Hz"),
+    ],
+)
+@pytest.mark.parametrize("rehearsal", [(), ("--dry-run",)])
+def test_a_load_that_the_devices_of_a_scene_cannot_do_is_refused_before_they_are_simulated(
+    palpate: Palpate, rehearsal: tuple[str, ...], frequency: str, message: str
+) -> None:
+    said = palpate("sweep", "loads", "--scene", "real_bench", "--frequency", frequency, *rehearsal)
+    assert said.status
+    assert message in said.complaint
+
+
 def test_all_that_the_sections_of_a_bench_file_lack_is_told_at_once_each_with_its_unit(palpate: Palpate) -> None:
     lacking = MAKERS_BENCH
     for line in ("full_scale = 0.5", "span = 10.306", "metres_per_step = 0.5e-6", 'travel = "50 mm"'):
