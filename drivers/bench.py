@@ -250,6 +250,10 @@ class Bench(Fitted):
             watchdog = f"The watchdog drops the output within {self.description.watchdog:g} s; check by eye"
             remedy = watchdog if self._guard else "It has no watchdog: switch it off by hand, now"
             _tell(f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}", error)
+        elif (
+            error is not None and not isinstance(error, Exception) and not any(bias.holding for bias in self.all(Bias))
+        ):
+            error.add_note("the outputs are off")  # for somebody who stands at the bench and pressed Ctrl-C
 
     def _switch_chamber_off(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         """Switch off a chamber that has warmed the sensor, after the outputs and before its link is closed."""

@@ -204,23 +204,37 @@ def recording(
             record = stack.enter_context(resumed)
         failing = stack.enter_context(ExitStack())  # ends before the record does, because its disk may be slow
         failing.push(lab.bench)
-        lab.bench.attend(record.event)
-        for caution in lab.bench.cautions:
-            say(f"palpate: note: {caution}", err=True)
-            record.event("caution", caution, lab.bench.clock.now_ns())
-        put_file(folder / "bench.toml", str(header["bench"]))
-        if scene is not None:
-            put_file(folder / "scene.toml", scene.to_toml())
-        try:
+        with _kept(record, lab.bench, "" if logged or later else f"; go on with: palpate runs resume {record.folder}"):
+            lab.bench.attend(record.event)
+            for caution in lab.bench.cautions:
+                say(f"palpate: note: {caution}", err=True)
+                record.event("caution", caution, lab.bench.clock.now_ns())
+            put_file(folder / "bench.toml", str(header["bench"]))
+            if scene is not None:
+                put_file(folder / "scene.toml", scene.to_toml())
             yield Session(opened, lab, record, mounting)
-        except BaseException as error:
-            if isinstance(error, Exception) and not isinstance(error, PalpateError):  # a defect, also of a package
-                with suppress(RecordError):  # the exception that is being raised says more
-                    record.event("traceback", "".join(format_exception(error)), lab.bench.clock.now_ns())
-                error.add_note(f"the traceback is kept in {record.folder}; look at it with palpate runs show")
-            if record.points:
-                remedy = "" if logged or later else f"; go on with: palpate runs resume {record.folder}"
-                error.add_note(f"points already taken are kept in {record.folder}{remedy}")
-            raise
         failing.pop_all()
         lab.bench.incidents.hold()
+
+
+@contextmanager
+def _kept(record: Recorder, bench: Bench, remedy: str) -> Iterator[None]:
+    """Add to an error of the block what is kept of the run, and keep the traceback of a defect in it.
+
+    Args:
+        record: the record of the run.
+        bench: its open bench.
+        remedy: how to go on with the run, as the end of a message; empty: it cannot go on.
+    """
+    try:
+        yield
+    except BaseException as error:
+        if isinstance(error, Exception) and not isinstance(error, PalpateError):  # a defect, also of a package
+            with suppress(RecordError):  # the exception that is being raised says more
+                record.event("traceback", "".join(format_exception(error)), bench.clock.now_ns())
+            error.add_note(f"the traceback is kept in {record.folder}; look at it with palpate runs show")
+        if record.points:
+            error.add_note(f"points already taken are kept in {record.folder}{remedy}")
+        elif not isinstance(error, Exception):  # Ctrl-C or a signal
+            error.add_note(f"no point was taken; the begun run is kept in {record.folder}{remedy}")
+        raise

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import Bias
-from palpate.instrument.errors import ConfigError, DeviceError, RangeError
+from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 
@@ -52,6 +52,23 @@ def test_a_source_holds_a_value_and_is_off_when_the_bench_ends(sim: SimulatedBen
         bias.hold(level / 2)
         assert twin.output == pytest.approx(level / 2, rel=1e-4)
     assert twin.output == 0.0
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_interrupt_says_that_outputs_are_off_only_if_the_source_is_off_too(
+    sim: SimulatedBench, fails: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def off() -> None:
+        raise LinkError("source: does not answer")
+
+    with pytest.raises(KeyboardInterrupt) as ended, opened(sim) as bench:
+        bias: Any = bench.role(Bias)
+        bias.hold(LEVELS[sim.devices["source"].kind.name])
+        if fails:
+            monkeypatch.setattr(bias, "off", off)
+        raise KeyboardInterrupt
+    failure = f"{bias.name} could not be switched off: source: does not answer; switch it off by hand, now"
+    assert ended.value.__notes__ == [failure if fails else "the outputs are off"]
 
 
 def test_a_value_below_zero_is_refused_before_anything_is_sent(sim: SimulatedBench) -> None:

@@ -259,6 +259,11 @@ def interrupted_at(_done: int, _total: int, what: str) -> None:
         raise KeyboardInterrupt
 
 
+def interrupted_before(_done: int, _total: int, what: str) -> None:
+    if what == "sample 1, 2 N":
+        raise KeyboardInterrupt
+
+
 def terminated_at(_done: int, _total: int, what: str) -> None:
     if what == "sample 1, 3 N":
         signal.raise_signal(signal.SIGTERM)
@@ -284,13 +289,25 @@ def test_ctrl_c_and_sigterm_stop_the_outputs_and_then_close_the_run(
     said = palpate(*SMALL, "--out", "day", "--json")
     assert (said.status, said.out) == (status, "")
     day = Path("day").absolute()
-    kept = f"points already taken are kept in {day}; go on with: palpate runs resume {day}\n"
+    kept = f"points already taken are kept in {day}; go on with: palpate runs resume {day}\nthe outputs are off\n"
     assert said.err.lstrip("\n") == message + kept
     assert closed == [(OFF, "stopped")]
     run = Run.open(Path("day"))
     assert run.status == "stopped"
     assert [p["load_N"] for p in run.points()] == [2.0]
     assert palpate("runs", "show", "day").status == 0
+
+
+def test_ctrl_c_before_the_first_point_tells_what_is_kept_and_that_the_outputs_are_off(
+    palpate: Palpate, benches: Benches, on_progress: Any
+) -> None:
+    on_progress(interrupted_before)
+    said = palpate(*SMALL, "--out", "day", "--json")
+    day = Path("day").absolute()
+    kept = f"no point was taken; the begun run is kept in {day}; go on with: palpate runs resume {day}\n"
+    assert (said.status, said.err.lstrip("\n")) == (130, f"palpate: interrupted\n{kept}the outputs are off\n")
+    assert outputs(benches[0]) == OFF
+    assert (Run.open(Path("day")).status, Run.open(Path("day")).points()) == ("stopped", [])
 
 
 def test_ctrl_c_at_a_question_stops_the_run(palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch) -> None:
