@@ -20,6 +20,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements import error_estimate as between
 from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.ladder import Ladder
+from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
@@ -109,16 +110,17 @@ def read(
         voltage_errors: bounds on the errors of the voltages under 1 N [V], where they are known.
     """
     force = parameters.force
-    values = force * of.poles.values(moduli)[..., 0]
+    with single():
+        values = force * of.poles.values(moduli)[..., 0]
+        voltages, charges = (
+            force * answers(moduli)[..., 0] @ whole.T
+            for whole, answers in (
+                (of.films / of.films.sum(axis=1, keepdims=True), of.poles.voltages),
+                (of.films, of.poles.shorted),
+            )
+        )
     teeth, bases, stresses = np.split(values, np.cumsum([of.teeth, of.bases]), axis=1)
     total = bases.sum(axis=1)
-    voltages, charges = (
-        force * answers(moduli)[..., 0] @ whole.T
-        for whole, answers in (
-            (of.films / of.films.sum(axis=1, keepdims=True), of.poles.voltages),
-            (of.films, of.poles.shorted),
-        )
-    )
     errors = [None] * len(moduli) if voltage_errors is None else (force * voltage_errors).tolist()
     columns = (
         *(each.tolist() for each in (teeth, bases, stresses, voltages, charges, total, teeth.sum(axis=1) / total)),
