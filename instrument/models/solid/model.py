@@ -20,8 +20,8 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements import error_estimate as between
 from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.ladder import Ladder
-from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.finite_elements.poles import Curve
+from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 
