@@ -5,6 +5,7 @@ from __future__ import annotations
 DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x40, 0x21, 0x23, 0x27, 0x07, 0x08
 OF_THE_STATE = 0x6F  # bits of the statusword that tell the state
 RESET = 0x80  # bit of the controlword
+STAYING = 5  # the least option code of a quick stop (605Ah) with which a drive stays in that state
 
 
 class DriveState:
@@ -22,8 +23,14 @@ class DriveState:
     def enabled(self) -> bool:
         return self.bits == ENABLED
 
-    def control(self, word: int) -> None:
-        """Take a controlword; one that the present state does not know changes nothing."""
+    def control(self, word: int, quick_stop: int) -> None:
+        """Take a controlword; one that the present state does not know changes nothing.
+
+        Args:
+            word: the controlword.
+            quick_stop: option code of a quick stop (605Ah): with 5 or more the drive stays in that state, with less it
+                is disabled once it stands still.
+        """
         rising = word & ~self._last
         self._last = word
         if self.bits == FAULT:
@@ -32,7 +39,7 @@ class DriveState:
         elif not word & 0x02:  # disable voltage
             self.bits = DISABLED
         elif not word & 0x04:  # quick stop
-            self.bits = QUICK_STOP if self.enabled else DISABLED
+            self.bits = QUICK_STOP if self.enabled and quick_stop >= STAYING else DISABLED
         elif word & 0x0F == 0x06:  # shutdown
             self.bits = READY if self.bits != QUICK_STOP else self.bits
         elif word & 0x0F == 0x07 and self.bits in (READY, ENABLED):  # switch on, disable operation

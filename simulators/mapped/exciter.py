@@ -17,7 +17,7 @@ from palpate.simulators.wire.device import Place
 
 RATED = 5.0  # A, coil current at the rated torque or force [A]
 NODE_BITS, NODES = 16, 0x7F
-COMMUNICATION = 0x10  # bit of the error register
+QUICK_STOP = 6  # 605Ah: it brakes and stays in the state of a quick stop, as an EPOS4 comes from its maker
 
 
 class StreamedExciter(CanopenTwin):
@@ -51,7 +51,7 @@ class StreamedExciter(CanopenTwin):
         self.settings[field.name] = value
         for command in self.contract.commands:
             if command.field == field.name:
-                self._state.control(int(value))
+                self._state.control(int(value), QUICK_STOP)
                 break
         if field.name == WATCHDOG:
             self._heard_ns = NEVER  # it watches from the next heartbeat on

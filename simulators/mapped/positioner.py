@@ -7,9 +7,10 @@ from typing import Any
 
 from palpate.instrument.bench.role_maps.positioner import PositionerMap, PositionerSettings, State
 from palpate.instrument.bench.role_maps.steps import ramp_of, speed_of
-from palpate.instrument.contracts.contract import Command, Contract, Field
+from palpate.instrument.contracts.contract import Command, Contract, Field, sdo
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.mapped.axis import Axis
+from palpate.simulators.mapped.drive_state import DriveState
 from palpate.simulators.mapped.twin import CanopenTwin, Twin
 from palpate.simulators.wire.device import DEVICE_FAILURE, Place, Refused
 
@@ -198,10 +199,11 @@ class ModbusPositioner(Moving, Twin):
         self._alarm = LOST
 
 
-DISABLED, READY, SWITCHED_ON, ENABLED, FAULT = 0x40, 0x21, 0x23, 0x27, 0x08  # states of CiA 402 in the status word
-VOLTAGE, REMOTE, REACHED, SPECIFIC = 0x10, 0x200, 0x400, 0x1000  # other bits of it
-NEW, RESET = 0x10, 0x80  # bits of the control word: start; reset a fault
+VOLTAGE, REMOTE, REACHED, SPECIFIC = 0x10, 0x200, 0x400, 0x1000  # bits of the status word that tell no state
+NEW = 0x10  # bit of the control word that starts a move
+CONTROLWORD, STATUSWORD, QUICK_STOP, MODE, MODE_SHOWN = map(sdo, (0x6040, 0x6041, 0x605A, 0x6060, 0x6061))
 PROFILE_POSITION, HOMING = 1, 6  # modes
+BRAKES = 2  # 605Ah where the map does not have it: it brakes, and is disabled (CiA 402-2)
 
 
 class DriveNode(Moving, CanopenTwin):
@@ -209,6 +211,7 @@ class DriveNode(Moving, CanopenTwin):
 
     def __init__(self, place: Place) -> None:
         self._put_on(place)
+        self._names = {f.address: f.name for f in place.kind.contract.fields}
         super().__init__(place)
         place.clock.add(self)
 
@@ -216,62 +219,55 @@ class DriveNode(Moving, CanopenTwin):
         """Return to the state after power-on; the axis stops, and the position stays."""
         super().reset()
         self.settings |= self._set_by_a_person()
-        self._state, self._taken, self._gone_ns = DISABLED, False, NEVER
+        self._state, self._taken, self._gone_ns = DriveState(), False, NEVER
         self._axis.stop(self.clock.now_ns())
         if not self._map.keeps_home:
             self._lose_home()
 
     def read(self, field: Field) -> Any:
-        match field.name:
-            case "statusword":
-                return self._word()
-            case "mode_display":
-                return int(self.settings["mode"])
-            case name if name == self._map.position:
-                return round(self._axis.at(self.clock.now_ns()))
+        if field.address == STATUSWORD:
+            return self._word()
+        if field.address == MODE_SHOWN:
+            return self._holds(MODE)
+        if field.name == self._map.position:
+            return round(self._axis.at(self.clock.now_ns()))
         homed = self._map.homed
         if homed and field.name == homed.field:
             return homed.values[0] if self._homed else 0
         return super().read(field)
 
+    def _holds(self, address: int, otherwise: int = 0) -> int:
+        """What an object holds; `otherwise`: where the map does not have it."""
+        name = self._names.get(address)
+        return int(self.settings[name]) if name else otherwise
+
     def _word(self) -> int:
-        specific = self._homed if self.settings["mode"] == HOMING else self._taken
-        return self._state | VOLTAGE | REMOTE | (not self._axis.moving) * REACHED | specific * SPECIFIC
+        specific = self._homed if self._holds(MODE) == HOMING else self._taken
+        return self._state.bits | VOLTAGE | REMOTE | (not self._axis.moving) * REACHED | specific * SPECIFIC
 
     def write(self, field: Field, value: float) -> None:
         """Store what a client writes, and follow the control word."""
-        before = int(self.settings["controlword"])
+        before = self._holds(CONTROLWORD)
         super().write(field, value)
-        if field.name == "controlword":
+        if field.address == CONTROLWORD:
             self._controlled(before, int(value))
         elif field.name == self._map.heartbeat:
             self._gone_ns = NEVER  # it waits from the first heartbeat on
 
     def _controlled(self, before: int, word: int) -> None:
-        if self._state == FAULT:
-            if word & ~before & RESET:
-                self._state = DISABLED
-            return
-        was = self._state
-        if not word & 0x02 or not word & 0x04:
-            self._state = DISABLED
-        elif word & 0x0F == 0x06:
-            self._state = READY
-        elif word & 0x0F == 0x07 and was != DISABLED:
-            self._state = SWITCHED_ON
-        elif word & 0x0F == 0x0F and was in (SWITCHED_ON, ENABLED):
-            self._state = ENABLED
-        if was == ENABLED != self._state:
+        was_enabled = self._state.enabled
+        self._state.control(word, self._holds(QUICK_STOP, BRAKES))
+        if was_enabled and not self._state.enabled:
             self._halt()
-        if self._state == ENABLED == was and word & ~before & NEW:
+        if was_enabled and self._state.enabled and word & ~before & NEW:
             self._begin()
         if not word & NEW:
             self._taken = False
 
     def _begin(self) -> None:
-        if self.settings["mode"] == HOMING:
+        if self._holds(MODE) == HOMING:
             self._find_home()
-        elif self.settings["mode"] == PROFILE_POSITION and (not self._map.torque or self.settings[self._map.torque]):
+        elif self._holds(MODE) == PROFILE_POSITION and (not self._map.torque or self.settings[self._map.torque]):
             self._taken = self._go()
 
     def heard(self, node_id: int) -> None:
@@ -281,5 +277,5 @@ class DriveNode(Moving, CanopenTwin):
             self._heard_of_master(1e-3 * (watched & 0xFFFF))
 
     def _master_gone(self) -> None:
-        self._state = FAULT
+        self._state.fail()
         self.emergency(MASTER_GONE)

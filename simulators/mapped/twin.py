@@ -53,20 +53,38 @@ class Orders:
         return [command for command in self._by_field.get(name, ()) if command.value == text]
 
 
-class Twin(SimulatedDevice):
-    """The twin of a Modbus device. A subclass per role reads and moves the rig."""
+class HoldsMap:
+    """What the twins of both buses have in common: the texts and the commands of the map of their place's kind."""
+
+    settings: dict[str, float]
 
     @classmethod
     def at(cls, place: Place) -> Self:
         return cls(place)
 
     def __init__(self, place: Place) -> None:
-        self.contract = place.kind.contract
-        self.kind = place.kind
+        self.kind, self.contract = place.kind, place.kind.contract
         self.texts = {f.name: str(f.default or "") for f in self.contract.fields if f.type == "text"}
         self.texts |= {mark.field: mark.value for mark in self.contract.marks if isinstance(mark.value, str)}
         self._orders = Orders(self.contract)
-        super().__init__(place.clock, place.serial)
+
+    def _carry_out(self, command: Command) -> None:
+        """Carry out a command, and show the state that says that it is done."""
+        self.carry_out(command)
+        if command.done is not None:
+            held = self.settings[command.done.field]
+            self.settings[command.done.field] = fulfilled(self.contract, command.done, held)
+
+    def carry_out(self, command: Command) -> None:
+        """Called when a command is carried out."""
+
+
+class Twin(HoldsMap, SimulatedDevice):
+    """The twin of a Modbus device. A subclass per role reads and moves the rig."""
+
+    def __init__(self, place: Place) -> None:
+        HoldsMap.__init__(self, place)
+        SimulatedDevice.__init__(self, place.clock, place.serial)
         self.reset()
 
     def reset(self) -> None:
@@ -104,39 +122,25 @@ class Twin(SimulatedDevice):
         return self.texts[name]
 
     def _carry_out(self, command: Command) -> None:
-        self.carry_out(command)
-        if command.done is not None:
-            held = self.settings[command.done.field]
-            self.settings[command.done.field] = fulfilled(self.contract, command.done, held)
-        elif command.clear is None:
+        super()._carry_out(command)
+        if command.done is None and command.clear is None:
             f = self.contract[command.field]
             self.settings[command.field] = float(f.default) if f.type != "text" else 0.0  # the device clears it
 
     def check(self, command: Command) -> None:
         """Called before a command is carried out. Raises Refused: it cannot be now."""
 
-    def carry_out(self, command: Command) -> None:
-        """Called when a command is carried out."""
-
     def written(self, values: Mapping[str, float]) -> None:
         """Called after a write."""
 
 
-class CanopenTwin(CanopenDevice):
+class CanopenTwin(HoldsMap, CanopenDevice):
     """The twin of a CANopen node. A subclass per role reads and moves the rig."""
 
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        return cls(place)
-
     def __init__(self, place: Place) -> None:
-        self.contract = place.kind.contract
-        self.kind = place.kind
+        HoldsMap.__init__(self, place)
         self.rig = place.rig
-        self.texts = {f.name: str(f.default or "") for f in self.contract.fields if f.type == "text"}
-        self.texts |= {mark.field: mark.value for mark in self.contract.marks if isinstance(mark.value, str)}
-        self._orders = Orders(self.contract)
-        super().__init__(place.clock, place.unit, place.serial)
+        CanopenDevice.__init__(self, place.clock, place.unit, place.serial)
 
     def reset(self) -> None:
         """Return to the state after power-on."""
@@ -160,12 +164,3 @@ class CanopenTwin(CanopenDevice):
         self.texts[field.name] = text
         for command in self._orders.text(field.name, text):
             self._carry_out(command)
-
-    def _carry_out(self, command: Command) -> None:
-        self.carry_out(command)
-        if command.done is not None:
-            held = self.settings[command.done.field]
-            self.settings[command.done.field] = fulfilled(self.contract, command.done, held)
-
-    def carry_out(self, command: Command) -> None:
-        """Called when a command is carried out."""

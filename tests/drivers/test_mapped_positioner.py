@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +16,7 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.role_maps.positioner import PositionerMap
 from palpate.instrument.config import check
+from palpate.instrument.contracts import maps
 from palpate.instrument.errors import ConfigError, DeviceError, RangeError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.guests import guests
@@ -239,3 +243,27 @@ def test_a_short_way_never_reaches_the_speed() -> None:
     axis.go(0, 4.0, 10.0, 1.0, 1.0)
     assert axis.ends_ns == pytest.approx(4e9)  # half the way in sqrt(2 · 2 / 1) s
     assert axis.at(2_000_000_000) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("option", "state"), [(1, 0x40), (2, 0x40), (6, 0x07)])
+def test_a_twin_ends_a_quick_stop_as_its_option_code_says(option: int, state: int) -> None:
+    with served(C5) as (_, twin):
+        written = {"quick_stop_reaction": [option], "controlword": [0x06, 0x07, 0x0F, 0x02]}
+        for name, values in written.items():
+            for value in values:
+                twin.write(twin.contract[name], value)
+        assert twin.read(twin.contract["statusword"]) & 0x6F == state
+
+
+def test_a_twin_knows_the_objects_of_its_drive_whatever_a_map_calls_them(tmp_path: Path) -> None:
+    shipped = (resources.files(maps) / f"{C5}.toml").read_text()
+    renamed = re.sub(r"\b(mode|controlword|statusword)\b(?! of)", r"own_\1", shipped).replace(
+        "mode_display", "mode_shown"
+    )
+    (tmp_path / "own.toml").write_text(renamed)
+    table = {"map": str(tmp_path / "own.toml"), "role": "positioner", "metres_per_step": 5e-7, "travel": "25 mm"}
+    scene = replace(read_scene("ideal"), devices=guests({"stage": table}, "scene"))
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.device("stage").home()
+        bench.device("stage").move(1e-3)
+        assert sim.rig.position == pytest.approx(1e-3)
