@@ -7,10 +7,12 @@ from dataclasses import asdict
 from palpate.drivers.roles import SampleChanger
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.procedure import P, Procedure, R, S
-from palpate.procedures.engine.returned import begun, evaluated, measured, planned
+from palpate.procedures.engine.returned import begun, evaluated, measured, planned, stopping
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
+
+ENOUGH = "enough"  # kind of the event that a run has before it ends ahead of its plan
 
 
 def conduct(
@@ -18,7 +20,8 @@ def conduct(
 ) -> R:
     """Carry out the remaining steps of a procedure. Each point is durable on disk before `progress` is called.
 
-    Before a point is stored, the bench's sample changer is asked whether its sample is still mounted.
+    Where the procedure has enough before its plan ends, an event of the record says why. Before a point is stored, the
+    bench's sample changer is asked whether its sample is still mounted.
 
     Args:
         procedure: the procedure.
@@ -41,6 +44,9 @@ def conduct(
     group: str | None = None
     changer = lab.bench.maybe(SampleChanger)
     for step in steps[len(points) :]:
+        if why := stopping(procedure, points, lab):
+            record.event(ENOUGH, why, lab.bench.clock.now_ns())
+            break
         if step.group != group:
             group = step.group
             if group:

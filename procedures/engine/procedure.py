@@ -13,6 +13,7 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
    - `begin` returns the work: `arrange` sets up a group, `take` measures one step, `end` leaves the bench at rest.
      Work under a dynamic load inherits from `DynamicLoadWork` (`measurements/dynamic_load.py`), which has films, servo
      and end;
+   - `enough`, where the points themselves tell when to stop: `plan` then lists the most steps;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
 5. If the fields do not suffice as options, a command of its own makes the procedure of its options; the decorator
@@ -242,6 +243,14 @@ class Procedure(ABC, Generic[S, P, R]):
     @abstractmethod
     def begin(self, lab: Lab, record: Recorder) -> Work[S, P]:
         """Set up what all steps share, and return the work. `record` takes events."""
+
+    def enough(self, points: Sequence[P], lab: Lab) -> str:
+        """Why no further step of the plan is needed, for people; empty: go on.
+
+        The engine asks before each step. The answer must follow from the points, so that a run that is resumed or
+        replayed ends where it would have ended.
+        """
+        return ""
 
     @abstractmethod
     def evaluate(self, points: Sequence[P], lab: Lab) -> R:

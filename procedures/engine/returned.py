@@ -45,6 +45,14 @@ def measured(procedure: Procedure[S, P, R], work: Work[S, P], step: S) -> Measur
     return found
 
 
+def stopping(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> str:
+    """Why the procedure has enough; empty: it goes on. Raises ConfigError: `enough` returned no text."""
+    why = procedure.enough(points, lab)
+    if not isinstance(why, str):
+        raise _wrong(procedure, f"enough returned {quoted(why)}", "it must return a text, empty to go on")
+    return why
+
+
 def evaluated(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> R:
     """The result of the points.
 

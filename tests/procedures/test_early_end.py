@@ -1,0 +1,109 @@
+"""A procedure that has enough before its plan ends: the record says why, and resuming or replaying ends there too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import pytest
+
+import palpate
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.records.run import Run
+from tests.procedures.conftest import HEADER
+
+T = TypeVar("T")
+SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class Reading:
+    home_m: float
+    time_s: float
+
+
+@dataclass(frozen=True)
+class Waiting(palpate.Procedure[palpate.Step, Reading, palpate.SimpleResult[Reading]]):
+    """Reads the probe's position until it has so many readings."""
+
+    name = "waiting"
+    point = Reading
+    resumable_on_real_bench = True
+
+    wanted: int = 3
+    most: int = 6
+
+    def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:
+        return palpate.Plan(self.name, [palpate.Step(None, SECONDS, None, what=f"{i}") for i in range(self.most)])
+
+    def begin(self, lab: palpate.Lab, record: palpate.Recorder) -> _Reader:
+        return _Reader(lab)
+
+    def enough(self, points: Sequence[Reading], lab: palpate.Lab) -> str:
+        return f"{self.wanted} readings are enough" if len(points) >= self.wanted else ""
+
+    def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.SimpleResult[Reading]:
+        return palpate.SimpleResult(points)
+
+
+@dataclass
+class _Reader:
+    lab: palpate.Lab
+
+    def arrange(self, step: palpate.Step) -> None: ...
+
+    def take(self, step: palpate.Step) -> palpate.Measurement[Reading]:
+        bench = self.lab.bench
+        bench.clock.wait(SECONDS)
+        at = next(d for d in bench.devices if hasattr(d, "travel")).position()
+        return palpate.Measurement(Reading(at, 1e-9 * bench.clock.now_ns()))
+
+    def end(self) -> None:
+        self.lab.bench.rest()
+
+
+def test_a_procedure_that_has_enough_ends_before_its_plan_and_says_why(tmp_path: Path) -> None:
+    with palpate.open_bench(scene="ideal") as bench:
+        done = palpate.run(Waiting(), bench, out=tmp_path / "run")
+        whole = palpate.run(Waiting(wanted=9), bench, out=tmp_path / "whole")
+    run = done.run
+    assert (len(done.result.points), run.status) == (3, "complete")
+    assert [(e["kind"], e["message"]) for e in run.events()] == [("enough", "3 readings are enough")]
+    assert (len(whole.result.points), whole.run.events()) == (6, [])
+
+
+def test_one_that_is_stopped_and_resumed_ends_where_it_would_have(tmp_path: Path) -> None:
+    def stop(done: int, _all: int, _what: str) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with palpate.open_bench(scene="ideal") as bench:
+        palpate.run(Waiting(), bench, out=tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
+        palpate.run(Waiting(), bench, out=tmp_path / "cut", progress=stop)
+    done = palpate.resume(tmp_path / "cut", Waiting)
+    assert len(done.result.points) == 3
+    assert [e["kind"] for e in done.run.events()] == ["stopped", "continued", "enough"]
+    assert done.run.digest() == Run.open(tmp_path / "whole").digest()
+
+
+def test_finished_points_of_a_real_bench_that_are_enough_are_not_added_to(tmp_path: Path) -> None:
+    class GoesOn(palpate.Recorder):
+        def finished(self, kind: type[T]) -> list[T]:
+            return [kind(0.0, float(i)) for i in range(3)]  # type: ignore[call-arg]
+
+    with palpate.open_bench(scene="ideal") as bench, GoesOn.create(tmp_path, HEADER) as record:
+        result = conduct(Waiting(), bench.lab("waiting", bench.started), record)
+        record.finish("complete", {})
+    assert [point.time_s for point in result.points] == [0.0, 1.0, 2.0]
+
+
+def test_a_replay_ends_where_the_run_did(tmp_path: Path) -> None:
+    log = tmp_path / "bus.pcapng"
+    with palpate.open_bench(scene="ideal", log=log) as bench:
+        first = palpate.run(Waiting(), bench, out=tmp_path / "run")
+    again = palpate.replay(log, tmp_path / "again", Waiting)
+    assert again.run.digest() == first.run.digest()
+    assert [e["kind"] for e in again.run.events()] == ["enough"]
