@@ -8,17 +8,11 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.layouts import companions, reading, widened, write
-from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Identity, Manners, Scaling
+from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Manners, Scaling
 from palpate.instrument.errors import ConfigError, UsageError
+from tests.contracts import modbus_contract
 
-NOBODY = Identity("Maker", "Thing", "1.0")
-
-
-def contract(*fields: Field, **more: Any) -> Contract:
-    return Contract("thing", "thing", "modbus", NOBODY, fields, **more)
-
-
-OVEN = contract(
+OVEN = modbus_contract(
     Field("setpoint", 0x10, "int32", "asked for", access="rw"),
     Field("heater", 0x12, "uint16", "heater", access="rw"),
     Field("name", 0x13, "text", "name", access="rw", default="", length=6),
@@ -55,16 +49,16 @@ def test_a_read_is_widened_by_a_number_that_stands_beside_it(names: tuple[str, .
 
 def test_of_two_numbers_beside_a_field_one_is_read_with_it_but_none_of_a_handshake_or_of_another_table() -> None:
     fields = tuple(Field(name, address, "uint16", name, access="rw") for address, name in enumerate("abc"))
-    assert widened(contract(*fields), ("b",)) == ("b", "c")
+    assert widened(modbus_contract(*fields), ("b",)) == ("b", "c")
     waits = Command("go", "a", 1, done=Condition("c", (1,)))
-    assert widened(contract(*fields, commands=(waits,)), ("b",)) == ("b", "a")
+    assert widened(modbus_contract(*fields, commands=(waits,)), ("b",)) == ("b", "a")
     elsewhere = replace(fields[2], table="input", access="ro")
-    assert widened(contract(*fields[:2], elsewhere), ("b",)) == ("b", "a")
-    assert widened(contract(*fields, manners=Manners(most_read=1)), ("b",)) == ("b",)
+    assert widened(modbus_contract(*fields[:2], elsewhere), ("b",)) == ("b", "a")
+    assert widened(modbus_contract(*fields, manners=Manners(most_read=1)), ("b",)) == ("b",)
 
 
 def test_tables_are_read_apart_each_with_its_function() -> None:
-    thing = contract(
+    thing = modbus_contract(
         Field("on", 5, "bool", "on", table="coil"),
         Field("closed", 5, "bool", "closed", table="discrete"),
         Field("set", 5, "uint16", "set"),
@@ -77,10 +71,10 @@ def test_tables_are_read_apart_each_with_its_function() -> None:
 
 def test_a_read_is_divided_where_a_reply_ends_or_registers_are_missing() -> None:
     a, b, c = (Field(name, at, "uint32", name) for name, at in (("a", 0), ("b", 2), ("c", 6)))
-    assert asked(contract(a, b, c), "c", "a", "b") == [(3, 0, 4, ("a", "b")), (3, 6, 2, ("c",))]
+    assert asked(modbus_contract(a, b, c), "c", "a", "b") == [(3, 0, 4, ("a", "b")), (3, 6, 2, ("c",))]
     order = Field("order", 4, "uint32", "order", access="wo")
-    assert asked(contract(a, b, order, c), "c", "a", "b") == [(3, 0, 8, ("c", "a", "b"))]
-    small = contract(a, b, c, manners=Manners(most_read=3))
+    assert asked(modbus_contract(a, b, order, c), "c", "a", "b") == [(3, 0, 8, ("c", "a", "b"))]
+    small = modbus_contract(a, b, c, manners=Manners(most_read=3))
     assert asked(small, "a", "b") == [(3, 0, 2, ("a",)), (3, 2, 2, ("b",))]
 
 
@@ -91,13 +85,13 @@ BETWEEN = Field("between", 9, "uint64", "between")
 
 
 def test_a_sign_is_read_in_the_same_request_and_a_scale_where_there_is_room() -> None:
-    plan = reading(contract(STATUS, WEIGHT, BETWEEN, DECIMALS), ("weight",))
+    plan = reading(modbus_contract(STATUS, WEIGHT, BETWEEN, DECIMALS), ("weight",))
     assert ([(r.start, r.count) for r in plan.requests], plan.along, plan.apart) == (
         [(6, 8)], ("decimals", "status"), (),
     )  # fmt: skip
-    plan = reading(contract(STATUS, WEIGHT, DECIMALS), ("weight",))
+    plan = reading(modbus_contract(STATUS, WEIGHT, DECIMALS), ("weight",))
     assert (plan.along, plan.apart) == (("status",), ("decimals",))  # registers of nobody are in between
-    plan = reading(contract(STATUS, WEIGHT, BETWEEN, DECIMALS, manners=Manners(most_read=4)), ("weight",))
+    plan = reading(modbus_contract(STATUS, WEIGHT, BETWEEN, DECIMALS, manners=Manners(most_read=4)), ("weight",))
     assert ([(r.start, r.count) for r in plan.requests], plan.along, plan.apart) == (
         [(6, 3)], ("status",), ("decimals",),
     )  # fmt: skip
@@ -113,7 +107,7 @@ def test_a_sign_is_read_in_the_same_request_and_a_scale_where_there_is_room() ->
 )
 def test_a_sign_of_another_moment_is_refused_where_it_is_declared(status: Field, more: Any) -> None:
     with pytest.raises(ConfigError, match="weight: its sign is in status, which one request cannot read with it"):
-        contract(status, WEIGHT, DECIMALS, **more)
+        modbus_contract(status, WEIGHT, DECIMALS, **more)
 
 
 # --- writes --------------------------------------------------------------------------------------------
@@ -126,7 +120,7 @@ def test_runs_and_parts_of_a_register_are_written_whole_or_not() -> None:
         Field("unit", 4, "uint16", "unit", access="rw", part=(8, 8)),
         Field("pole", 4, "uint16", "pole", access="rw", part=(0, 8)),
     )
-    thing = contract(*fields, manners=Manners(together=(("mode", "place"),)))
+    thing = modbus_contract(*fields, manners=Manners(together=(("mode", "place"),)))
     with pytest.raises(UsageError, match="place cannot be written without mode, which the device takes in the same"):
         write(thing, ("place",))
     with pytest.raises(UsageError, match="unit cannot be written without pole"):
@@ -147,10 +141,10 @@ def test_runs_and_parts_of_a_register_are_written_whole_or_not() -> None:
 def test_more_than_the_device_takes_at_once_is_refused(function: int, names: tuple[str, ...], message: str) -> None:
     fields = (Field(name, at, "uint16", name, access="rw", function=function) for at, name in enumerate("abc"))
     with pytest.raises(UsageError, match=message):
-        write(contract(*fields, manners=Manners(most_written=2)), names)
+        write(modbus_contract(*fields, manners=Manners(most_written=2)), names)
 
 
 def test_coils_are_written_one_by_one_or_together() -> None:
-    thing = contract(*(Field(n, at, "bool", n, access="rw", table="coil") for at, n in enumerate("ab")))
+    thing = modbus_contract(*(Field(n, at, "bool", n, access="rw", table="coil") for at, n in enumerate("ab")))
     assert [write(thing, names).function for names in (("a",), ("a", "b"))] == [5, 15]
     assert write(thing, ("b", "a")).content([b"\1", b"\0"]) == [True, False]

@@ -28,6 +28,7 @@ from palpate.instrument.contracts.contract import (
 )
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, RangeError, UsageError
 from palpate.simulators.clock import VirtualClock
+from tests.contracts import canopen_contract, modbus_contract
 from tests.drivers.objects import Objects
 from tests.drivers.registers import Registers
 
@@ -58,9 +59,9 @@ COMMANDS = (
     Command("arm", "order", 7, after=("remote",)),
     Command("tare", "order", 1, ("remote", "arm"), Condition("gone", (2,), 0x0F), Condition("gone", (8,)), 0, 0.5),
 )
-THING = Contract(
-    "thing", "thing", "modbus", Identity("Maker", "Thing", "1"), FIELDS, known_by="marks", marks=(Mark("type", 24),),
-    serial="serial", commands=COMMANDS, manners=Manners(gap=0.005, together=(("mode", "place"),)),
+THING = modbus_contract(
+    *FIELDS, known_by="marks", marks=(Mark("type", 24),), serial="serial", commands=COMMANDS,
+    manners=Manners(gap=0.005, together=(("mode", "place"),)),
 )  # fmt: skip
 GOOD: dict[str, Any] = {"type": 24, "serial": 77, "decimals": 2, "unit": "N", "average": 12}
 
@@ -198,12 +199,11 @@ def test_a_scale_that_cannot_be_is_an_error_by_name_and_no_reading(ask: str) -> 
 
 
 def test_process_data_are_sent_in_the_scale_that_the_node_tells() -> None:
-    node = Contract(
-        "node", "node", "canopen", Identity("0x5F", "", ""),
-        (Field("target", sdo(0x607A), "int32", "target", access="rw", scaling=Scaling("decimals")),
-         Field("decimals", sdo(0x6132, 1), "uint8", "decimals")),
+    node = canopen_contract(
+        Field("target", sdo(0x607A), "int32", "target", access="rw", scaling=Scaling("decimals")),
+        Field("decimals", sdo(0x6132, 1), "uint8", "decimals"),
         receives=(Pdo("order", 0x200, ("target",)),),
-    )  # fmt: skip
+    )
     told = node.packed(
         node.receives[0], {"target": 1.25}, lambda name, value: node.encode(name, value, {"decimals": 2})
     )
@@ -359,17 +359,15 @@ class Switch(EitherBus):
         return self.get("mode")
 
 
-NODE = Contract(
-    "node", "node", "canopen", Identity("0x5F", "", ""),
-    (
-        Field("mode", sdo(0x2000), "uint8", "mode", access="rw"),
-        Field("name", sdo(0x1008), "text", "name"),
-        Field("decimals", sdo(0x6132, 1), "uint8", "decimals"),
-        Field("force", sdo(0x8130, 1), "int24", "force", "N", scaling=Scaling("decimals")),
-        Field("burn", sdo(0x2010), "uint8", "kept", access="rw", endures=1000),
-    ),
-    known_by="marks", marks=(Mark("name", "DSRT"),),
-)  # fmt: skip
+NODE = canopen_contract(
+    Field("mode", sdo(0x2000), "uint8", "mode", access="rw"),
+    Field("name", sdo(0x1008), "text", "name"),
+    Field("decimals", sdo(0x6132, 1), "uint8", "decimals"),
+    Field("force", sdo(0x8130, 1), "int24", "force", "N", scaling=Scaling("decimals")),
+    Field("burn", sdo(0x2010), "uint8", "kept", access="rw", endures=1000),
+    known_by="marks",
+    marks=(Mark("name", "DSRT"),),
+)
 
 
 def node(contract: Contract = NODE, **held: Any) -> tuple[Any, Any, VirtualClock]:
@@ -527,9 +525,7 @@ def test_a_contract_whose_process_data_are_not_set_up_has_the_digest_that_it_had
         Field("mode", sdo(0x2000), "uint8", "mode", access="rw"),
         Field("force", sdo(0x8130, 1), "int16", "f", "N"),
     )
-    plain = Contract(
-        "node", "node", "canopen", Identity("0x5F", "", ""), fields, pdos=(Pdo("force", 0x280, ("force",)),)
-    )
+    plain = canopen_contract(*fields, pdos=(Pdo("force", 0x280, ("force",)),))
     assert plain.digest() == "2b57e1e9f52cfaf8341e03021ae933bbc5305ec4b44e49061fca6b57b1e28981"
     assert replace(plain, pdos=(replace(SENDS, fields=("force",)),)).digest() != plain.digest()
 

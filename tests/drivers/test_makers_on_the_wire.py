@@ -12,35 +12,30 @@ import pytest
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Identity, Manners, Mark, Scaling
+from palpate.instrument.contracts.contract import Command, Condition, Field, Manners, Mark, Scaling
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.mapped.twin import Twin
 from palpate.simulators.wire.device import Place
 from palpate.simulators.wire.modbus import ServerThread
+from tests.contracts import modbus_contract
 
-THING = Contract(
-    name="thing",
-    title="thing",
-    bus="modbus",
-    identity=Identity("Maker", "Thing", "1"),
+THING = modbus_contract(
+    Field("kind", 0, "uint16", "kind"),
+    Field("number", 3, "uint16", "serial number"),
+    Field("status", 6, "uint16", "status", bits={"negative": 7, "ready": 3}),
+    Field("load", 7, "uint32", "load", "N", sign=("status", "negative"), scaling=Scaling("decimals")),
+    Field("more", 9, "uint64", "net and peak"),
+    Field("decimals", 13, "uint16", "decimals", minimum=0, maximum=4),
+    Field("order", 20, "uint16", "order", access="rw", choices={"none": 0, "start": 1}, function=6),
+    Field("place", 30, "int32", "place", access="rw", words="little"),
+    Field("remote", 402, "bool", "remote control", table="coil", access="rw"),
+    Field("output", 403, "bool", "output", table="coil", access="rw"),
+    Field("closed", 5, "bool", "contact", table="discrete"),
+    Field("heat", 9, "int16", "temperature", "degC", scale=0.1, table="input"),
     known_by="marks",
     marks=(Mark("kind", 7),),
     serial="number",
-    fields=(
-        Field("kind", 0, "uint16", "kind"),
-        Field("number", 3, "uint16", "serial number"),
-        Field("status", 6, "uint16", "status", bits={"negative": 7, "ready": 3}),
-        Field("load", 7, "uint32", "load", "N", sign=("status", "negative"), scaling=Scaling("decimals")),
-        Field("more", 9, "uint64", "net and peak"),
-        Field("decimals", 13, "uint16", "decimals", minimum=0, maximum=4),
-        Field("order", 20, "uint16", "order", access="rw", choices={"none": 0, "start": 1}, function=6),
-        Field("place", 30, "int32", "place", access="rw", words="little"),
-        Field("remote", 402, "bool", "remote control", table="coil", access="rw"),
-        Field("output", 403, "bool", "output", table="coil", access="rw"),
-        Field("closed", 5, "bool", "contact", table="discrete"),
-        Field("heat", 9, "int16", "temperature", "degC", scale=0.1, table="input"),
-    ),
     commands=(Command("start", "order", "start", done=Condition("status", (0x8,), 0x8), clear="none"),),
     manners=Manners(gap=0.004, units=(0, 247), most_read=8),
 )

@@ -13,22 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.instrument.contracts.contract import (
-    Command,
-    Condition,
-    Contract,
-    Field,
-    Identity,
-    Manners,
-    Mark,
-    Scaling,
-    sdo,
-)
+from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Manners, Mark, Scaling, sdo
 from palpate.instrument.contracts.field import Order
 from palpate.instrument.contracts.wire_types import SIZE
 from palpate.instrument.errors import ConfigError, RangeError
+from tests.contracts import canopen_contract, modbus_contract
 
-NOBODY, NUMBERED = Identity("Maker", "Thing", "1.0"), Identity("0x5F", "0x1", "0x10000")
 ORDERS = get_args(Order)
 
 SCALED = Field("value", 0x10, "int16", "value", scaling=Scaling("scale"))
@@ -38,9 +28,8 @@ TEXT = Field("text", 1, "text", "text", length=4)
 ORDER = Field("order", 0x20, "uint16", "order", access="rw")
 
 
-def contract(*fields: Field, bus: Any = "modbus", **more: Any) -> Contract:
-    identity = NOBODY if bus == "modbus" else NUMBERED
-    return Contract("thing", "thing", bus, identity, fields, **more)
+def contract(*fields: Field, bus: str = "modbus", **more: Any) -> Contract:
+    return (modbus_contract if bus == "modbus" else canopen_contract)(*fields, **more)
 
 
 def one(**given: Any) -> Contract:

@@ -14,24 +14,18 @@ from pymodbus.framer import FramerRTU
 
 from palpate.instrument.config import check
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.contract import Command, Contract, Field, Identity, Pdo, Scaling, sdo
+from palpate.instrument.contracts.contract import Command, Field, Pdo, Scaling, sdo
 from palpate.instrument.contracts.maps.computed_frames import computed
 from palpate.instrument.contracts.maps.frame_tables import Frame, FrameTable, frame_of
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.modbus_frames import crc
+from tests.contracts import canopen_contract as node
+from tests.contracts import modbus_contract as modbus
 
 
 def frame(says: str, request: Any = None, reply: Any = None, **more: Any) -> Frame:
     table = {"says": says, "request": request, "reply": reply, "origin": "printed", **more}
     return frame_of(1, check({key: value for key, value in table.items() if value is not None}, FrameTable, "map"))
-
-
-def modbus(*fields: Field, **more: Any) -> Contract:
-    return Contract("thing", "thing", "modbus", Identity("A", "B", "1"), fields, known_by="nothing", **more)
-
-
-def node(*fields: Field, **more: Any) -> Contract:
-    return Contract("thing", "thing", "canopen", Identity("A", "B", "1"), fields, known_by="nothing", **more)
 
 
 DRIVER = Field("driver_temperature", 0xF8, "int32", "temperature", "degC", 0.1)

@@ -9,30 +9,25 @@ import pytest
 
 from palpate.drivers.logs.bus_log import RUN
 from palpate.drivers.logs.pcapng import Link, Packet
-from palpate.instrument.contracts.contract import Contract, Field, Identity, Scaling
+from palpate.instrument.contracts.contract import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import read_map
 from palpate.procedures.logs.modbus_shown import Conversation
 from palpate.procedures.logs.shown import _messages
+from tests.contracts import modbus_contract
 
-THING = Contract(
-    name="thing",
-    title="thing",
-    bus="modbus",
-    identity=Identity("Maker", "Thing", "1"),
+THING = modbus_contract(
+    Field("status", 6, "uint16", "status", bits={"negative": 7, "ready": 3}),
+    Field("load", 7, "uint32", "load", "N", sign=("status", "negative"), scaling=Scaling("decimals")),
+    Field("decimals", 13, "uint16", "decimals", minimum=0, maximum=4),
+    Field("mean", 14, "int16", "mean", "N", missing=(-1,)),
+    Field("low", 16, "uint16", "low half", part=(0, 8)),
+    Field("high", 16, "uint16", "high half", part=(8, 8)),
+    Field("order", 20, "uint16", "order", access="rw", choices={"none": 0, "start": 1}, function=6),
+    Field("heat", 9, "int16", "temperature", "degC", scale=0.1, table="input"),
+    Field("remote", 402, "bool", "remote control", table="coil", access="rw"),
+    Field("output", 403, "bool", "output", table="coil", access="rw"),
+    Field("closed", 5, "bool", "contact", table="discrete"),
     known_by="nothing",
-    fields=(
-        Field("status", 6, "uint16", "status", bits={"negative": 7, "ready": 3}),
-        Field("load", 7, "uint32", "load", "N", sign=("status", "negative"), scaling=Scaling("decimals")),
-        Field("decimals", 13, "uint16", "decimals", minimum=0, maximum=4),
-        Field("mean", 14, "int16", "mean", "N", missing=(-1,)),
-        Field("low", 16, "uint16", "low half", part=(0, 8)),
-        Field("high", 16, "uint16", "high half", part=(8, 8)),
-        Field("order", 20, "uint16", "order", access="rw", choices={"none": 0, "start": 1}, function=6),
-        Field("heat", 9, "int16", "temperature", "degC", scale=0.1, table="input"),
-        Field("remote", 402, "bool", "remote control", table="coil", access="rw"),
-        Field("output", 403, "bool", "output", table="coil", access="rw"),
-        Field("closed", 5, "bool", "contact", table="discrete"),
-    ),
 )
 
 

@@ -7,31 +7,26 @@ from typing import Any
 import pytest
 from pymodbus.constants import ExcCodes
 
-from palpate.instrument.contracts.contract import Contract, Field, Identity, Manners, Scaling
+from palpate.instrument.contracts.contract import Field, Manners, Scaling
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.wire.device import SimulatedDevice
 from palpate.simulators.wire.registers import Registers
+from tests.contracts import modbus_contract
 
 ADDRESS, VALUE, FUNCTION = ExcCodes.ILLEGAL_ADDRESS, ExcCodes.ILLEGAL_VALUE, ExcCodes.ILLEGAL_FUNCTION
-CONTRACT = Contract(
-    name="thing",
-    title="thing",
-    bus="modbus",
-    identity=Identity("Maker", "Thing", "1"),
+CONTRACT = modbus_contract(
+    Field("remote", 402, "bool", "remote control", table="coil", access="rw"),
+    Field("output", 403, "bool", "output", table="coil", access="rw"),
+    Field("alarm", 402, "bool", "alarm", table="discrete"),
+    Field("weight", 7, "uint32", "weight", "N", sign=("status", "negative"), scaling=Scaling("decimals"),
+          table="input", words="little"),
+    Field("status", 6, "uint16", "status", bits={"negative": 7}, table="input"),
+    Field("decimals", 9, "uint16", "decimals", table="input"),
+    Field("unit", 20, "uint16", "unit", part=(8, 8), choices={"kg": 0, "N": 5}, access="rw"),
+    Field("polarity", 20, "uint16", "polarity", part=(0, 8), access="rw", maximum=1, minimum=0),
+    Field("command", 21, "uint16", "command", access="wo", function=6),
+    Field("position", 22, "int32", "position", access="rw", function=16),
     known_by="nothing",
-    fields=(
-        Field("remote", 402, "bool", "remote control", table="coil", access="rw"),
-        Field("output", 403, "bool", "output", table="coil", access="rw"),
-        Field("alarm", 402, "bool", "alarm", table="discrete"),
-        Field("weight", 7, "uint32", "weight", "N", sign=("status", "negative"), scaling=Scaling("decimals"),
-              table="input", words="little"),
-        Field("status", 6, "uint16", "status", bits={"negative": 7}, table="input"),
-        Field("decimals", 9, "uint16", "decimals", table="input"),
-        Field("unit", 20, "uint16", "unit", part=(8, 8), choices={"kg": 0, "N": 5}, access="rw"),
-        Field("polarity", 20, "uint16", "polarity", part=(0, 8), access="rw", maximum=1, minimum=0),
-        Field("command", 21, "uint16", "command", access="wo", function=6),
-        Field("position", 22, "int32", "position", access="rw", function=16),
-    ),
     manners=Manners(most_read=3, most_written=2),
 )  # fmt: skip
 

@@ -8,28 +8,23 @@ from typing import Any
 
 import pytest
 
-from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Identity, Mark
+from palpate.instrument.contracts.contract import Command, Condition, Field, Mark
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.mapped.twin import Twin
 from palpate.simulators.wire.device import Place, Refused
+from tests.contracts import modbus_contract
 
-CONTRACT = Contract(
-    name="thing",
-    title="thing",
-    bus="modbus",
-    identity=Identity("Maker", "Thing", "1"),
+CONTRACT = modbus_contract(
+    Field("kind", 0, "uint16", "kind"),
+    Field("name", 1, "text", "name", length=4),
+    Field("number", 3, "uint16", "serial number"),
+    Field("unit", 4, "uint16", "unit", choices={"kg": 0, "N": 5}),
+    Field("load", 5, "int16", "load", "N", unit_in="unit"),
+    Field("order", 6, "uint16", "order", access="rw", choices={"none": 0, "start": 1, "tare": 2}),
+    Field("status", 7, "uint16", "status", bits={"ready": 3, "warm": 0}),
     known_by="marks",
     marks=(Mark("kind", 7), Mark("name", "TH")),
     serial="number",
-    fields=(
-        Field("kind", 0, "uint16", "kind"),
-        Field("name", 1, "text", "name", length=4),
-        Field("number", 3, "uint16", "serial number"),
-        Field("unit", 4, "uint16", "unit", choices={"kg": 0, "N": 5}),
-        Field("load", 5, "int16", "load", "N", unit_in="unit"),
-        Field("order", 6, "uint16", "order", access="rw", choices={"none": 0, "start": 1, "tare": 2}),
-        Field("status", 7, "uint16", "status", bits={"ready": 3, "warm": 0}),
-    ),
     commands=(
         Command("start", "order", "start", done=Condition("status", (0x8,), 0x8), clear="none"),
         Command("tare", "order", "tare"),
