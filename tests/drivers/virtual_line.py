@@ -8,19 +8,15 @@ from collections.abc import Callable, Iterable
 
 from palpate.drivers.links.rtu import RtuClient
 from palpate.instrument.bench.serial_line import SILENCE
+from palpate.instrument.contracts.maps.modbus_frames import crc
 
 BITS = 10  # of a character: start, eight, stop
 Answers = Callable[[bytes], Iterable[tuple[float, bytes]]]
 
 
 def checked(frame: bytes) -> bytes:
-    """A frame with its check sum: "MODBUS over serial line" 6.2.2, bit by bit."""
-    value = 0xFFFF
-    for byte in frame:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ 0xA001 if value & 1 else value >> 1
-    return frame + value.to_bytes(2, "little")
+    """A frame with its check sum."""
+    return frame + crc(frame)
 
 
 class VirtualLine(RtuClient):

@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 
 SPEEDS = ("step/s", "r/min")
-RAMPS = ("step/s2", "r/min/s", "ms", "ms/1000 r/min")  # the last two are times that a change of the speed takes
+RATES = {
+    "step/s2": "step/s",
+    "r/min/s": "r/min",
+}  # units of an acceleration, each with that of the speed which is gained in a second
+TIMES = ("ms", "ms/1000 r/min")  # what it takes to gain the speed of a move, or to gain `CHANGE`
+RAMPS = (*RATES, *TIMES)
 MINUTE = 60.0  # s
-RAMP = 1000.0  # r/min that the last unit of a ramp is about
+CHANGE = 1000.0  # r/min
 
 
 def speed_of(unit: str, steps_per_turn: float, value: float) -> float:
@@ -22,25 +27,18 @@ def speed_value(unit: str, steps_per_turn: float, speed: float) -> float:
 
 def ramp_of(unit: str, steps_per_turn: float, speed: float, value: float) -> float:
     """Acceleration of a value of a field [step/s²], in a move at a speed [step/s]; infinite for a time of 0."""
-    match unit:
-        case "step/s2":
-            return value
-        case "r/min/s":
-            return value * steps_per_turn / MINUTE
-        case "ms":
-            return 1e3 * speed / value if value else math.inf
-        case _:
-            return 1e3 * RAMP * steps_per_turn / MINUTE / value if value else math.inf
+    if unit in RATES:
+        return speed_of(RATES[unit], steps_per_turn, value)
+    return _gained(unit, steps_per_turn, speed) / value if value else math.inf
 
 
 def ramp_value(unit: str, steps_per_turn: float, speed: float, acceleration: float) -> float:
     """Value of a field for an acceleration [step/s²], in a move at a speed [step/s]."""
-    match unit:
-        case "step/s2":
-            return acceleration
-        case "r/min/s":
-            return acceleration * MINUTE / steps_per_turn
-        case "ms":
-            return 1e3 * speed / acceleration
-        case _:
-            return 1e3 * RAMP * steps_per_turn / MINUTE / acceleration
+    if unit in RATES:
+        return speed_value(RATES[unit], steps_per_turn, acceleration)
+    return _gained(unit, steps_per_turn, speed) / acceleration
+
+
+def _gained(unit: str, steps_per_turn: float, speed: float) -> float:
+    """Product of an acceleration [step/s²] and its value in a unit of `TIMES`: the speed that is gained, × 1000."""
+    return 1e3 * speed if unit == "ms" else speed_of("r/min", steps_per_turn, 1e3 * CHANGE)
