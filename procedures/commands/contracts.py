@@ -39,10 +39,7 @@ def list_(as_json: bool, quiet: bool) -> None:
 
     output = Output(as_json, quiet)
     rows = kind_rows()
-    if output.as_json:
-        output.json({"kinds": rows})
-    elif output.for_people:
-        print_kinds(rows)
+    output.result(lambda: {"kinds": rows}, lambda: print_kinds(rows))
 
 
 @contracts.command(epilog="Examples:\n\n  palpate contracts check my_indicator.toml")
@@ -57,10 +54,7 @@ def check(file: Path, as_json: bool, quiet: bool) -> None:
 
     output = Output(as_json, quiet)
     found = checked(file)
-    if output.as_json:
-        output.json(found.summary())
-    elif output.for_people:
-        print_checked(found)
+    output.result(found.summary, lambda: print_checked(found))
     if found.problems:
         raise PalpateError("\n".join(found.problems))
 

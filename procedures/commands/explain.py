@@ -48,7 +48,4 @@ def explain(
 
     output = Output(as_json, quiet)
     found = Explained.of(scene, Question(sample, load, frequency, dwell, steady), tolerance, strict=strict)
-    if output.as_json:
-        output.json(found.summary())
-    elif output.for_people:
-        print_explained(found)
+    output.result(found.summary, lambda: print_explained(found))

@@ -31,7 +31,7 @@ def integrators(out: Path | None, as_json: bool, quiet: bool) -> None:
     done = task()
     title = f"{done['states']} states, stiffness ratio {done['stiffness_ratio']:.0e}, {done['duration_s']:g} s record"
     plot = None if out is None else plot_integrators(rows, title, out)
-    if output.as_json:
-        output.json({**done, "methods": rows, "plot": None if plot is None else str(plot)})
-    elif output.for_people:
-        print_integrators(rows, title, plot)
+    output.result(
+        lambda: {**done, "methods": rows, "plot": None if plot is None else str(plot)},
+        lambda: print_integrators(rows, title, plot),
+    )

@@ -28,10 +28,7 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
 
     output = Output(as_json, quiet)
     found = look_over(find_run(run, store()))
-    if output.as_json:
-        output.json(check_object(found))
-    elif output.for_people:
-        print_check(found)
+    output.result(lambda: check_object(found), lambda: print_check(found))
     return 1 if found.faults else 0
 
 
@@ -51,7 +48,4 @@ def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
 
     output = Output(as_json, quiet)
     done = salvage(find_run(run, store()), out)
-    if output.as_json:
-        output.json(repaired_object(done))
-    elif output.for_people:
-        print_repaired(done)
+    output.result(lambda: repaired_object(done), lambda: print_repaired(done))

@@ -207,6 +207,13 @@ class Output:
             text = _text(cast("Mapping[str, object]", plain(value)))
         click.echo(text)
 
+    def result(self, summary: Callable[[], Mapping[str, object]], show: Callable[[], object]) -> None:
+        """Print a result: what `summary` gives as the one JSON object, or for people by `show`; nothing if quiet."""
+        if self.as_json:
+            self.json(summary())
+        elif self.for_people:
+            show()
+
     def line(self, text: str) -> None:
         if self.for_people:
             say(text)

@@ -50,10 +50,7 @@ def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: s
     with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
         pass  # this only checks that they can be written; the empty folder is removed again
     steps = planned(procedure, target)
-    if output.as_json:
-        output.json(steps.summary())
-    elif output.for_people:
-        print_plan(steps)
+    output.result(steps.summary, lambda: print_plan(steps))
     if doubt and not output.quiet:
         say(f"palpate: note: {doubt}", err=True)
 

@@ -35,10 +35,7 @@ def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     if not folder.is_dir() and (out is not None or folder.exists()):
         raise UsageError(f"{folder} is no folder; name one that holds runs with --out")
     found = list_runs(folder)
-    if output.as_json:
-        output.json({"runs": [run_row(run) for run in found]})
-    elif output.for_people:
-        print_runs(found, folder)
+    output.result(lambda: {"runs": [run_row(run) for run in found]}, lambda: print_runs(found, folder))
 
 
 @runs.command(
@@ -59,10 +56,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, out or store()))
     digest = opened.digest()
-    if output.as_json:
-        output.json(run_object(opened, digest))
-    elif output.for_people:
-        print_run(opened, digest)
+    output.result(lambda: run_object(opened, digest), lambda: print_run(opened, digest))
 
 
 @runs.command(

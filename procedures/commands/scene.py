@@ -26,10 +26,7 @@ def list_(as_json: bool, quiet: bool) -> None:
 
     output = Output(as_json, quiet)
     scenes = all_shipped()
-    if output.as_json:
-        output.json({"scenes": scenes})
-    elif output.for_people:
-        print_list(scenes)
+    output.result(lambda: {"scenes": scenes}, lambda: print_list(scenes))
 
 
 @scene.command(epilog="Examples:\n\n  palpate scene show humid_body\n\n  palpate scene show my_scene.toml --json")
@@ -41,10 +38,7 @@ def show(scene: str, as_json: bool, quiet: bool) -> None:
 
     output = Output(as_json, quiet)
     shown = parameters(scene)
-    if output.as_json:
-        output.json(shown)
-    elif output.for_people:
-        print_scene(shown)
+    output.result(lambda: shown, lambda: print_scene(shown))
 
 
 @scene.command(epilog="Examples:\n\n  palpate scene check my_scene.toml")

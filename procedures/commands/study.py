@@ -81,10 +81,9 @@ def study(
             "points": str(results.export(to, folder)),
             "plot": str(plot_study(results, folder)),
         }
-    if output.as_json:
-        output.json({**outcome, "results": [asdict(mean) for mean in means]})
-    elif output.for_people:
-        print_study(results, outcome)
+    output.result(
+        lambda: {**outcome, "results": [asdict(mean) for mean in means]}, lambda: print_study(results, outcome)
+    )
     if not failed and not any(mean.valid_points for mean in means):
         raise EstimateError(
             f"none of the points of the {len(means)} cells is valid, so there is no result; their flags are in "
