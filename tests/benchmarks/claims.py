@@ -86,6 +86,17 @@ def changes(coarse: Curve, fine: Curve, moduli: Array) -> tuple[Array, Array]:
     return ratio, np.abs(fine.voltages(moduli) - coarse.voltages(moduli))[:, :, 0]
 
 
+def errors(judged: Curve, best: Curve, moduli: Array, left: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Errors of one mesh, as `changes`: its changes to the best mesh, and what these leave (`left_over`)."""
+    ratio, voltage = changes(judged, best, moduli)
+    return ratio + left[0], voltage + left[1]
+
+
+def left_over(share: float, last: tuple[Array, Array]) -> tuple[Array, Array]:
+    """What the best mesh is still off by: a share of the last changes that led to it."""
+    return share * last[0], share * last[1]
+
+
 def claim(
     sensor: RoundParameters | SolidParameters,
     number: int,

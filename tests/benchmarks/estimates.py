@@ -14,7 +14,7 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import RoundParameters
-from tests.benchmarks.claims import RATIOS, Claim, Tried, Truth, campaign, changes, claim, is_closed
+from tests.benchmarks.claims import RATIOS, Claim, Tried, Truth, campaign, changes, claim, errors, is_closed, left_over
 from tests.benchmarks.row import Row
 from tests.settings import round_sensors
 
@@ -48,17 +48,14 @@ def _finest(number: int) -> int:
 def claims(number: int, drawn: RoundParameters, curves: Sequence[Curve]) -> Iterator[Claim]:
     """What the estimates of each mesh but the first and the finest are worth."""
     moduli = RATIOS * drawn.compliant_modulus
-    left = LEFT_CLOSED if is_closed(drawn) else LEFT
     finest = curves[-1]
     ratios, volts = finest.force_ratios(moduli)[:, 0], finest.voltages(moduli)[:, :, 0]
     truth = Truth(ratios, volts, *axisymmetric.rounding(curves, drawn, moduli))
-    last = changes(curves[-2], finest, moduli)
+    left = left_over(LEFT_CLOSED if is_closed(drawn) else LEFT, changes(curves[-2], finest, moduli))
     for count in range(2, len(curves)):
         bounds = axisymmetric.estimates(curves[:count], drawn, moduli)
-        ratio, voltage = (
-            own + left * more for own, more in zip(changes(curves[count - 1], finest, moduli), last, strict=True)
-        )
-        yield claim(drawn, number, axisymmetric.REFINEMENTS[count - 1], (ratio, voltage), bounds, truth)
+        found = errors(curves[count - 1], finest, moduli, left)
+        yield claim(drawn, number, axisymmetric.REFINEMENTS[count - 1], found, bounds, truth)
 
 
 def measure() -> Iterator[Row]:

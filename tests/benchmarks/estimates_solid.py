@@ -16,7 +16,7 @@ from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.film_material import PVDF
-from tests.benchmarks.claims import RATIOS, Claim, Tried, Truth, campaign, changes, claim, is_closed
+from tests.benchmarks.claims import RATIOS, Claim, Tried, Truth, campaign, changes, claim, errors, is_closed, left_over
 from tests.benchmarks.row import Row
 from tests.settings import disc, solid_sensors
 
@@ -77,13 +77,11 @@ def claims(number: int, drawn: SolidParameters, curves: Sequence[Curve]) -> Iter
         left, last = LEFT_CLOSED if is_closed(drawn) else LEFT[len(curves)], len(curves) - 1
     best = known[-1]
     truth = Truth(best.force_ratios(moduli)[:, 0], best.voltages(moduli)[:, :, 0], *doubts)
-    step = changes(known[-2], best, moduli)
+    still = left_over(left, changes(known[-2], best, moduli))
     for count in range(2, last + 1):
         bounds = solid.estimates(curves[:count], drawn, moduli)
-        ratio, voltage = (
-            own + left * more for own, more in zip(changes(curves[count - 1], best, moduli), step, strict=True)
-        )
-        yield claim(drawn, number, solid.REFINEMENTS[count - 1], (ratio, voltage), bounds, truth)
+        found = errors(curves[count - 1], best, moduli, still)
+        yield claim(drawn, number, solid.REFINEMENTS[count - 1], found, bounds, truth)
 
 
 def measure() -> Iterator[Row]:
