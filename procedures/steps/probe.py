@@ -10,7 +10,7 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import BenchError, DeviceError, SafetyError, UnreachableError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample
-from palpate.procedures.steps.indicator import TRACK_FILTER, TRACK_SETTLING, read_indicator
+from palpate.procedures.steps.indicator import READINGS, TRACK_FILTER, TRACK_SETTLING, read_indicator
 from palpate.procedures.steps.policy import carry_out
 
 UNLOADING = 2.0  # s, until nothing of the last load is left in the indicator's filter
@@ -61,7 +61,8 @@ def _check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
     if not reading.valid:
         name = indicator.name
         raise DeviceError(f"{name}: no valid reading without load; let the bench come to rest, check it", device=name)
-    allowed = ZERO_TOLERANCE * math.hypot(calibration.zero_u, calibration.resolution_mV)
+    scatter = 0.0 if calibration.scatter_mV is None else calibration.reading_u(READINGS)
+    allowed = ZERO_TOLERANCE * math.hypot(calibration.zero_u, calibration.resolution_mV, scatter)
     if not abs(reading.reading_mV - calibration.zero_mV) <= allowed:
         raise BenchError(
             f"{indicator.name}: reads {reading.reading_mV:.4g} mV without load, the calibration "

@@ -42,6 +42,13 @@ def test_a_calibration_of_another_zero_is_not_used(bench: Bench) -> None:
         check_zero(bench, other)
 
 
+def test_a_zero_may_differ_by_the_scatter_of_readings_too_where_the_display_has_fine_steps(bench: Bench) -> None:
+    """Else one run in five on an indicator with steps of 0.01 mV stops: its mean of four readings scatters by more."""
+    fine = {"zero_mV": 20.0, "zero_u": 0.05, "resolution_mV": 0.01, "scatter_mV": 0.3}
+    with pytest.raises(BenchError, match=r"says 20 ± 0\.48 mV"):
+        check_zero(bench, THESIS_LOAD_CELL.model_copy(update=fine))
+
+
 def test_the_scene_kept_with_a_run_gives_that_run_again(palpate: Palpate) -> None:
     first = palpate(*SMALL, "--seed", "7", "--model", "column", "--out", "first", "--json").object
     again = palpate(*SMALL, "--scene", "first/scene.toml", "--out", "again", "--json").object
