@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from palpate.instrument.errors import ConfigError, check_path, nearest
+from palpate.instrument.errors import ConfigError, check_path
+from palpate.instrument.refusals import told
 
 LARGEST_FILE = 1_000_000  # greatest number of bytes; a bench, scene or calibration file has a few thousand
 MOST_VALUES = 100_000  # greatest number of values in a file; a calibration of the films of 64 teeth has 25 thousand
@@ -160,8 +161,18 @@ def _hold_limits(data: dict[str, Any], where: str) -> None:
         left.extend((each, depth + 1) for each in inner)
 
 
-def check(data: dict[str, Any], model: type[M], where: str) -> M:
-    """Turn `data` into a `model`. Raises ConfigError, which lists every problem with `where` and its key."""
+def check(data: dict[str, Any], model: type[M], where: str, beside: Iterable[str] = ()) -> M:
+    """Turn `data` into a `model`.
+
+    Args:
+        data: the content of a table.
+        model: class of its keys.
+        where: what messages begin with.
+        beside: keys that the table can have, too, and that were taken out of `data`.
+
+    Raises:
+        ConfigError: lists every problem with `where` and its key.
+    """
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -169,7 +180,7 @@ def check(data: dict[str, Any], model: type[M], where: str) -> M:
             raise ConfigError(f"{where}: is no {model.file}: {why}; give the file of a {model.file}") from None
         errors = error.errors(include_url=False)
         problems = [
-            f"{where}: {line}" for e in errors[:MOST_PROBLEMS] for line in _describe(dict(e), model).splitlines()
+            f"{where}: {line}" for e in errors[:MOST_PROBLEMS] for line in told(dict(e), model, beside).splitlines()
         ]
         if len(errors) > MOST_PROBLEMS:
             problems.append(f"{where}: and {len(errors) - MOST_PROBLEMS} more")
@@ -190,37 +201,3 @@ def few(names: Sequence[str]) -> str:
     """The first names of a list, and how many more there are."""
     named = ", ".join(names[:MOST_NAMED])
     return named if len(names) <= MOST_NAMED else f"{named} and {len(names) - MOST_NAMED} more"
-
-
-def _describe(error: dict[str, Any], model: type[BaseModel]) -> str:
-    path = [str(part) for part in error["loc"]]
-    key = ".".join(path)
-    match error["type"]:
-        case "extra_forbidden":
-            valid = _keys(model, path[:-1])
-            return f"{key}: unknown key{nearest(path[-1], valid)}" + (f"; valid: {', '.join(valid)}" if valid else "")
-        case "missing":
-            return f"{key}: is missing{_wanted(model, path)}"
-    message = str(error["msg"]).removeprefix("Value error, ")
-    if error["type"] == "value_error":
-        return f"{key}: {message}" if key else message
-    return f"{key}: {message} (got {error['input']!r}){_wanted(model, path)}"
-
-
-def _wanted(model: type[BaseModel], path: list[str]) -> str:
-    """What a key of `model` itself is, as the end of a message; empty: its class does not say."""
-    info = model.model_fields.get(path[0]) if len(path) == 1 else None
-    return f"; give {info.description}" if info and info.description else ""
-
-
-def _keys(model: type[BaseModel], path: list[str]) -> list[str]:
-    """Valid keys of the table at `path` in `model`."""
-    for part in path:
-        info = model.model_fields.get(part)
-        inner = info.annotation if info else None
-        candidates = [inner, *getattr(inner, "__args__", ())]
-        found = [c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)]
-        if not found:
-            return []
-        model = found[0]
-    return sorted(model.model_fields)

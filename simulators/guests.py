@@ -8,9 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, Role, device_kind, kind_in_file
-from palpate.instrument.bench.listed import check_name
+from palpate.instrument.bench.listed import check_name, check_role
 from palpate.instrument.config import Config, check
 from palpate.instrument.errors import ConfigError, UnknownName
+
+OF_BENCH_FILES = ("link", "unit", "node", "inventory", "confirmed", "set_to_link")
+
+
+class _Section(Config):
+    """The keys of every `[device.NAME]` table; its other keys are settings of its kind."""
+
+    kind: str | None = None
+    map: str | None = None
+    role: Role | None = None
+    optional: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,8 +70,15 @@ def guests(tables: Mapping[str, Mapping[str, Any]], where: str) -> tuple[Guest, 
 
 def _guest(name: str, table: dict[str, Any], where: str) -> Guest:
     check_name(name, where)
+    if given := [key for key in OF_BENCH_FILES if key in table]:
+        raise ConfigError(
+            f"{where}: {', '.join(given)}: a simulated bench gives its devices links, addresses and labels itself; "
+            "leave this out of the scene, it belongs in a bench file"
+        )
+    own = {key: table[key] for key in _Section.model_fields if key in table}
+    section = check(own, _Section, where)
     kind, file = table.pop("kind", None), table.pop("map", None)
-    if not isinstance(file if kind is None else kind, str) or (kind and file):
+    if (kind is None) == (file is None):
         raise ConfigError(f'{where}: kind: give a device kind, as kind = "acme-oven", or map = "FILE.toml"')
     if kind in KINDS or name.startswith(tuple(KINDS)):
         raise ConfigError(
@@ -68,12 +86,13 @@ def _guest(name: str, table: dict[str, Any], where: str) -> Guest:
             "and give them other names"
         )
     try:
-        found = device_kind(kind) if kind is not None else kind_in_file(Path(file))
-    except UnknownName as error:
+        found = device_kind(kind) if kind is not None else kind_in_file(Path(str(file)))
+        check_role(found, section.role)
+    except (ConfigError, UnknownName) as error:
         raise ConfigError(f"{where}: {error}") from None
     if found.simulator is None:
         raise ConfigError(f"{where}: kind: {found.name} has no simulator; leave the device out of the scene")
     settings = check(
-        {key: value for key, value in table.items() if key not in ("role", "optional")}, found.settings, where
+        {key: value for key, value in table.items() if key not in own}, found.settings, where, _Section.model_fields
     )
     return Guest(name, found, settings, table)

@@ -22,7 +22,7 @@ from palpate.instrument.bench import links as files
 from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
 from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts.sensor_node import shortest_transfer
-from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout, UnknownName
 
 for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever fails is raised
     logging.getLogger(_name).addHandler(logging.NullHandler())
@@ -99,7 +99,10 @@ class CanLink:
     """
 
     def __init__(self, bus: CanBus | files.CanLink) -> None:
+        """Raises ConfigError: python-can has no such interface."""
         self.name = f"{bus.interface}:{bus.channel}"
+        if bus.interface not in can.VALID_INTERFACES:
+            raise ConfigError(f"CAN bus {self.name}: {UnknownName('interface', bus.interface, can.VALID_INTERFACES)}")
         self._description = bus
         self._lock = threading.Lock()
         self._network: canopen.Network | None = None

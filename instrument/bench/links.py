@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -11,7 +11,7 @@ from palpate.instrument.config import Config, check
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.quantity import Seconds
 
-Timeout = Annotated[Seconds, Field(gt=0, le=60)]
+Timeout = Annotated[Seconds, Field(ge=1e-3, le=60)]
 
 
 class TcpLink(Config):
@@ -27,7 +27,7 @@ class SerialLine(Config):
 
     port: str = Field(min_length=1)
     baudrate: int = Field(default=115200, ge=1200, le=FASTEST, strict=True)
-    parity: Annotated[str, Field(pattern="^[NEO]$")] = "N"
+    parity: Literal["N", "E", "O"] = "N"
     stopbits: int = Field(default=1, ge=1, le=2, strict=True)
     timeout: Timeout = 1.0
 

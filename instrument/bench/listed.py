@@ -97,14 +97,8 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
         kind = _kind(section, where)
         if section.link not in links:
             raise UnknownName("link", section.link, links)
-        if section.role is not None and section.role in kind.cannot:
-            raise ConfigError(
-                f"{where}: role: a {kind.name} cannot be the {section.role}: {kind.cannot[section.role]}; it serves as "
-                f"{' or '.join(kind.roles)} alone"
-            )
-        if section.role is not None and section.role not in kind.roles:
-            raise UnknownName(f"role of a {kind.name}", section.role, kind.roles)
-    except UnknownName as error:
+        check_role(kind, section.role)
+    except (ConfigError, UnknownName) as error:
         raise ConfigError(f"{where}: {error}") from None
     link = links[section.link]
     if not any(isinstance(link, LINKS[each]) for each in kind.links):
@@ -120,11 +114,22 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
     unit: int = getattr(section, key)
     _check_unit(where, kind, key, unit)
     _check_inventory(where, kind, section)
-    settings = check(table, kind.settings, where)
+    settings = check(table, kind.settings, where, _Section.model_fields)
     return Listed(
         name, kind, section.link, unit, settings, section.role, section.optional, section.inventory, section.confirmed,
         section.set_to_link,
     )  # fmt: skip
+
+
+def check_role(kind: DeviceKind, role: Role | None) -> None:
+    """Raises ConfigError, UnknownName: a device of a kind cannot fill this role."""
+    if role is not None and role in kind.cannot:
+        raise ConfigError(
+            f"role: a {kind.name} cannot be the {role}: {kind.cannot[role]}; it serves as {' or '.join(kind.roles)} "
+            "alone"
+        )
+    if role is not None and role not in kind.roles:
+        raise UnknownName(f"role of a {kind.name}", role, kind.roles)
 
 
 def _check_unit(where: str, kind: DeviceKind, key: str, unit: int) -> None:

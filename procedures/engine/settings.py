@@ -17,6 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from palpate.instrument.errors import ConfigError, PalpateError, QuantityError, UnknownName, UsageError, quoted
 from palpate.instrument.quantity import parse, show
+from palpate.instrument.refusals import wrong
 from palpate.procedures.engine.procedure import P, Procedure, R, S
 from palpate.procedures.steps.checks import parse_steps
 
@@ -110,8 +111,9 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
             )
         except ValidationError as error:
             kind = inspect.formatannotation(types[field.name])
-            wrong = error.errors(include_url=False)[0]
-            raise UsageError(f"{told}: {_lowered(wrong['msg'])}; its type is {kind}") from None
+            first = dict(error.errors(include_url=False)[0])
+            inside = f": {quoted(first['input'])}" if first["loc"] else ""
+            raise UsageError(f"{told}{inside} {wrong(first)}; its type is {kind}") from None
 
 
 def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
@@ -202,7 +204,3 @@ def _shown(value: object, unit: str) -> str:
         texts = [_shown(each, unit) for each in value]
         return ", ".join(texts if len(texts) <= SHOWN else [*texts[: SHOWN - 2], "...", texts[-1]])
     return show(value, unit) if isinstance(value, float) or (unit and isinstance(value, int)) else str(value)
-
-
-def _lowered(message: str) -> str:
-    return message[:1].lower() + message[1:]

@@ -12,7 +12,8 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from palpate.instrument.bench.comparison import compared
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import check as checked
-from palpate.instrument.errors import ConfigError, RecordError
+from palpate.instrument.errors import ConfigError, RecordError, quoted
+from palpate.instrument.refusals import wrong
 from palpate.procedures.records.run import Run
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
@@ -59,8 +60,9 @@ def settings_of(run: Run, kind: type[T]) -> T:
 
 
 def _first(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
-    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    first: Mapping[str, Any] = dict(error.errors(include_url=False)[0])
+    key = ".".join(map(str, first["loc"]))
+    return f"{key}: is missing" if first["type"] == "missing" else f"{key}: {quoted(first['input'])} {wrong(first)}"
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any], where: str) -> list[str]:

@@ -15,9 +15,9 @@ from palpate.procedures.testing.wire import impatient_node
 from palpate.simulators.bench import SimulatedBench
 
 
-def test_an_unknown_can_interface_is_a_link_error_that_names_it(sim: SimulatedBench) -> None:
-    link = CanLink(sim.description.can.model_copy(update={"interface": "no_such_interface"}))
-    with pytest.raises(LinkError, match=r"CAN bus no_such_interface:.* cannot be opened"):
+def test_a_bus_that_cannot_be_opened_is_a_link_error_that_names_it(sim: SimulatedBench) -> None:
+    link = CanLink(sim.description.can.model_copy(update={"interface": "socketcan", "channel": "can_none"}))
+    with pytest.raises(LinkError, match=r"CAN bus socketcan:can_none cannot be opened"):
         link.open()
 
 

@@ -18,7 +18,7 @@ from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench.description import CanBus
 from palpate.instrument.bench.multicast import MULTICAST
 from palpate.instrument.contracts.sensor_node import shortest_transfer
-from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
 
 
 class Bus(can.BusABC):
@@ -152,6 +152,11 @@ def test_a_bus_is_opened_as_the_bench_file_says(link: CanLink) -> None:
     bus: Any = link.network.bus
     assert bus.settings == {"interface": "pcan", "channel": "USB1", "bitrate": 125_000}
     assert link.name == "pcan:USB1"
+
+
+def test_an_interface_that_python_can_does_not_have_is_refused_before_anything_is_opened() -> None:
+    with pytest.raises(ConfigError, match=r"unknown interface 'pcann' \(did you mean 'pcan'\?\); valid: .*socketcan"):
+        CanLink(CanBus.model_validate({**DESCRIBED, "interface": "pcann"}))
 
 
 @pytest.mark.parametrize(("interface", "kept", "heard"), [(MULTICAST, [77], 1), ("pcan", [], 2)])

@@ -168,15 +168,15 @@ scaling = { told_by = "decimals" }
         ("address = 9", "address = 65535", "net ends at address 65536; the addresses go from 0 to 65535"),
         ("address = 9", "address = -2", "net ends at address -1; the addresses go from 0 to 65535"),
         ("address = 9", 'address = "nine"', "field.net: address: 'nine' is no address; give a number"),
-        ("address = 9", "address = true", r"field.net: address: .* valid integer \(got True\)"),
+        ("address = 9", "address = true", "field.net: address: True is no whole number"),
         ("address = 9", "address = 9\nscale = 0", "field net: scale 0 is not finite and above 0"),
         (
             "address = 9",
             "address = 9\nscal = 2.0",
             "field.net: scal: unknown key .did you mean 'scale'.*; valid: access,",
         ),
-        ("address = 9", "address = 9\nchoices = { a = true }", r"field.net: choices.a: .* valid integer \(got True\)"),
-        ("address = 9", "address = 9\nmissing = ['1']", r"field.net: missing.0: .* valid integer \(got '1'\)"),
+        ("address = 9", "address = 9\nchoices = { a = true }", "field.net: choices.a: True is no whole number"),
+        ("address = 9", "address = 9\nmissing = ['1']", "field.net: missing.0: '1' is no whole number"),
         (
             "[command.save]",
             "[line]\nbitrate = 500000\n[command.save]",
@@ -196,8 +196,8 @@ scaling = { told_by = "decimals" }
         ('value = "save"', 'value = "tare"', "command save: .*command = 'tare' is no choice; valid: save"),
         ('says = "command save"', 'says = "save"', """frame 2: says: 'save': give "read", "write", "command","""),
         ("00 01 11 C8", "00 01 11 C", "frame 2: reply: '.* 11 C' is no message; give bytes as"),
-        ('bus = "modbus"', 'bus = "profibus"', r"device.bus: .*'modbus' or 'canopen' \(got 'profibus'\)"),
-        ('name = "transmitter"', 'name = "../transmitter"', "device.name: .*got '../transmitter'"),
+        ('bus = "modbus"', 'bus = "profibus"', "device.bus: 'profibus' is not known; valid: 'modbus' or 'canopen'"),
+        ('name = "transmitter"', 'name = "../transmitter"', "device.name: '../transmitter' does not have the form"),
     ],
 )
 def test_an_impossible_map_is_refused_with_file_table_value_and_what_is_allowed(

@@ -158,6 +158,9 @@ def test_a_list_of_runs_in_no_folder_is_refused(palpate: Palpate) -> None:
 # --- files ---------------------------------------------------------------------------------------------
 
 
+MAKERS = '[device.cell]\nkind = "flintec-dad-141"\nspan = 10.306\n'
+
+
 @pytest.mark.parametrize("option", ["--scene", "--bench"])
 @pytest.mark.parametrize(
     ("content", "message"),
@@ -183,13 +186,22 @@ def test_a_missing_or_malformed_file_is_refused(
     ("addition", "message"),
     [
         ("bitz = 12", "bitz: unknown key (did you mean 'bits'?)"),
-        ("bits = 40", "less than or equal to 16 (got 40)"),
+        ("bits = 40", "bits: 40 is too large; give at most 16"),
         ("[effects.charge_amplifier]\ntime_constant = 1", "time_constant: 1 needs a unit"),
         ("[effects.charge_amplifier]\ntime_constant = '1 N'", "'1 N' is in N where s belongs"),
-        ("[effects.charge_amplifier]\ntime_constant = '0 s'", "time_constant: Input should be greater than"),
+        ("[effects.charge_amplifier]\ntime_constant = '0 s'", "time_constant: 0.0 is too small; give at least 1 ns"),
         ("[effects.chargeamplifier]", "unknown effect (did you mean 'charge_amplifier'?)"),
         ("[rigs]", "rigs: unknown key (did you mean 'rig'?)"),
         ('[rig]\nforce_constant = "nan N/A"', "rig.force_constant"),
+        (
+            f'{MAKERS}inventory = "LAB-1"',
+            "device.cell: inventory: a simulated bench gives its devices links, addresses and labels itself; leave",
+        ),
+        (f"{MAKERS}unit = 3", "device.cell: unit: a simulated bench gives its devices links, addresses and labels"),
+        (f"{MAKERS}spam = 3", "spam: unknown key (did you mean 'span'?); valid: bandwidth, filter, gage_factor, kind,"),
+        (f'{MAKERS}role = "bogus"', "device.cell: role: 'bogus' is not known; valid: 'source', "),
+        (f'{MAKERS}role = "bias"', "device.cell: unknown role of a flintec-dad-141 'bias'; valid: load_indicator"),
+        (f"{MAKERS}optional = 3", "device.cell: optional: 3 is neither true nor false"),
     ],
 )
 def test_a_wrong_key_of_a_scene_is_named(palpate: Palpate, addition: str, message: str) -> None:

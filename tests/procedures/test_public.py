@@ -225,8 +225,8 @@ def test_after_a_pause_only_outputs_that_were_on_before_are_on(tmp_path: Path) -
     ("procedure", "wrong"),
     [
         (palpate.LoadSweep, "is no procedure; give an object of one"),
-        (palpate.LoadSweep(dwell="1 s"), "dwell = '1 s': input should be a valid number; its type is float"),  # type: ignore[arg-type]
-        (palpate.LoadSweep(samples="12"), "samples = '12': input should be a valid tuple"),  # type: ignore[arg-type]
+        (palpate.LoadSweep(dwell="1 s"), "dwell = '1 s' is no number; give one without quotes; its type is float"),  # type: ignore[arg-type]
+        (palpate.LoadSweep(samples="12"), "samples = '12' is no list"),  # type: ignore[arg-type]
         (palpate.LoadSweep(loads=()), r"loads = \(\): nothing is given; give at least one"),
         (palpate.FrequencySweep(()), r"frequencies = \(\): nothing is given"),
     ],

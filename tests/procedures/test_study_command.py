@@ -78,7 +78,10 @@ def test_a_cell_on_the_bench_is_the_sweep_on_that_bench(tmp_path: Path) -> None:
         ({"scene": "faulty.toml"}, "scene 'faulty' has faults, which only a bench meets; take how = 'bench'"),
         ({"modulus": "1 MPa"}, "modulus 1 MPa of sample '2' is outside the measured"),
         ({"design": "array_16"}, "nothing was measured with design 'array_16'; take model 'column'"),
-        ({"effects.white_noise.density": "-1 V/√Hz"}, "thesis_single: effects.white_noise: density: Input should be"),
+        (
+            {"effects.white_noise.density": "-1 V/√Hz"},
+            "thesis_single: effects.white_noise: density: -1.0 is too small",
+        ),
     ],
 )
 def test_a_cell_that_cannot_be_says_why(

@@ -51,7 +51,7 @@ def test_draws_lie_in_their_ranges_and_do_not_depend_on_how_many_there_are() -> 
         ('"1-3"', '"3-1"', "axes.seed: seeds '3-1' run backwards"),
         ('"1-3"', '"1-100000"', f"400000 cells of 2 loads are more than the {MOST_CELLS} cells"),
         ('"1-3"', "[-1]", "axes.seed: -1 is no seed"),
-        ('name = "grid"', 'name = "g"\nhow = "fast"', "how: Input should be 'closed form' or 'bench'"),
+        ('name = "grid"', 'name = "g"\nhow = "fast"', "how: 'fast' is not known; valid: 'closed form' or 'bench'"),
     ],
 )  # fmt: skip
 def test_what_is_no_study_is_refused(old: str, new: str, complaint: str) -> None:

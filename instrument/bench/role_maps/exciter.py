@@ -23,7 +23,8 @@ class ExciterSettings(Config):
     """
 
     full_scale: Annotated[
-        float, Field(gt=0, le=1, strict=True, description="the share of its rated effort that 10 V stand for, as 0.5")
+        float,
+        Field(ge=1e-3, le=1, strict=True, description="the share of its rated effort that 10 V stand for, as 0.5"),
     ]
 
 

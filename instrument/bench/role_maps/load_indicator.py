@@ -57,13 +57,18 @@ class LoadIndicatorSettings(Config):
 
     span: Annotated[
         float,
-        Field(gt=0, strict=True, description="the mV of the load cell for one unit of the display, as 10.306"),
+        Field(
+            ge=1e-6,
+            le=1e6,
+            strict=True,
+            description="the mV of the load cell for one unit of the display, as 10.306",
+        ),
     ]
     gage_factor: Annotated[float, Field(ge=0.5, le=20, strict=True)] = 8.98  # [T]
     filter: Annotated[int, Field(ge=0, strict=True)] | None = None
-    bandwidth: Annotated[Hertz, Field(gt=0)] | None = None
-    rate: Annotated[Hertz, Field(gt=0)] | None = None
-    resolution: Annotated[float, Field(gt=0, strict=True)] | None = None
+    bandwidth: Annotated[Hertz, Field(ge=0.01, le=1e5)] | None = None
+    rate: Annotated[Hertz, Field(ge=0.01, le=1e5)] | None = None
+    resolution: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] | None = None
 
 
 class LoadIndicatorMap(RoleMap):

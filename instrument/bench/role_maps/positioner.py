@@ -38,9 +38,9 @@ class PositionerSettings(Config):
     metres_per_step: Annotated[
         Number, AfterValidator(_a_step), Field(description="the lead of the screw by the steps of a turn in m, as 5e-7")
     ]
-    travel: Metres = Field(gt=0, le=1, description='the lowest position, downwards from home, as "50 mm"')
-    acceleration: float = Field(default=0.02, gt=0, le=10, strict=True)
-    torque: float = Field(default=0.5, gt=0, le=1, strict=True)
+    travel: Metres = Field(ge=1e-4, le=1, description='the lowest position, downwards from home, as "50 mm"')
+    acceleration: float = Field(default=0.02, ge=1e-6, le=10, strict=True)
+    torque: float = Field(default=0.5, ge=1e-3, le=1, strict=True)
 
 
 class State(Config):

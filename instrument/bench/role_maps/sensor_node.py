@@ -26,7 +26,7 @@ class NodeSettings(Config):
         sync_node: node id of the node on its bus that sends SYNC; None: it sends SYNC itself.
     """
 
-    volts_per_unit: Annotated[float, Field(gt=0, strict=True)] | None = None
+    volts_per_unit: Annotated[float, Field(ge=1e-9, le=1e3, strict=True)] | None = None
     sync_node: Annotated[int, Field(ge=1, le=127, strict=True)] | None = None
 
 
