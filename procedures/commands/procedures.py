@@ -17,7 +17,7 @@ from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.returned import calibration_saved, planned
 from palpate.procedures.engine.run import open_and_run, refuse
 from palpate.procedures.lab import keys
-from palpate.procedures.lab.open import Chosen, choose
+from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.session import Outcome, places
 from palpate.procedures.showing.points import print_points
 from palpate.procedures.steps.pause import NOBODY

@@ -10,8 +10,8 @@ from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, Result, S
 from palpate.procedures.engine.run import concluded, open_and_run
+from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.logged import LoggedRun
-from palpate.procedures.lab.open import Chosen
 
 
 @overload

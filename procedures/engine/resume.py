@@ -10,7 +10,7 @@ from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.run import concluded, open_and_run
-from palpate.procedures.lab.open import Chosen, choose
+from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.session import RUNS_BEFORE
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.headers import header_of

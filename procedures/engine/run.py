@@ -16,8 +16,9 @@ from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.returned import calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.calibrations import check_store
+from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.lab.open import Chosen, OpenBench, one_run, opened
+from palpate.procedures.lab.open import OpenBench, one_run, opened
 from palpate.procedures.lab.session import places, recording
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.resumed import Resumed

@@ -15,8 +15,9 @@ from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMPRESSION_TABLES
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.lab.open import choose, opened
+from palpate.procedures.lab.open import opened
 from palpate.procedures.lab.session import Session, recording
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries

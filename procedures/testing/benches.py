@@ -19,7 +19,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.errors import PalpateError
-from palpate.procedures.lab.open import DEFAULT_SCENE
+from palpate.procedures.lab.chosen import DEFAULT_SCENE
 from palpate.procedures.lab.operator import ConsoleOperator
 from palpate.procedures.testing.traffic import Traffic
 from palpate.simulators.bench import SimulatedBench

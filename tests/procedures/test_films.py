@@ -16,7 +16,7 @@ from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.dwell import Dwell
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.procedures.lab.open import Chosen
+from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run

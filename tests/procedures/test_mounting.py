@@ -15,7 +15,7 @@ import tomli_w
 from palpate.instrument.errors import UsageError
 from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.lab import operator
-from palpate.procedures.lab.open import choose
+from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.operator import Mounting, at_terminal, weaker
 from palpate.procedures.measurements.position.procedure import PositionSweep
 from palpate.procedures.measurements.temperature.procedure import TemperatureSweep

@@ -17,8 +17,8 @@ from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError, ConfigError, RangeError, SafetyError
+from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.lab.open import Chosen
 from palpate.procedures.logs.shown import read_log
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.study.description import StudyFile, study_of
