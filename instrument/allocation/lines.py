@@ -1,0 +1,113 @@
+"""Lines of uncertainty of an answer, what lowers each of them, and what that costs on the bench.
+
+    lines = [Line("gain scatter", 0.082, Unit.SET, 7), Line("noise", 0.002, Unit.SECOND)]
+    budget(lines, mountings=1, sets=3, dwell=0.1).u
+
+An answer that is the mean over k mountings, N sets in all and D seconds of dwell in all has the variance
+Σ u² / x + floor², where x is k, N or D by what lowers the line.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from palpate.instrument.errors import RangeError
+from palpate.instrument.uncertainty.budget import Budget, Component
+
+
+class Unit(Enum):
+    """What lowers a line: it falls with the square root of the number of these."""
+
+    SET = "set"
+    MOUNTING = "mounting"
+    SECOND = "second of dwell"
+    NOTHING = "nothing"
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One source of uncertainty of an answer.
+
+    Args:
+        name: what is uncertain, such as "gain scatter".
+        u: relative standard uncertainty of the answer from this source, with one unit.
+        per: what lowers it.
+        degrees_of_freedom: degrees of freedom of `u`, above 0; infinite where it is known exactly.
+
+    Raises:
+        RangeError: `u` is negative or not finite, or there are no degrees of freedom.
+    """
+
+    name: str
+    u: float
+    per: Unit
+    degrees_of_freedom: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.u) and self.u >= 0):
+            raise RangeError(f"line {self.name!r}: standard uncertainty {self.u:g}; give a finite one of 0 or more")
+        if not self.degrees_of_freedom > 0:
+            raise RangeError(f"line {self.name!r}: {self.degrees_of_freedom:g} degrees of freedom; give more than 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """What a plan takes on the bench [s]; a second of dwell takes one second besides.
+
+    Args:
+        start: what is paid once, whatever the plan: zero, end of the run.
+        mounting: each mounting, the first as well: a person's part, approach, preload.
+        set: each set, without its dwell: drive, servo, settling, readings.
+        person: the part of `mounting` that a person takes. A computation of this length delays nothing.
+
+    Raises:
+        RangeError: a cost is negative or not finite, or a person takes longer than the mounting.
+    """
+
+    start: float
+    mounting: float
+    set: float
+    person: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("start", "mounting", "set", "person"):
+            if not (math.isfinite(seconds := getattr(self, name)) and seconds >= 0):
+                raise RangeError(f"cost {name!r}: {seconds:g} s; give a finite time of 0 or more")
+        if self.person > self.mounting:
+            raise RangeError(
+                f"a person takes {self.person:g} s of a mounting of {self.mounting:g} s; give no more than the mounting"
+            )
+
+    def seconds(self, mountings: float, sets: float, dwell: float) -> float:
+        """Bench time of a plan. `sets` are those of all mountings together, `dwell` is that of one set [s]."""
+        return self.start + self.mounting * mountings + (self.set + dwell) * sets
+
+
+def budget(lines: Sequence[Line], mountings: int, sets: int, dwell: float) -> Budget:
+    """Relative uncertainty of the answer by the lines: `u`, `degrees_of_freedom`, and `rows()` with each line's share.
+
+    Args:
+        lines: lines with names of their own.
+        mountings: number of mountings, each with as many sets.
+        sets: number of sets in all mountings together.
+        dwell: dwell of one set [s].
+
+    Raises:
+        RangeError: there is not one set for each mounting, or no dwell.
+        EstimateError: two lines share a name.
+    """
+    if not (1 <= mountings <= sets and dwell > 0):
+        raise RangeError(
+            f"{mountings} mountings, {sets} sets, {dwell:g} s of dwell: give one mounting or more, one set or more"
+            " for each mounting, and a dwell above 0"
+        )
+    units = {Unit.MOUNTING: mountings, Unit.SET: sets, Unit.SECOND: sets * dwell, Unit.NOTHING: 1}
+    return Budget(
+        "relative deviation",
+        0.0,
+        "1",
+        tuple(Component(e.name, e.u / math.sqrt(units[e.per]), 1.0, e.degrees_of_freedom) for e in lines),
+    )
