@@ -98,6 +98,7 @@ def measure(
     record: Recorder,
     what: str = "",
     compare: bool = True,
+    quick: bool = False,
 ) -> FilmPoint:
     """Measure the point at the load that the servo has set.
 
@@ -114,6 +115,8 @@ def measure(
         record: record of the run, for events.
         what: names the point in events.
         compare: whether films and load cell must agree on the force; not where the films' sensitivity is measured.
+        quick: read the load cell once instead of several times, and do not wait for it while the films settle: where
+            only the ratio is sought, and the load's amplitude is known.
 
     Raises:
         SafetyError, DeviceError, LinkError, UnreachableError: the bench failed.
@@ -124,7 +127,7 @@ def measure(
         point = carry_out(
             films.bench,
             named,
-            lambda attempt=attempt: _attempt(films, servo, load, dwell, attempt, compare),  # type: ignore[misc]
+            lambda attempt=attempt: _attempt(films, servo, load, dwell, attempt, compare, quick),  # type: ignore[misc]
             again=lambda: servo.set(load),
         )
         if point.valid or attempt == ATTEMPTS:
@@ -148,14 +151,15 @@ def measure(
 
 
 def _attempt(
-    films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int, compare: bool
+    films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int, compare: bool, quick: bool
 ) -> FilmPoint:
-    short, settling, settled = films.settle(servo.watch, dwell if isinstance(dwell, float) else None)
+    watch, readings = (servo.glance, 1) if quick else (servo.watch, READINGS)
+    short, settling, settled = films.settle(watch, dwell if isinstance(dwell, float) else None)
     heard = films.emergencies()
     record, duration, predicted_u = _recorded(films, dwell, short)
-    reading = servo.read()
+    reading = servo.read(readings)
     films.bench.role(Exciter).check()
-    measured, measured_u = servo.calibration.load(reading.reading_mV, READINGS)
+    measured, measured_u = servo.calibration.load(reading.reading_mV, readings)
     measured_u = math.hypot(measured_u, reading.u_mV / servo.calibration.sensitivity_mV_per_N)
     known = float(servo.calibration.degrees_of_freedom or math.inf)
     fit = films.fit(record)

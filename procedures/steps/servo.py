@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NoReturn
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.roles import Exciter, LoadIndicator
+from palpate.drivers.roles import Exciter, LoadIndicator, is_difference
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, SafetyError, UnreachableError
 from palpate.instrument.quantity import show
@@ -17,6 +18,7 @@ LARGEST_GROWTH = 3.0  # of the amplitude, in one servo step
 SERVO_STEPS = 10
 LOAD_TOLERANCE = 0.01  # of the load; never finer than 0.6 of the indicator's resolution
 RESERVE = 0.95  # of the exciter's limit
+RELEASED = 1.0  # cycles without a drive between two load sets
 
 
 def window(frequency: float) -> float:
@@ -72,6 +74,15 @@ class LoadServo:
             f"{show(self._amplitude, 'V')}; check the mounting of the sample"
         )
 
+    def again(self) -> None:
+        """Make a new load set of the load that was set last: the drive goes off, then back to its known amplitude.
+
+        The load cell need not tell the amplitude anew. Look at the force with `glance` while the films settle.
+        """
+        self._exciter.sine(self._frequency, 0.0)
+        self._bench.clock.wait(RELEASED / self._frequency)
+        self._exciter.sine(self._frequency, self._amplitude)
+
     @property
     def amplitude(self) -> float:
         """Peak of the exciter's sine [V]."""
@@ -86,9 +97,17 @@ class LoadServo:
         """
         self._checked(self._mean(1))
 
-    def read(self) -> IndicatorMean:
-        """The indicator's reading under the load. Raises SafetyError, DeviceError as `watch`."""
-        reading = self._mean()
+    def glance(self) -> None:
+        """As `watch`, but take the present reading, whether it is stable already or not."""
+        reading = self._indicator.read()
+        whole = self._whole(IndicatorMean(reading.reading_mV, not reading.sick, is_difference(reading)))
+        self._within_limit(whole.reading_mV)
+        if not whole.valid:
+            self._give_up()
+
+    def read(self, count: int = READINGS) -> IndicatorMean:
+        """Mean of `count` readings of the indicator under the load. Raises SafetyError, DeviceError as `watch`."""
+        reading = self._mean(count)
         self._checked(reading)
         return reading
 
@@ -125,8 +144,10 @@ class LoadServo:
             )
 
     def _mean(self, count: int = READINGS) -> IndicatorMean:
-        """Mean reading, with the zero of the calibration in it, which a difference of two loads lacks."""
-        mean = read_indicator(self._bench, count, self._unstable)
+        return self._whole(read_indicator(self._bench, count, self._unstable))
+
+    def _whole(self, mean: IndicatorMean) -> IndicatorMean:
+        """A mean reading with the zero of the calibration in it, which a difference of two loads lacks."""
         if not mean.difference:
             return mean
         return replace(mean, reading_mV=mean.reading_mV + self.calibration.zero_mV)
@@ -138,14 +159,17 @@ class LoadServo:
         """
         self._within_limit(reading.reading_mV)
         if not reading.valid:
-            self._bench.rest()
-            name = self._indicator.name
-            raise DeviceError(
-                f"{name}: no valid reading while driving; outputs are off. Check the bridge and the mounting of the "
-                "sample",
-                device=name,
-            )
+            self._give_up()
         return self.calibration.load(reading.reading_mV)[0]
+
+    def _give_up(self) -> NoReturn:
+        """Switch the outputs off, because the load is not known. Raises DeviceError."""
+        self._bench.rest()
+        name = self._indicator.name
+        raise DeviceError(
+            f"{name}: no valid reading while driving; outputs are off. Check the bridge and the mounting of the sample",
+            device=name,
+        )
 
     def _unstable(self, reading_mV: float) -> None:
         """Look for the cause while a reading [mV] is not stable: too much force, or a device that lost its settings.
