@@ -237,9 +237,10 @@ LIMITED = """
 from dataclasses import replace
 from palpate.instrument.bench.kinds import KINDS, DeviceKind
 from palpate.instrument.contracts.contract import Contract, Identity, probe
+DRIVER = "palpate.drivers.devices.modbus_device:ModbusDevice"
 def kind(name, link, role, **limits):
     contract = Contract(name, name, "modbus", Identity("Acme", name, "1.0"), (probe(0),))
-    return DeviceKind(contract, (link,), "nowhere:Driver", "nowhere:Simulated", roles=(role,), **limits)
+    return DeviceKind(contract, (link,), DRIVER, "nowhere:Simulated", roles=(role,), **limits)
 FINE = kind("fine-exciter", "modbus-tcp", "exciter", frequency_step=1e-4)
 COARSE = kind("coarse-exciter", "modbus-tcp", "exciter", frequency_step=0.5)
 SILENT = kind("silent-exciter", "modbus-tcp", "exciter")

@@ -94,7 +94,7 @@ MEMBERS = {  # what a script or a class of its own uses
     "OpenBench": "bench chosen lab log runs scene started target today wall_start",
     "Plan": "procedure seconds steps summary",
     "Procedure": (
-        "automated_by begin calibrating check check_result constants evaluate manual_work name "
+        "automated_by begin calibrating check check_result constants enough evaluate manual_work name "
         "newer_settings pausable plan point recorded report required_loads resumable_on_real_bench "
         "save_calibration"
     ),
