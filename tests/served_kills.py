@@ -271,7 +271,7 @@ class Rounds:
         if blow.number is not None:
             found["killed" if blow.number == signal.SIGKILL else "interrupted"] += blow.struck and status != 0
             self._served.sim.clock.wait(self._served.description.watchdog)
-            output = self._served.sim.amplifier.voltage()
+            output = self._served.sim.rig.coil_voltage()
             found["left on"] += bool(output.mean or output.amplitude.any())
         elif blow.struck:
             found["meddled with"] += 1
@@ -311,11 +311,11 @@ def _drawn(chance: random.Random) -> Blow:
 
 
 @contextmanager
-def rounds(folder: Path) -> Iterator[Rounds]:
+def rounds(folder: Path, scene: str = "thesis_single") -> Iterator[Rounds]:
     """A served bench with a sample changer, and a client; all of it ends with the block."""
     bench = folder / "bench.toml"
     samples = tuple(get_sample(name) for name in SAMPLES)
-    wish = Wish(read_scene("thesis_single"), Place(interface=MULTICAST), None, 1.0, 1.0, samples, bench)
+    wish = Wish(read_scene(scene), Place(interface=MULTICAST), None, 1.0, 1.0, samples, bench)
     with serving(wish) as served, Client(served, folder) as client:
         yield Rounds(served, client, folder, bench)
 

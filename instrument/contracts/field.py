@@ -233,9 +233,9 @@ class Field:
         return (*scale, *((self.sign[0],) if self.sign else ()))
 
     def to_raw(self, value: float) -> float:
-        """Raw value of a physical value, not checked; a whole number except for floats."""
+        """Raw value of a physical value, not checked; a whole number except for floats, and for what is too large."""
         raw = (value - self.offset) / self.scale
-        return raw if self.type.startswith("float") else round(raw)
+        return raw if self.type.startswith("float") or not math.isfinite(raw) else round(raw)
 
     def beyond(self, value: float) -> str:
         """Text that says that a value is outside the limits or no choice."""

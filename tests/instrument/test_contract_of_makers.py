@@ -261,6 +261,8 @@ def test_a_value_that_says_that_there_is_none_is_not_a_number() -> None:
         ({"missing": (2**31,)}, "cannot be limits or choices of a int32"),
         ({"endures": -1}, "endures = -1 writes"),
         ({"scale": 5e-324}, "scale = 4.94066e-324 is outside 1e-30 to 1e+30"),
+        ({"scale": 5e-324, "maximum": 100.0}, "[100.0] cannot be limits or choices of a int32"),
+        ({"scale": 1e-9, "maximum": 1e308}, "[1e+308] cannot be limits or choices of a int32"),
         ({"choices": {"a": 10**400}}, "cannot be limits or choices of a int32"),
         ({"missing": (10**400,)}, "cannot be limits or choices of a int32"),
         ({"type": "uint64", "choices": {"a": 2**53 + 1}}, "cannot be limits or choices of a uint64"),
@@ -287,6 +289,12 @@ def test_a_value_that_says_that_there_is_none_is_not_a_number() -> None:
 def test_a_field_that_no_device_has_is_refused(given: Mapping[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(message)):
         one(**given)
+
+
+def test_a_limit_beyond_all_raw_values_of_a_scale_that_the_device_tells_is_no_limit() -> None:
+    made = contract(replace(SCALED, access="rw", scale=1e-9, minimum=0.0, maximum=1e308), SCALE)
+    with pytest.raises(RangeError, match=r"value = 1e\+290 does not fit a int16"):
+        made.encode("value", 1e290, {"scale": 0})
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import time
 from pathlib import Path
 
 import pytest
 
 from palpate.instrument.contracts.contract import sdo
+from palpate.instrument.contracts.maps import eds
 from palpate.instrument.contracts.maps.eds import LARGEST_SHEET
 from palpate.instrument.contracts.maps.imported import imported
 from palpate.instrument.contracts.maps.map_file import DeviceMap, map_of
@@ -131,6 +133,18 @@ def test_a_file_that_is_none_is_refused(text: str, wrong: str, tmp_path: Path) -
         of(tmp_path, text, "6071")
     assert str(refused.value).startswith((str(tmp_path / "drive.eds"), "drive.eds"))
     assert wrong in str(refused.value)
+
+
+def test_a_name_in_a_file_reaches_no_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The library warns of an unknown data type with the object's name; pytest's own handlers are out of its way."""
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    file = tmp_path / "hostile.eds"
+    strange = {"ParameterName": "\x1b[2J", "DataType": "0x77", "AccessType": "ro"}
+    file.write_text(drive() + section("2000", **strange))
+    assert eds.read_sheet(file).objects[0x2000].name == "\x1b[2J"
+    assert capsys.readouterr().err == ""
 
 
 def test_a_huge_file_is_not_read(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import logging
 import os
 import re
 import struct
@@ -26,6 +27,7 @@ from palpate.instrument.contracts.pdo import COB_ID, LARGEST, PDOS, TRANSMISSION
 from palpate.instrument.contracts.wire_types import Type, codec
 from palpate.instrument.errors import ConfigError, check_path
 
+logging.getLogger("canopen").addHandler(logging.NullHandler())  # its warnings print names of a file as they are
 FOLDERS = "PALPATE_EDS"  # environment variable: folders of makers' own files
 LARGEST_SHEET = 10_000_000  # bytes; files of thousands of objects have one or two million
 TYPES: dict[int, Type] = {
