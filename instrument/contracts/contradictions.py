@@ -48,7 +48,10 @@ class Attributes(Protocol):
     @property
     def length(self) -> int: ...
     @property
+    def scaling(self) -> object | None: ...
+    @property
     def limits(self) -> tuple[float, float]: ...
+    def holds(self, value: float) -> bool: ...
 
 
 def check_once(title: str, what: str, names: Sequence[str]) -> None:
@@ -93,6 +96,8 @@ def _problems(f: Attributes) -> Iterator[str]:
         yield f"scale = {f.scale:g} is outside {LEAST_SCALE:g} to {GREATEST_SCALE:g}"
     if isinstance(f.default, str) or not math.isfinite(f.default):
         yield f"default = {f.default!r}; give a number for a {f.type}"
+    elif f.default and f.scaling is None and not f.holds(f.default):  # 0 may just be left out
+        yield f"default = {f.default:g} {f.unit}".rstrip() + f" does not fit a {f.type} with the scale {f.scale:g}"
     for what, named in (("choices", f.choices), ("bits", f.bits)):
         yield from _ambiguous(what, named)
         if named and (given := _given(f, OF_SCALED)):

@@ -143,7 +143,7 @@ class Field:
         """Raises ConfigError: the type cannot have such limits, choices, bits or sign."""
         self._check_part()
         limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
-        wrong = [value for value in limits if not (math.isfinite(value) if self.scaling else self._holds(value))]
+        wrong = [value for value in limits if not (math.isfinite(value) if self.scaling else self.holds(value))]
         wrong += [raw for raw in (*self.choices.values(), *self.missing) if not self._fits(raw)]
         if wrong or limits != sorted(limits):
             raise ConfigError(f"field {self.name}: {wrong or limits} cannot be limits or choices of a {self.type}")
@@ -181,7 +181,7 @@ class Field:
                 "bits of a uint16"
             )
 
-    def _holds(self, value: float) -> bool:
+    def holds(self, value: float) -> bool:
         """Whether the type can hold a physical value."""
         return math.isfinite(value) and self._fits(self.to_raw(value))
 

@@ -99,7 +99,7 @@ def _variable(f: Field, mapped: Collection[str]) -> Any:
     if f.type == "text":
         variable.default = f.default
         return variable
-    variable.default = round(float(f.default) / f.scale)
+    variable.default = f.to_raw(float(f.default))
     if f.minimum is not None and f.maximum is not None:
-        variable.min, variable.max = round(f.minimum / f.scale), round(f.maximum / f.scale)
+        variable.min, variable.max = f.to_raw(f.minimum), f.to_raw(f.maximum)
     return variable

@@ -281,6 +281,8 @@ def test_a_value_that_says_that_there_is_none_is_not_a_number() -> None:
         ({"length": 4}, "length = 4, which is for texts"),
         ({"default": "a"}, "default = 'a'; give a number for a int32"),
         ({"default": math.nan}, "default = nan"),
+        ({"default": 1e308, "scale": 1e-9}, "default = 1e+308 does not fit a int32 with the scale 1e-09"),
+        ({"default": 40_000, "type": "int16"}, "default = 40000 does not fit a int16"),
         ({"meaning": "\x1b[31m"}, "meaning = '\\x1b[31m' holds characters that cannot be printed"),
         ({"name": "größe"}, "field 'größe': give a name of up to 64 lower-case letters"),
         ({"name": ""}, "field '': give a name"),
