@@ -6,14 +6,9 @@ import math
 from dataclasses import dataclass
 
 from palpate.drivers.devices.either_bus import EitherBus
-from palpate.drivers.mapped.following import LARGEST_LOSS, Following, pauses
-from palpate.instrument.bench.role_maps.load_indicator import (
-    FilterTable,
-    LoadIndicatorMap,
-    LoadIndicatorSettings,
-    LowPass,
-    says,
-)
+from palpate.drivers.mapped.following import pauses
+from palpate.drivers.mapped.reading_filter import ReadingFilter
+from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, says
 from palpate.instrument.errors import DeviceError, RangeError
 
 TINY = 1e-9  # of the unit of a display; a float of this size is no load, but one whose words are swapped
@@ -63,12 +58,11 @@ class LoadIndicator(EitherBus):
     resolution_mV = math.nan
     gage_factor = math.nan
     _settings_of: LoadIndicatorSettings
+    _filter: ReadingFilter
     _window: float | None = None
     _time_constant = 0.1
     _relative_u = 0.0
     _moving = False  # whether the load has moved since it is read peak to peak
-    _level: float | None = None  # raw value of its filter
-    _restored: frozenset[str] = frozenset()  # settings of its filter that a recovery writes again
     _step = math.nan  # of its display, in its unit
 
     @property
@@ -86,18 +80,16 @@ class LoadIndicator(EitherBus):
                 that the device tells itself.
             LinkError, DeviceError: the device does not answer, or reads no step.
         """
-        self._check_keys(settings)
-        self._settings_of, self.gage_factor = settings, settings.gage_factor
-        table = self._map.filter
-        if table is not None and settings.filter is not None:
-            self.give(**{table.field: settings.filter})
-            self._restored = frozenset({table.field})
-        self._level = self.get(table.field) if table else None
+        self._take(settings)
+        self._filter.set_up()
         self._step = self._shown_step()
         self.resolution_mV = self._step * settings.span
 
-    def _check_keys(self, settings: LoadIndicatorSettings) -> None:
-        """Raises RangeError: a key is missing, tells what the device tells itself, or is no level of the filter."""
+    def _take(self, settings: LoadIndicatorSettings) -> None:
+        """Take in its section.
+
+        Raises RangeError: a key is missing, tells what the device tells itself, or is no level of the filter.
+        """
         table = self._map.filter
         told = {"bandwidth": bool(table), "resolution": bool(self._map.step)}
         if double := [key for key, read in told.items() if read and getattr(settings, key) is not None]:
@@ -110,12 +102,14 @@ class LoadIndicator(EitherBus):
                 f"{self.name}: no field tells the step of its display; write resolution = NUMBER in its section "
                 f"({self.contract[self._map.reading].unit or 'in the unit of the display'})"
             )
+        self._settings_of, self.gage_factor = settings, settings.gage_factor
+        self._filter = ReadingFilter(self, self._map, settings)
 
     def _shown_step(self) -> float:
         """Step of the display, in its unit. Raises LinkError, DeviceError."""
         role = self._map
         if not role.step:
-            assert self._settings_of.resolution is not None  # `_check_keys`
+            assert self._settings_of.resolution is not None  # `_take`
             return self._settings_of.resolution
         told = self.get(role.step)
         step = role.steps.get(f"{told:g}", math.nan) if role.steps else told
@@ -123,69 +117,17 @@ class LoadIndicator(EitherBus):
             raise DeviceError(f"{self.name}: {role.step} reads {told:g}, which is no step of a display; check the map")
         return step
 
-    @property
-    def _following(self) -> Following:
-        """What its readings can follow. Raises RangeError: nothing tells its filter."""
-        role, given = self._map, self._settings_of
-        if role.filter is None:
-            if given.bandwidth is None:
-                raise RangeError(
-                    f"{self.name}: no field tells the filter of its readings, so it is not known which forces they "
-                    'follow; write bandwidth = "NUMBER Hz" in its section, as set at the device'
-                )
-            low_pass = LowPass(corner=given.bandwidth)
-        else:
-            found = role.filter.levels.get(f"{self._level:g}")
-            if found is None:
-                raise RangeError(
-                    f"{self.name}: {role.filter.field} reads {self._level:g}, of which the map tells no cut-off "
-                    f"frequency; write filter = one of {', '.join(role.filter.levels)} in its section"
-                )
-            low_pass = found
-        return Following(low_pass, given.rate or role.rate, polled=not role.extremes)
-
-    def _check_needs(self, table: FilterTable) -> None:
-        """Raises RangeError: another kind of filter is set than that of which the map tells the frequencies."""
-        for name, needed in table.needs.items():
-            if (found := self.get(name)) != needed:
-                raise RangeError(
-                    f"{self.name}: {name} reads {self.contract.choice(name, found)}; the map tells cut-off frequencies "
-                    f"for {self.contract.choice(name, needed)} alone; set it so at the device"
-                )
-
     def check_section(self, settings: LoadIndicatorSettings, frequency: float) -> None:
         """As for every device; a filter that is not set by the section is known to the device alone."""
-        self._check_keys(settings)
-        self._settings_of, self._level = settings, settings.filter
-        if self._map.filter is None or settings.filter is not None:
-            self._check_loss(frequency)
+        self._take(settings)
+        if self._filter.told_by_section:
+            self._filter.check_frequency(frequency)
 
     def check_frequency(self, frequency: float) -> None:
         """As for every device. Raises RangeError: a peak-to-peak reading would lose too much at this frequency [Hz]."""
-        if self._map.filter is not None:
-            self._check_needs(self._map.filter)
-        self._check_loss(frequency)
-
-    def _check_loss(self, frequency: float) -> None:
-        """Raises RangeError: see `check_frequency`."""
-        following = self._following
-        self._relative_u = following.relative_u(frequency)
-        if (loss := following.loss(frequency)) <= LARGEST_LOSS:
-            return
-        table = self._map.filter
-        better = {
-            level: Following(low_pass, following.rate, following.polled)
-            for level, low_pass in (table.levels if table else {}).items()
-        }
-        able = [level for level, each in better.items() if each.loss(frequency) <= LARGEST_LOSS]
-        now = f"{table.field} = {self._level:g}: " if table else ""
-        faster = "" if table else "set the device faster and write its bandwidth and rate in its section, or "
-        remedy = f"write filter = {able[0]} in its section, or " if able else faster
-        raise RangeError(
-            f"{self.name}: its readings ({now}{following.filter.corner:g} Hz, {following.rate:g} a second) lose up to "
-            f"{100 * loss:.0f} % of a force at {frequency:g} Hz, {100 * LARGEST_LOSS:g} % are allowed; {remedy}drive "
-            f"at up to {following.highest():.2g} Hz"
-        )
+        self._filter.check_kind()
+        self._filter.check_frequency(frequency)
+        self._relative_u = self._filter.following.relative_u(frequency)
 
     def track(self, time_constant: float) -> None:
         """From now on read the load. Its own filter stays; `time_constant` [s] is how long repeated readings take."""
@@ -244,16 +186,7 @@ class LoadIndicator(EitherBus):
         if not sick and self._frozen(value, values):
             sick = "display not updated"
         u_mV = self._relative_u * abs(value) * self._settings_of.span
-        return self._made(value, sick, self._unchanged(), difference=True, u_mV=u_mV)
-
-    def _unchanged(self) -> bool:
-        """Whether the filter is still as it was: with another one the load would be taken for less than it is."""
-        table = self._map.filter
-        return table is None or all(self.get(name) == value for name, value in self._levels(table).items())
-
-    def _levels(self, table: FilterTable) -> dict[str, float | None]:
-        """What the fields of the filter must read."""
-        return {table.field: self._level, **table.needs}
+        return self._made(value, sick, self._filter.unchanged(), difference=True, u_mV=u_mV)
 
     def _frozen(self, value: float, values: list[float]) -> bool:
         """Whether the display stands still although the load moves, or has moved since it is read peak to peak."""
@@ -293,11 +226,7 @@ class LoadIndicator(EitherBus):
 
     def differences(self) -> list[str]:
         """As for every device; also a filter, or a step of the display, that somebody has changed."""
-        found = super().differences()
-        levels = self._levels(self._map.filter) if self._map.filter else {}
-        for name, value in levels.items():
-            if name not in self._restored and (now := self.get(name)) != value:
-                found.append(f"{self.name}: {name} is {now:g}, was {value:g}")
+        found = super().differences() + self._filter.changes()
         if self._map.step and (step := self._shown_step()) != self._step:
             raise DeviceError(
                 f"{self.name}: {self._map.step} says {step:g} {self.contract[self._map.reading].unit}".rstrip()
