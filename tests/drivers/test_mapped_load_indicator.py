@@ -97,6 +97,14 @@ def indicator(kind: str, section: dict[str, Any] | None = None, set_up: bool = T
     return device
 
 
+def shaken(device: Straight, swing: float) -> None:
+    """The device reads peak to peak, and the load has swung by this much [N] for a while."""
+    device.check_frequency(FREQUENCY)
+    device.peak_to_peak(0.5)
+    device.twin.rig.load(3.0, swing)
+    device.clock.wait(1.0)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_it_shows_becomes_millivolts_of_the_load_cell(kind: str) -> None:
     device = indicator(kind)
@@ -113,10 +121,7 @@ def test_what_it_shows_becomes_millivolts_of_the_load_cell(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_peak_to_peak_load_is_right_within_what_it_says_of_itself(kind: str) -> None:
     device = indicator(kind)
-    device.check_frequency(FREQUENCY)
-    device.peak_to_peak(0.5)
-    device.twin.rig.load(3.0, 4.0)
-    device.clock.wait(1.0)
+    shaken(device, 4.0)
     found = device.read()
     assert found.valid
     assert found.difference
@@ -141,10 +146,7 @@ def test_greatest_and_least_readings_make_a_peak_to_peak_value() -> None:
     true = indicator("flintec-dad-141")
     readings = []
     for device in (both, true):
-        device.check_frequency(FREQUENCY)
-        device.peak_to_peak(0.5)
-        device.twin.rig.load(3.0, 2.0)
-        device.clock.wait(1.0)
+        shaken(device, 2.0)
         readings.append(device.read().reading_mV)
     assert readings[0] == pytest.approx(readings[1], abs=1.01e-3 * SPAN)
 
@@ -281,10 +283,7 @@ def test_a_reading_that_is_missing_is_in_no_range(window: float | None) -> None:
 @pytest.mark.parametrize("kind", ["flintec-dad-141", "laumas-tlb4"])
 def test_a_display_that_stands_still_while_the_load_moves_is_sick(kind: str) -> None:
     device = indicator(kind)
-    device.check_frequency(FREQUENCY)
-    device.peak_to_peak(0.5)
-    device.twin.rig.load(3.0, 2.0)
-    device.clock.wait(1.0)
+    shaken(device, 2.0)
     assert device.read().valid
     read, stuck = device.twin.read, {name: device.twin.read(name) for name in device.twin.readings}
     device.twin.read = lambda name: stuck.get(name, 0.0) if name in stuck else read(name)  # type: ignore[method-assign]
