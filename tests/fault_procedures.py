@@ -116,8 +116,8 @@ def _softness(bench: Bench, record: Recorder) -> Found:
     result = conduct(SoftnessTest((get_sample(SAMPLE),), LOADS[::2], DWELL, FREQUENCY), _lab(bench), record)
     found = _ratios(result.points)
     for each in result.objects:
-        if each.modulus_Pa is not None and each.low_Pa is not None and each.high_Pa is not None:
-            found["modulus"] = Value(each.modulus_Pa, (each.high_Pa - each.low_Pa) / 4)
+        if each.modulus_Pa is not None and each.scale_low_Pa is not None and each.scale_high_Pa is not None:
+            found["modulus"] = Value(each.modulus_Pa, (each.scale_high_Pa - each.scale_low_Pa) / 4)
     return found
 
 

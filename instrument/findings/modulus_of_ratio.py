@@ -87,13 +87,24 @@ def modulus_of_ratio(
     factors = [coverage_factor(float(each), coverage) for each in np.atleast_1d(np.asarray(degrees_of_freedom))]
     factor = np.reshape(factors, np.shape(degrees_of_freedom))
     spread = factor * uncertainty + curve.error + np.asarray(error, dtype=np.float64)
+    return modulus_within(curve, given, given - spread, given + spread)
+
+
+def modulus_within(curve: RatioCurve, given: Array, lowest: Array, highest: Array) -> ModulusEstimate:
+    """Modulus of the sensed object for each force ratio, whose interval is known.
+
+    Args:
+        curve: force ratio over modulus, by a model.
+        given: force ratios between 0 and 1.
+        lowest, highest: ends of the interval of each ratio.
+    """
     least, greatest = curve.ratios
     left, right = _moduli_between(curve, given, given)
     outside = (given < least) | (given > greatest)
     ambiguous = right - left > 1e-9
     # A ratio outside the curve has no modulus; its interval is that of the nearest ratio on the curve.
-    low, high = _moduli_between(curve, np.minimum(given - spread, greatest), np.maximum(given + spread, least))
-    misfit = ((given + spread < least) | (given - spread > greatest)) & np.isfinite(low) & np.isfinite(high)
+    low, high = _moduli_between(curve, np.minimum(lowest, greatest), np.maximum(highest, least))
+    misfit = ((highest < least) | (lowest > greatest)) & np.isfinite(low) & np.isfinite(high)
     low, high = np.where(misfit, -np.inf, low), np.where(misfit, np.inf, high)
 
     with np.errstate(divide="ignore"):

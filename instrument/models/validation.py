@@ -77,6 +77,32 @@ class Validation:
         """Error at that sample, with its sign [percent]."""
         return None if self.worst_sample is None else self.percent[self.worst_sample]
 
+    @property
+    def ln_errors(self) -> list[float]:
+        """ln of the model's ratio over the measured mean, for each sample."""
+        return [math.log1p(value / 100) for value in self.percent.values()]
+
+    @property
+    def ln_mean(self) -> float | None:
+        """Mean of `ln_errors`."""
+        return math.fsum(self.ln_errors) / len(self.percent) if self.percent else None
+
+    @property
+    def ln_spread(self) -> float | None:
+        """Standard deviation of `ln_errors` about their mean, with one degree of freedom fewer than there are samples.
+
+        None: there are fewer than two samples.
+        """
+        mean = self.ln_mean
+        if mean is None or len(self.percent) < 2:
+            return None
+        return math.sqrt(math.fsum((each - mean) ** 2 for each in self.ln_errors) / (len(self.percent) - 1))
+
+    @property
+    def ln_rms(self) -> float | None:
+        """Root of the mean square of `ln_errors`, with as many degrees of freedom as there are samples."""
+        return math.sqrt(math.fsum(each**2 for each in self.ln_errors) / len(self.percent)) if self.percent else None
+
     def record(self) -> dict[str, Any]:
         """The comparison with the names that JSON has."""
         return {
@@ -90,6 +116,9 @@ class Validation:
             "worst_percent": self.worst,
             "worst_sample": self.worst_sample,
             "samples_percent": dict(self.percent),
+            "ln_mean": self.ln_mean,
+            "ln_spread": self.ln_spread,
+            "ln_rms": self.ln_rms,
         }
 
 

@@ -170,12 +170,12 @@ def ratio(
 def modulus(
     force_ratio: tuple[float, ...], uncertainty: float | None, question: Question, as_json: bool, quiet: bool
 ) -> None:
-    """Find the Young modulus of the sensed object from the force ratio, with a 95 % interval.
+    """Find the Young modulus of the sensed object from the force ratio, with two uncertainties.
 
     Near the ratio of a very hard or a very soft object, and outside the model's range, the answer is only a bound.
-    The interval includes the uncertainty of the ratio, the model's error estimate and, if the price list has it, the
-    model error. It does not include the validation error, the difference from the thesis' experiments, which is printed
-    below.
+    The uncertainty on the scale of the model includes that of the ratio, the model's error estimate and, if the price
+    list has it, the model error. The absolute uncertainty includes the validation error, too: how far the model lies
+    from experiments. It is not known where nobody has measured the sensor. Intervals cover 95 %.
     A finite-element model that has not met this sensor before is set up first; how long that takes is told if it takes
     long. Its answers for all moduli are then kept on disk.
     """
@@ -187,12 +187,14 @@ def modulus(
         points = model_modulus.estimate(question, force_ratio, uncertainty)
     models = dict.fromkeys(point["model"] for point in points)
     compared = [validate(question.design, question.parameters, name) for name in models]
+    line = model_modulus.validation_of(question, points[0]["model"])
     if output.as_json:
         output.json(
             {
                 "design": question.design,
                 "parameters": question.parameters,
                 "validation": [found.record() for found in compared],
+                "validation_line": line.summary(),
                 "coverage": model_modulus.COVERAGE,
                 "points": points,
             }
@@ -200,7 +202,7 @@ def modulus(
     elif output.for_people:
         from palpate.procedures.showing.models import print_moduli
 
-        print_moduli(question.design, points, compared, question.changed)
+        print_moduli(question.design, points, compared, question.changed, line)
 
 
 @model.command(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.quantity import show
+from palpate.procedures.showing import moduli
 from palpate.procedures.showing.marks import NO_VALUE, legend
 from palpate.procedures.showing.text import new_table, number, print_all, short, stamped
 from palpate.procedures.showing.validation import brief, lines
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from palpate.instrument.models.ratio import Answer
     from palpate.instrument.models.stored.surface import Surface
     from palpate.instrument.models.validation import Validation
+    from palpate.instrument.models.validation_line import ValidationLine
 
 
 def print_ratios(
@@ -44,29 +46,35 @@ def print_ratios(
 
 
 def print_moduli(
-    design: str, points: list[dict[str, Any]], compared: Sequence[Validation], changed: Sequence[str] = ()
+    design: str,
+    points: list[dict[str, Any]],
+    compared: Sequence[Validation],
+    changed: Sequence[str],
+    line: ValidationLine,
 ) -> None:
-    """Print a row for each force ratio with the modulus of the object.
+    """Print a row for each force ratio with the modulus of the object, on the model's scale and absolute.
 
     Args:
         design: name of the design.
         points: the found moduli, as in JSON.
         compared: how far each of their models lies from the thesis' experiments.
         changed: options with which the models were asked, and which the comparison leaves out.
+        line: validation error of the model.
     """
     models = ", ".join(dict.fromkeys(p["model"] for p in points))
     table = new_table(
-        stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
-        "force ratio", "u", "model error", "modulus", "from", "to", "dlnE/dlnR", "",
+        stamped(False, f"{design}, model {models}: Young modulus"),
+        "force ratio", "u", "model error", *moduli.COLUMNS, "dlnE/dlnR", "",
     )  # fmt: skip
     for p in points:
-        moduli = ["-" if p[name] is None else show(p[name], "Pa") for name in ("modulus_Pa", "low_Pa", "high_Pa")]
+        scale = p["kind"], p["scale_low_Pa"], p["scale_high_Pa"]
+        absolute = p["absolute_kind"], p["absolute_low_Pa"], p["absolute_high_Pa"]
         table.add_row(
-            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", short(p["model_error"]), *moduli,
-            number(p["sensitivity"]),
-            ": ".join(text for text in (p["kind"], p["note"]) if text),
+            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", short(p["model_error"]),
+            *moduli.cells(p["modulus_Pa"], p["scale_u"], scale, p["absolute_u"], absolute), number(p["sensitivity"]),
+            p["note"],
         )  # fmt: skip
-    print_all(table, *legend(table, marks=NO_VALUE), *lines(compared, changed))
+    print_all(table, *legend(table, marks=NO_VALUE), moduli.absolute_line(line), *lines(compared, changed))
 
 
 def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None) -> None:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import pytest
 
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
 from tests.procedures.conftest import Palpate, changed
 
 PRICED = ("model", "modulus", "--json", "--model", "column")
@@ -23,15 +26,15 @@ def test_each_ratio_gets_its_modulus_or_a_bound(palpate: Palpate) -> None:
     said = palpate(*MODULUS, "--force-ratio", "0.31,0.99, 0.081, 0.05", "--uncertainty", "0.005", "--design", "single")
     inside, hard, soft, outside = said.object["points"]
     assert inside["modulus_Pa"] == pytest.approx(column_modulus(0.31), rel=1e-9)
-    assert inside["low_Pa"] == pytest.approx(column_modulus(0.31 - 1.959963985 * 0.005), rel=1e-6)
-    assert inside["high_Pa"] == pytest.approx(column_modulus(0.31 + 1.959963985 * 0.005), rel=1e-6)
+    assert inside["scale_low_Pa"] == pytest.approx(column_modulus(0.31 - 1.959963985 * 0.005), rel=1e-6)
+    assert inside["scale_high_Pa"] == pytest.approx(column_modulus(0.31 + 1.959963985 * 0.005), rel=1e-6)
     assert inside["sensitivity"] == pytest.approx(0.31 * (1 - AREA_SHARE) / ((0.31 - AREA_SHARE) * 0.69), rel=1e-8)
     assert (inside["kind"], inside["note"], inside["model"]) == ("interval", "", "column")
-    assert (hard["modulus_Pa"], hard["high_Pa"], hard["kind"]) == (None, None, "at least")
-    assert hard["low_Pa"] == pytest.approx(column_modulus(0.99 - 1.959963985 * 0.005), rel=1e-5)
+    assert (hard["modulus_Pa"], hard["scale_high_Pa"], hard["kind"]) == (None, None, "at least")
+    assert hard["scale_low_Pa"] == pytest.approx(column_modulus(0.99 - 1.959963985 * 0.005), rel=1e-5)
     assert hard["note"] == "1 % of the ratio is 100 % of the modulus here"
-    assert (soft["modulus_Pa"], soft["low_Pa"], soft["kind"]) == (None, None, "at most")
-    assert soft["high_Pa"] == pytest.approx(column_modulus(0.081 + 1.959963985 * 0.005), rel=1e-6)
+    assert (soft["modulus_Pa"], soft["scale_low_Pa"], soft["kind"]) == (None, None, "at most")
+    assert soft["scale_high_Pa"] == pytest.approx(column_modulus(0.081 + 1.959963985 * 0.005), rel=1e-6)
     assert outside["kind"] == "at most"
     assert outside["note"].startswith("the model's ratios are 0.0794")
     assert outside["sensitivity"] is None
@@ -41,7 +44,9 @@ def test_without_an_uncertainty_the_ratios_own_scatter_counts(palpate: Palpate) 
     (point,) = palpate(*MODULUS, "--force-ratio", "0.3").object["points"]
     assert point["force_ratio_u"] == pytest.approx(0.041 * 0.3)
     (exact,) = palpate(*MODULUS, "--force-ratio", "0.3", "--uncertainty", "0").object["points"]
-    assert exact["high_Pa"] / exact["low_Pa"] < 1 + 1e-9 < 1.1 < point["high_Pa"] / point["low_Pa"]
+    assert (
+        exact["scale_high_Pa"] / exact["scale_low_Pa"] < 1 + 1e-9 < 1.1 < point["scale_high_Pa"] / point["scale_low_Pa"]
+    )
 
 
 def test_the_interval_holds_what_the_model_leaves_out_where_it_is_priced(palpate: Palpate) -> None:
@@ -52,8 +57,8 @@ def test_the_interval_holds_what_the_model_leaves_out_where_it_is_priced(palpate
     assert point["model_error"] == of_ratio["model_error"]
     spread = 1.959963985 * 0.005 + point["model_error"]
     assert point["modulus_Pa"] == pytest.approx(column_modulus(0.31), rel=1e-9)
-    assert point["low_Pa"] == pytest.approx(column_modulus(0.31 - spread), rel=1e-6)
-    assert point["high_Pa"] == pytest.approx(column_modulus(0.31 + spread), rel=1e-6)
+    assert point["scale_low_Pa"] == pytest.approx(column_modulus(0.31 - spread), rel=1e-6)
+    assert point["scale_high_Pa"] == pytest.approx(column_modulus(0.31 + spread), rel=1e-6)
 
 
 def test_an_interval_that_the_models_error_carries_to_a_greater_one_holds_that(palpate: Palpate) -> None:
@@ -62,14 +67,69 @@ def test_an_interval_that_the_models_error_carries_to_a_greater_one_holds_that(p
     (below,) = palpate("model", "ratio", "--json", "--model", "column", "--sensed-modulus", "20 kPa").object["points"]
     assert column_modulus(0.148) < 24131 < column_modulus(0.148 + below["model_error"])
     assert point["model_error"] > below["model_error"]
-    assert point["high_Pa"] == pytest.approx(column_modulus(0.148 + point["model_error"]), rel=1e-6)
+    assert point["scale_high_Pa"] == pytest.approx(column_modulus(0.148 + point["model_error"]), rel=1e-6)
 
 
 def test_an_interval_that_begins_beyond_the_price_list_gets_no_error_of_the_model(palpate: Palpate) -> None:
     (point,) = palpate(*PRICED, "--force-ratio", "0.13", "--uncertainty", "0.005").object["points"]
-    assert point["low_Pa"] < 14.9e3 < point["high_Pa"]
-    assert point["high_Pa"] == pytest.approx(column_modulus(0.13 + 1.959963985 * 0.005), rel=1e-6)
+    assert point["scale_low_Pa"] < 14.9e3 < point["scale_high_Pa"]
+    assert point["scale_high_Pa"] == pytest.approx(column_modulus(0.13 + 1.959963985 * 0.005), rel=1e-6)
     assert point["model_error"] is None
+
+
+@pytest.mark.parametrize("model", ["auto", "surface", "column", "beam_exact"])
+def test_the_absolute_interval_of_each_mean_of_the_thesis_holds_the_samples_modulus(
+    palpate: Palpate, model: str
+) -> None:
+    means = get_design("single").thesis_force_ratio
+    asked = ("model", "modulus", "--json", "--model", model, "--force-ratio", ",".join(map(str, means.values())))
+    said = palpate(*asked).object
+    line = said["validation_line"]
+    assert (line["constant"], line["degrees_of_freedom"]) == (0.0, 6)
+    for name, point in zip(means, said["points"], strict=True):
+        low, high = point["absolute_low_Pa"] or 0.0, point["absolute_high_Pa"] or math.inf
+        assert low < SAMPLES[name].modulus < high
+        if point["modulus_Pa"] is not None:
+            apart = point["absolute_u"] ** 2 - point["scale_u"] ** 2
+            assert math.sqrt(apart) == pytest.approx(point["sensitivity"] * line["u"], rel=1e-9)
+
+
+def test_the_absolute_interval_is_that_of_students_factor_on_the_logarithm_of_the_ratio(palpate: Palpate) -> None:
+    said = palpate(*PRICED, "--force-ratio", "0.31", "--uncertainty", "0").object
+    (point,), line = said["points"], said["validation_line"]
+    reach = math.exp(2.446912 * line["u"])  # Student's factor for 95 % and 6 degrees of freedom
+    low, high = 0.31 / reach - point["curve_error"], 0.31 * reach + point["curve_error"]
+    assert point["absolute_low_Pa"] == pytest.approx(column_modulus(low), rel=1e-5)
+    assert point["absolute_high_Pa"] == pytest.approx(column_modulus(high), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        (("--model", "experiment"), "the thesis' measurement itself, and moduli of its samples are known by catalogue"),
+        (("--design", "single_round", "--model", "column"), "nothing was measured with design 'single_round'"),
+        (("--model", "column", "--sensed-thickness", "5 mm"), "no experiment with other values of sensed_thickness"),
+    ],
+)
+def test_where_no_validation_error_is_known_the_absolute_uncertainty_is_not_known(
+    palpate: Palpate, asked: tuple[str, ...], why: str
+) -> None:
+    said = palpate("model", "modulus", "--json", "--force-ratio", "0.2", *asked).object
+    (point,), line = said["points"], said["validation_line"]
+    assert (line["u"], line["degrees_of_freedom"]) == (None, None)
+    assert why in line["source"]
+    assert {name: value for name, value in point.items() if name.startswith("absolute") and value is not None} == {}
+    assert point["scale_u"] > 0
+    told = palpate("model", "modulus", "--force-ratio", "0.2", *asked).out
+    assert re.search(r"not known +not known", told)
+    assert f"absolute       {line['source']}" in told
+
+
+def test_a_setting_that_the_parameter_set_has_itself_changes_nothing(palpate: Palpate) -> None:
+    own = palpate(*PRICED, "--force-ratio", "0.31").object
+    given = palpate(*PRICED, "--force-ratio", "0.31", "--sensed-thickness", "3 mm").object
+    assert given["validation_line"] == own["validation_line"]
+    assert given["points"][0]["absolute_u"] is not None
 
 
 def test_settings_reach_the_model(palpate: Palpate) -> None:
@@ -90,12 +150,13 @@ def test_the_ratio_of_the_ratio_command_leads_back_to_its_modulus(palpate: Palpa
 def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
     said = palpate(*MODULUS, "--force-ratio", "0.3", "--quiet")
     assert (said.err, said.out) == ("", json.dumps(said.object, indent=2) + "\n")
-    assert list(said.object) == ["design", "parameters", "validation", "coverage", "points"]
+    assert list(said.object) == ["design", "parameters", "validation", "validation_line", "coverage", "points"]
     assert said.object["coverage"] == 0.95
     assert said.object["validation"][0]["model"] == said.object["points"][0]["model"]
     assert list(said.object["points"][0]) == [
-        "force_ratio", "force_ratio_u", "modulus_Pa", "low_Pa", "high_Pa", "sensitivity", "kind", "note",
-        "model_error", "model",
+        "force_ratio", "force_ratio_u", "modulus_Pa", "scale_u", "scale_low_Pa", "scale_high_Pa", "absolute_u",
+        "absolute_low_Pa", "absolute_high_Pa", "absolute_kind", "sensitivity", "kind", "note", "model_error",
+        "curve_error", "model",
     ]  # fmt: skip
 
 
@@ -103,9 +164,10 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
     asked = ("model", "modulus", "--model", "column", "--force-ratio", "0.31, 0.99", "--uncertainty", "0.001")
     said = palpate(*asked)
     assert (said.status, said.err) == (0, "")
-    assert "single, model column: Young modulus, 95 % interval" in said.out
+    assert "single, model column: Young modulus" in said.out
     assert f"{column_modulus(0.31) / 1e3:.2f} kPa" in said.out
-    assert "at least: 1 % of the ratio" in said.out
+    assert re.search("at least .*1 % of the ratio", said.out)
+    assert "absolute       validation error 17 % of the ratio (6 degrees of freedom): rms distance from" in said.out
     quiet = palpate(*asked, "--quiet")
     assert (quiet.status, quiet.out, quiet.err) == (0, "", "")
 

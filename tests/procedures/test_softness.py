@@ -38,16 +38,16 @@ def test_the_modulus_is_that_of_the_model_and_the_interval_covers_it() -> None:
     true = 60e3
     (each,) = found(("soft", ratio_of_modulus(SINGLE, true, 3e-3), 0.008)).objects
     assert each.modulus_Pa == pytest.approx(true, rel=1e-6)
-    assert each.low_Pa is not None and each.high_Pa is not None
-    assert each.low_Pa < true < each.high_Pa
+    assert each.scale_low_Pa is not None and each.scale_high_Pa is not None
+    assert each.scale_low_Pa < true < each.scale_high_Pa
     assert each.force_ratio_u == pytest.approx(0.008 / 2**0.5)
     assert each.kind == "interval"
 
 
 def test_a_ratio_above_0_97_gives_a_bound_alone_and_says_why() -> None:
     (each,) = found(("hard", 0.98, 0.002)).objects
-    assert (each.modulus_Pa, each.high_Pa, each.kind) == (None, None, "at least")
-    assert each.low_Pa is not None and each.low_Pa > 1e6
+    assert (each.modulus_Pa, each.scale_high_Pa, each.kind) == (None, None, "at least")
+    assert each.scale_low_Pa is not None and each.scale_low_Pa > 1e6
     assert "1 % of the ratio is" in each.note
 
 
@@ -63,6 +63,17 @@ def test_a_saturated_film_is_said_and_gives_no_modulus() -> None:
     assert (each.valid_points, each.modulus_Pa, each.kind) == (0, None, None)
 
 
+def test_without_a_validation_error_no_absolute_modulus_is_told() -> None:
+    points = [SoftnessPoint("a", 2.0, 2.0, 0.05, 0.2, 0.008, 0.001, True, ())]
+    result = evaluate(points, SINGLE, Question(SINGLE.name, "experiment", settings={"sensed_thickness": 3e-3}))
+    assert result.validation.u is None
+    assert result.summary()["validation_line"]["u"] is None
+    (each,) = result.objects
+    assert each.scale_u is not None and each.scale_u > 0
+    assert (each.absolute_u, each.absolute_low_Pa, each.absolute_high_Pa, each.absolute_kind) == (None,) * 4
+    assert [budget.quantity for budget in result.budgets] == ["force ratio of a", "modulus of a, scale"]
+
+
 def test_model_and_price_are_named() -> None:
     assert found(("a", 0.2, 0.005)).price.startswith("model 'column' (closed form): error of the ratio at most")
     assert "no price" in price_of(SINGLE, "experiment")
@@ -71,14 +82,17 @@ def test_model_and_price_are_named() -> None:
 
 def test_the_budget_of_ratio_and_modulus_adds_up_to_their_uncertainty() -> None:
     result = found(("soft", ratio_of_modulus(SINGLE, 60e3, 3e-3), 0.002))
-    (each,), (ratio, modulus) = result.objects, result.budgets
+    (each,), (ratio, modulus, absolute) = result.objects, result.budgets
     assert ratio.u == pytest.approx(each.force_ratio_u)
     shares = {row["name"]: row["share"] for row in ratio.rows() if row["share"]}
     assert shares == pytest.approx({"noise": 0.36, "gain scatter": 0.64})
-    assert each.low_Pa is not None and each.high_Pa is not None
+    assert each.scale_low_Pa is not None and each.scale_high_Pa is not None
     measured = 1.96 * math.hypot(*(part.contribution for part in modulus.components[:-1]))
-    known = modulus.components[-1].sensitivity * (each.model_error or 0.0)
-    assert measured + known == pytest.approx((each.high_Pa - each.low_Pa) / 2, rel=0.05)
+    known = modulus.components[-1].sensitivity * each.curve_error
+    assert each.model_error is not None and each.curve_error >= each.model_error
+    assert (modulus.u / modulus.value, absolute.u / absolute.value) == pytest.approx((each.scale_u, each.absolute_u))
+    assert max(absolute.rows(), key=lambda row: row["share"])["name"] == "validation"
+    assert measured + known == pytest.approx((each.scale_high_Pa - each.scale_low_Pa) / 2, rel=0.05)
 
 
 def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public_names(palpate: Palpate) -> None:
@@ -86,7 +100,7 @@ def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public
     assert result.keys() >= {"objects", "softness_order", "alike", "coverage", "answered_by", "price", "points", "plot"}
     assert result["softness_order"] == ["90 kPa", "45 kPa"]
     for each, true in zip(result["objects"], (45e3, 90e3), strict=True):
-        assert each["low_Pa"] < true < each["high_Pa"]
+        assert each["scale_low_Pa"] < true < each["scale_high_Pa"]
 
 
 @pytest.mark.parametrize(

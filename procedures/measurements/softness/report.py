@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from palpate.instrument.findings.modulus_of_ratio import AT_LEAST, AT_MOST, INTERVAL
-from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.softness.result import Softness, SoftnessResult
+from palpate.procedures.measurements.softness.result import SoftnessResult
+from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Colour and width of an interval's bar."""
+
+    color: str
+    width: float
+
+
+ABSOLUTE, SCALE = Look("0.75", 7.0), Look("C0", 1.5)
+
 
 def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None:
-    """Print ratio and modulus of each object, their order, and the model with its error."""
+    """Print ratio and modulus of each object, on the model's scale and absolute, their order, and the model's error."""
     table = new_table(
         stamped(outcome["simulated"], f"Softness, by model {result.model!r}"),
-        "object", "force ratio", "u", "modulus", "95 % interval", "valid", "note",
+        "object", "force ratio", "u", *moduli.COLUMNS, "valid", "note",
     )  # fmt: skip
     for each in result.objects:
         flags = dict.fromkeys(f for p in result.points if p.object == each.object and not p.valid for f in p.flags)
@@ -28,7 +43,10 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
         ]
         table.add_row(
             each.object, number(each.force_ratio), number(each.force_ratio_u),
-            "-" if each.modulus_Pa is None else show(each.modulus_Pa, "Pa", 3), _interval(each),
+            *moduli.cells(
+                each.modulus_Pa, each.scale_u, (each.kind, each.scale_low_Pa, each.scale_high_Pa), each.absolute_u,
+                (each.absolute_kind, each.absolute_low_Pa, each.absolute_high_Pa),
+            ),
             str(each.valid_points), "; ".join(notes),
         )  # fmt: skip
     alike = ", ".join(f"{one} and {other}" for one, other in result.alike)
@@ -37,6 +55,7 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
         *legend(table, marks={**MARKS, "any": "every modulus agrees with the ratio"}),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}",
         *([f"cannot be told apart at 95 %: {alike}"] if alike else []),
+        moduli.absolute_line(result.validation),
         f"price          {result.price}",
         *where(outcome, plot),
     )
@@ -53,27 +72,23 @@ def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path
         )  # fmt: skip
     left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)")
     left.legend(fontsize=8, title="object", ncols=6, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    known = [each for each in result.objects if each.low_Pa or each.high_Pa]
+    known = [each for each in result.objects if each.scale_low_Pa or each.scale_high_Pa]
     for place, each in enumerate(known):
-        low, high = each.low_Pa, each.high_Pa
-        ends = [1e-3 * end for end in (low, each.modulus_Pa, high) if end]
-        right.plot(ends, [place] * len(ends), "-", color="C0")
-        for end, marker in ((low, "|" if high else ">"), (each.modulus_Pa, "o"), (high, "|" if low else "<")):
-            if end:
-                right.plot(1e-3 * end, place, marker, color="C0")
-    right.set(xscale="log", xlabel="modulus (kPa; bars: 95 %, arrows: a bound)", ylabel="object")
+        if each.absolute_low_Pa or each.absolute_high_Pa:
+            _bar(right, place, each.absolute_low_Pa, each.modulus_Pa, each.absolute_high_Pa, ABSOLUTE)
+        _bar(right, place, each.scale_low_Pa, each.modulus_Pa, each.scale_high_Pa, SCALE)
+    told = "thick absolute, thin scale" if result.validation.u is not None else "scale; absolute not known"
+    right.set(xscale="log", xlabel=f"modulus (kPa; 95 %: {told}; arrows: bounds)", ylabel="object")
     right.set(yticks=range(len(known)), yticklabels=[e.object for e in known])
     for axis in (right.xaxis.set_major_formatter, right.xaxis.set_minor_formatter):
         axis("{x:g}")
     return save(figure, folder)
 
 
-def _interval(each: Softness) -> str:
-    match each.kind:
-        case kind if kind == INTERVAL and each.low_Pa and each.high_Pa:
-            return f"{show(each.low_Pa, 'Pa', 3)} to {show(each.high_Pa, 'Pa', 3)}"
-        case kind if kind == AT_LEAST and each.low_Pa:
-            return f"at least {show(each.low_Pa, 'Pa', 3)}"
-        case kind if kind == AT_MOST and each.high_Pa:
-            return f"at most {show(each.high_Pa, 'Pa', 3)}"
-    return "-" if each.kind is None else "any"
+def _bar(axes: Axes, place: int, low: float | None, middle: float | None, high: float | None, look: Look) -> None:
+    """Draw an interval of moduli [Pa] in kPa; an arrow at its end says that there is no bound on the other side."""
+    ends = [1e-3 * end for end in (low, middle, high) if end]
+    axes.plot(ends, [place] * len(ends), "-", color=look.color, lw=look.width, solid_capstyle="butt")
+    for end, marker in ((low, "|" if high else ">"), (middle, "o"), (high, "|" if low else "<")):
+        if end:
+            axes.plot(1e-3 * end, place, marker, color=look.color)

@@ -9,9 +9,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from palpate.instrument.findings.mean_ratio import apart, mean_ratio
-from palpate.instrument.findings.object_modulus import COVERAGE, estimate
+from palpate.instrument.findings.object_modulus import COVERAGE, estimate, validation_of
 from palpate.instrument.models.prices.price_list import stored
 from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.validation_line import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.steps.flags import CLIPPED
@@ -57,11 +58,17 @@ class Softness:
         saturated: whether a film was saturated at one of the loads.
         force_ratio, force_ratio_u: mean over the valid points, and its standard uncertainty.
         modulus_Pa: Young modulus by the model; None: only a bound is known.
-        low_Pa, high_Pa: ends of the coverage interval; None: there is no such bound.
+        scale_u: relative standard uncertainty of the modulus on the model's curve; None: only a bound is known.
+        scale_low_Pa, scale_high_Pa: ends of that coverage interval; None: there is no such bound.
+        absolute_u, absolute_low_Pa, absolute_high_Pa: the same with the model's validation error.
+        absolute_kind: what the absolute ends say, as `kind`; None: the validation error is not known, so neither are
+            they.
         sensitivity: relative change of the modulus over that of the ratio.
-        kind: "interval", "at least", "at most" or "any": what the ends say.
+        kind: "interval", "at least", "at most" or "any": what the ends on the scale say.
         note: why there is only a bound.
-        model_error: what the interval allows for the model's error, as a ratio; None: the error is not known.
+        model_error: the model's error, as a ratio; None: it is not known.
+        curve_error: what the intervals allow for the error of the model's curve, as a ratio: its discretisation, and
+            `model_error` where it is known.
     """
 
     object: str
@@ -70,12 +77,18 @@ class Softness:
     force_ratio: float | None = None
     force_ratio_u: float | None = None
     modulus_Pa: float | None = None
-    low_Pa: float | None = None
-    high_Pa: float | None = None
+    scale_u: float | None = None
+    scale_low_Pa: float | None = None
+    scale_high_Pa: float | None = None
+    absolute_u: float | None = None
+    absolute_low_Pa: float | None = None
+    absolute_high_Pa: float | None = None
+    absolute_kind: str | None = None
     sensitivity: float | None = None
     kind: str | None = None
     note: str = ""
     model_error: float | None = None
+    curve_error: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +102,10 @@ class SoftnessResult:
         alike: neighbours in this order that may be exchanged: their ratios do not differ with 95 % confidence.
         model: name of the model that turned ratios into moduli.
         price: what is known of the model's own error, in a sentence.
-        budgets: uncertainty budget of each mean ratio and of each modulus that is known. A modulus has a linear budget;
-            its interval is found without that approximation.
+        validation: the model's validation error.
+        budgets: uncertainty budget of each mean ratio and of each modulus that is known, on the model's scale and,
+            where the validation error is known, absolute. A modulus has a linear budget; its intervals are found
+            without that approximation.
     """
 
     points: list[SoftnessPoint]
@@ -99,6 +114,7 @@ class SoftnessResult:
     alike: list[tuple[str, str]]
     model: str
     price: str
+    validation: ValidationLine
     budgets: list[Budget]
 
     def summary(self) -> dict[str, Any]:
@@ -110,6 +126,7 @@ class SoftnessResult:
             "coverage": COVERAGE,
             "answered_by": self.model,
             "price": self.price,
+            "validation_line": self.validation.summary(),
             "budgets": [budget.summary() for budget in self.budgets],
         }
 
@@ -138,20 +155,25 @@ def evaluate(points: Sequence[SoftnessPoint], design: Design, question: Question
             found[name] = Softness(name, found[name].valid_points, found[name].saturated, **row)
     order = sorted(means, key=lambda name: means[name].value, reverse=True)
     alike = [pair for pair in itertools.pairwise(order) if not apart(means[pair[0]], means[pair[1]])]
-    budgets = [budget for name, mean in means.items() for budget in _budgets(found[name], mean)]
-    return SoftnessResult(list(points), list(found.values()), order, alike, model, price_of(design, model), budgets)
+    line = validation_of(question, model)
+    budgets = [budget for name, mean in means.items() for budget in _budgets(found[name], mean, line)]
+    price = price_of(design, model)
+    return SoftnessResult(list(points), list(found.values()), order, alike, model, price, line, budgets)
 
 
-def _budgets(each: Softness, mean: Budget) -> Iterator[Budget]:
-    """The budget of the mean ratio, and of the modulus if it is known. The latter contains the model's error."""
+def _budgets(each: Softness, mean: Budget, line: ValidationLine) -> Iterator[Budget]:
+    """The budget of the mean ratio, and those of the modulus if it is known. The latter contain the model's error."""
     yield mean
     if each.modulus_Pa is None or each.sensitivity is None:
         return
     slope = each.sensitivity * each.modulus_Pa / mean.value
-    # The model's error is a bound: a rectangle of that half width.
-    model = Component("model", (each.model_error or 0.0) / math.sqrt(3), slope)
+    # The error of the curve is a bound: a rectangle of that half width.
+    model = Component("model", each.curve_error / math.sqrt(3), slope)
     parts = tuple(replace(part, sensitivity=slope) for part in mean.components)
-    yield Budget(f"modulus of {each.object}", each.modulus_Pa, "Pa", (*parts, model))
+    yield Budget(f"modulus of {each.object}, scale", each.modulus_Pa, "Pa", (*parts, model))
+    if line.u is not None:
+        error = Component("validation", line.u, each.sensitivity * each.modulus_Pa, line.degrees_of_freedom)
+        yield Budget(f"modulus of {each.object}, absolute", each.modulus_Pa, "Pa", (*parts, model, error))
 
 
 def price_of(design: Design, model: str) -> str:
