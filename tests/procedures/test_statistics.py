@@ -27,6 +27,7 @@ from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.influence import ERROR, shares_along
+from palpate.instrument.models.validation_line import ValidationLine
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import get_sample
@@ -253,14 +254,16 @@ def test_the_interval_of_a_modulus_has_students_ends() -> None:
 
 
 def test_a_modulus_has_the_uncertainty_of_its_ratio_and_of_its_model() -> None:
-    """E goes as the ratio to the power of the sensitivity; the model's error is a rectangle."""
+    """E goes as the ratio to the power of the sensitivity; the curve's error is a rectangle, validation a factor."""
     mean = Budget("ratio", 0.4, "", (Component("noise", 0.01, 1.0, 6), Component("scatter", 0.02)))
-    each = SimpleNamespace(object="x", modulus_Pa=50e3, sensitivity=1.7, model_error=0.003)
-    *_, found = softness._budgets(each, mean)  # type: ignore[arg-type]
+    each = SimpleNamespace(object="x", modulus_Pa=50e3, sensitivity=1.7, curve_error=0.003)
+    line = ValidationLine(0.0, 0.24, 6, "six samples")
+    *_, on_scale, absolute = softness._budgets(each, mean, line)  # type: ignore[arg-type]
     ratio = gtc.ureal(0.4, 0.01, 6) + gtc.ureal(0, 0.02) + gtc.ureal(0, gtc.type_b.uniform(0.003))
-    modulus = 50e3 * (ratio / 0.4) ** 1.7
-    assert (found.value, found.u) == pytest.approx((modulus.x, modulus.u), rel=1e-9)
-    assert found.degrees_of_freedom == pytest.approx(modulus.df, rel=1e-6)
+    for found, factor in ((on_scale, 1.0), (absolute, gtc.exp(gtc.ureal(0, 0.24, 6)))):
+        modulus = 50e3 * (ratio * factor / 0.4) ** 1.7
+        assert (found.value, found.u) == pytest.approx((modulus.x, modulus.u), rel=1e-9)
+        assert found.degrees_of_freedom == pytest.approx(modulus.df, rel=1e-6)
 
 
 def test_means_that_are_called_apart_are_so_by_welchs_test() -> None:
