@@ -151,9 +151,9 @@ def scene(procedure: str = "") -> Scene:
 
 
 @functools.cache
-def real_bench(_procedure: str) -> Scene:
+def real_bench(procedure: str = "") -> Scene:
     """The same bench of twins of devices that can be bought."""
-    return replace(scene(), devices=read_scene("real_bench").devices)
+    return replace(scene(procedure), devices=read_scene("real_bench").devices)
 
 
 def wrong(found: Found, right: Found) -> str:

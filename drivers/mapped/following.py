@@ -32,7 +32,7 @@ class Following:
 
         The readings next to the extremes are half a reading's interval away from them, at most.
         """
-        seldom = 1 - math.cos(min(math.pi * frequency / self.rate, math.pi))
+        seldom = 1 - math.cos(min(math.pi * frequency / self.rate, math.pi / 2))
         return 1 - self.filter.passes(frequency) * (1 - seldom)
 
     def relative_u(self, frequency: float) -> float:
