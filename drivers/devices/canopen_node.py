@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from contextlib import suppress
 from functools import partial
-from typing import Self
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.device import Device, Place
+from palpate.drivers.devices.device import Device
 from palpate.drivers.devices.identified import check_inventory, check_marks, serial_number
-from palpate.drivers.devices.told import Told
-from palpate.drivers.devices.wear import Wear
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.contracts.contract import PROBE, Contract, Value, sdo
 from palpate.instrument.errors import DeviceError, IdentityError
@@ -26,25 +23,10 @@ class CanopenNode(Device):
     A write is sent once. The driver remembers written settings in order to restore them, but no orders.
     """
 
-    orders: frozenset[str] = frozenset()  # objects that make the node do something
-
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        """Make the driver of a node; a driver whose constructor takes more arguments overrides this."""
-        return cls._fitted(cls(place.link, place.unit, place.clock, *cls._own(place)), place)
-
     def __init__(self, link: CanLink, node_id: int, clock: Clock, contract: Contract | None = None) -> None:
-        """Make a driver, not connected yet; `contract`: None for a driver that has its own."""
-        if contract is not None:
-            self.contract = contract
-        super().__init__(f"{self.contract.title} {node_id} at {link.name}")
+        super().__init__(f"{node_id} at {link.name}", clock, contract)
         self.link: CanLink = link
         self.id = node_id
-        self.clock = clock
-        self.orders = self.orders | {command.field for command in self.contract.commands}
-        self._settings: dict[str, Value] = {}
-        self._scales = Told(self)
-        self._wear = Wear(self.name, self.contract, clock)
 
     def _join(self) -> None:
         """Join the bus and identify the node. Raises as `identify`."""

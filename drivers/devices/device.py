@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.commands import carry_out
+from palpate.drivers.devices.told import Told
+from palpate.drivers.devices.wear import Wear
 from palpate.instrument.contracts.contract import NOTHING, Contract, Value
 from palpate.instrument.errors import BenchError, DeviceError, IdentityError, UsageError
 
@@ -52,18 +54,33 @@ class Device:
     """
 
     contract: Contract
-    clock: Clock
     link: ModbusLink | CanLink
     kind: DeviceKind | None = None
     inventory = ""
+    orders: frozenset[str] = frozenset()  # fields that make the device do something
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """Make the driver of a device, not connected yet."""
-        raise NotImplementedError
+        """Make the driver of a device, not connected yet; one whose constructor takes more arguments overrides this."""
+        driver: Any = cls
+        return cls._fitted(driver(place.link, place.unit, place.clock, *cls._own(place)), place)
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, where: str, clock: Clock, contract: Contract | None = None) -> None:
+        """Make a driver, not connected yet.
+
+        Args:
+            where: its place, for people.
+            clock: the bench's clock.
+            contract: None: that of the class.
+        """
+        if contract is not None:
+            self.contract = contract
+        self.name = f"{self.contract.title} {where}"
+        self.clock = clock
+        self.orders = self.orders | {command.field for command in self.contract.commands}
+        self._settings: dict[str, Value] = {}  # those that were written, by name
+        self._scales = Told(self)
+        self._wear = Wear(self.name, self.contract, clock)
         self.serial = ""
         self.simulated = False
         self.broken = ""  # why it is no longer used; empty: it is used

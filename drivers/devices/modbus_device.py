@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache, partial
-from typing import Any, Self
+from typing import Any
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.device import Device, Place
+from palpate.drivers.devices.device import Device
 from palpate.drivers.devices.identified import (
     APPLICATION,
     SERIAL,
@@ -18,8 +18,6 @@ from palpate.drivers.devices.identified import (
     serial_number,
 )
 from palpate.drivers.devices.layouts import Read, Reading, Write, companions, reading, write
-from palpate.drivers.devices.told import Told
-from palpate.drivers.devices.wear import Wear
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.requests import READS, WRITES, confirms
 from palpate.instrument.contracts.contract import PROBE, Contract, Value
@@ -38,30 +36,15 @@ class ModbusDevice(Device):
     reads ask for different numbers of registers, if the contract has one more to read.
     """
 
-    orders: frozenset[str] = frozenset()  # fields that make the device do something
-
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        """Make the driver of a device; a driver whose constructor takes more arguments overrides this."""
-        return cls._fitted(cls(place.link, place.unit, place.clock, *cls._own(place)), place)
-
     def __init__(self, link: ModbusLink, unit: int, clock: Clock, contract: Contract | None = None) -> None:
-        """Make a driver, not connected yet; `contract`: None for a driver that has its own."""
-        if contract is not None:
-            self.contract = contract
-        super().__init__(f"{self.contract.title} at {link.name} unit {unit}")
+        super().__init__(f"at {link.name} unit {unit}", clock, contract)
         self.link: ModbusLink = link
         self.unit = unit
-        self.clock = clock
-        self.orders = self.orders | {command.field for command in self.contract.commands}
-        self._settings: dict[str, Value] = {}
         self._reading: Callable[[tuple[str, ...]], Reading] = cache(partial(reading, self.contract))
         self._unscaled: Callable[[tuple[str, ...]], Reading] = cache(partial(reading, self.contract, scaled=False))
         self._writing: Callable[[tuple[str, ...]], Write] = cache(partial(write, self.contract))
         self._companions: Callable[[str], frozenset[str]] = cache(partial(companions, self.contract))
         self._is_setting: Callable[[str], bool] = cache(self._restorable)
-        self._scales = Told(self)
-        self._wear = Wear(self.name, self.contract, clock)
         manners = self.contract.manners
         timing = {"gap": manners.gap, "responds": manners.responds or 0.0}
         self._timing = {name: seconds for name, seconds in timing.items() if seconds}

@@ -88,9 +88,9 @@ def indicator(kind: str, section: dict[str, Any] | None = None, set_up: bool = T
     settings = LoadIndicatorSettings(**{"span": SPAN} | (SECTIONS[kind] if section is None else section))
     clock = VirtualClock()
     rig: Any = Rig()
-    device = Straight("cell")
+    device = Straight("cell", clock, found.contract)
     device.twin = Twin.at(ServedPlace(clock, rig, 1, "SIM-1", settings, found, lambda _role: None))
-    device.kind, device.contract, device.clock = found, found.contract, clock
+    device.kind = found
     clock.wait(2.0)
     if set_up:
         device.set_up(settings, 1.0)
@@ -218,7 +218,7 @@ def test_a_filter_that_somebody_changes_is_told() -> None:
     device = indicator("flintec-dad-141", {})
     assert device.differences() == []
     device.twin.settings["filter_level"] = 5.0
-    assert device.differences() == ["cell: filter_level is 5, was 3"]
+    assert device.differences() == ["Flintec DAD 141.1 cell: filter_level is 5, was 3"]
 
 
 @pytest.mark.parametrize("kind", ["flintec-dad-141", "seneca-z-sg2"])
