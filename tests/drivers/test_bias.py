@@ -34,10 +34,9 @@ def opened(sim: SimulatedBench) -> Bench:
 
 @pytest.mark.parametrize(("kind", "reason"), KINDS.items())
 def test_a_source_that_makes_no_sine_is_refused_as_exciter_with_the_reason(kind: str, reason: str) -> None:
-    scene = read_scene("ideal").with_devices({"source": {"kind": kind, "role": "exciter"}})
     said = f"device.source: role: a {kind} cannot be the exciter: {reason}; it serves as bias alone"
-    with pytest.raises(ConfigError, match=re.escape(said)), SimulatedBench(scene):
-        pass
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        read_scene("ideal").with_devices({"source": {"kind": kind, "role": "exciter"}})
 
 
 def test_a_source_holds_a_value_and_is_off_when_the_bench_ends(sim: SimulatedBench) -> None:
