@@ -15,7 +15,7 @@ from palpate.instrument.bench.kinds import Role
 
 __all__ = [
     "Bias", "Chamber", "Exciter", "LoadIndicator", "Positioner", "ProbeStage", "Reading", "Recording", "SampleChanger",
-    "SensorNode", "is_difference", "made_u", "role_of",
+    "SensorNode", "is_difference", "made_u", "role_of", "why_invalid",
 ]  # fmt: skip
 
 
@@ -45,6 +45,16 @@ def is_difference(reading: Reading) -> bool:
 def made_u(reading: Reading) -> float:
     """Standard uncertainty of a reading from how it was made [mV], beside that of the display, as its `u_mV` says."""
     return float(getattr(reading, "u_mV", 0.0))  # packages need not have it
+
+
+def why_invalid(reading: Reading) -> str:
+    """Why a reading is not valid, as its `sick` or `unsteady` says; empty: it is valid."""
+    if reading.valid:
+        return ""
+    unsteady = (
+        "" if reading.stable else str(getattr(reading, "unsteady", "")) or "not stable"
+    )  # packages need not have it
+    return reading.sick or unsteady or f"it reads {reading.reading_mV:g} mV"
 
 
 class LoadIndicator(Protocol):

@@ -45,12 +45,13 @@ class Following:
         return math.hypot(lost, math.pi**2 / POLLS**2) if self.polled else lost
 
     def highest(self) -> float:
-        """The highest frequency that is not refused [Hz]."""
+        """The highest frequency that is not refused [Hz], rounded down to three digits."""
         low, high = 0.0, self.filter.corner + self.rate
         for _ in range(60):
             middle = (low + high) / 2
             low, high = (middle, high) if self.loss(middle) <= LARGEST_LOSS else (low, middle)
-        return low
+        digits = 2 - math.floor(math.log10(low))
+        return round(math.floor(low * 10.0**digits) / 10.0**digits, digits)
 
 
 def pauses(window: float, readings: int = POLLS) -> Iterator[float]:

@@ -24,7 +24,7 @@ class MappedReading:
     Attributes:
         reading_mV: the reading.
         resolution_mV: step of the display.
-        stable: whether the reading is stable.
+        unsteady: why the reading is not stable; empty: it is.
         sick: why no load can be read; empty: it can be read.
         difference: whether it is the difference of two loads, so that it holds no zero.
         u_mV: standard uncertainty from how it was made, beside that of the display.
@@ -32,10 +32,14 @@ class MappedReading:
 
     reading_mV: float
     resolution_mV: float
-    stable: bool
+    unsteady: str
     sick: str
     difference: bool = False
     u_mV: float = 0.0
+
+    @property
+    def stable(self) -> bool:
+        return not self.unsteady
 
     @property
     def valid(self) -> bool:
@@ -156,16 +160,21 @@ class LoadIndicator(EitherBus):
     def _tracked(self) -> MappedReading:
         role = self._map
         value, status = self._load()
-        stable = says(self._bits(status), role.stable) if role.stable else self._agree(value)
-        return self._made(value, self._faults(status), stable)
+        if not role.stable:
+            return self._made(value, self._faults(status), self._scatter(value))
+        return self._made(value, self._faults(status), "" if says(self._bits(status), role.stable) else "not stable")
 
-    def _agree(self, first: float) -> bool:
-        """Whether repeated readings differ by no more than a step of the display."""
+    def _scatter(self, first: float) -> str:
+        """What tells that repeated readings differ by more than a step of the display; empty: they do not."""
         values = [first]
         for _ in range(AGAIN - 1):
             self.clock.wait(self._time_constant)
             values.append(self._load()[0])
-        return _range(values) <= self._step * (1 + 1e-6)
+        if _range(values) <= self._step * (1 + 1e-6):
+            return ""
+        unit = self.contract[self._map.reading].unit
+        remedy = "" if self._map.step else "; if the load rests, write a resolution that is no finer than their scatter"
+        return f"{AGAIN} readings differ by {_range(values):.2g} {unit}, one step is {self._step:g} {unit}{remedy}"
 
     def _over(self, window: float) -> MappedReading:
         """The greatest less the least load over a window [s] that begins now."""
@@ -186,7 +195,7 @@ class LoadIndicator(EitherBus):
         if not sick and self._frozen(value, values):
             sick = "display not updated"
         u_mV = self._relative_u * abs(value) * self._settings_of.span
-        return self._made(value, sick, self._filter.unchanged(), difference=True, u_mV=u_mV)
+        return self._made(value, sick, self._filter.changed(), difference=True, u_mV=u_mV)
 
     def _frozen(self, value: float, values: list[float]) -> bool:
         """Whether the display stands still although the load moves, or has moved since it is read peak to peak."""
@@ -212,7 +221,7 @@ class LoadIndicator(EitherBus):
         return ", ".join(meaning for bit, meaning in self._map.faults.items() if says(set_, bit))
 
     def _made(
-        self, value: float, sick: str, stable: bool, difference: bool = False, u_mV: float = 0.0
+        self, value: float, sick: str, unsteady: str, difference: bool = False, u_mV: float = 0.0
     ) -> MappedReading:
         """A reading from a value in the device's unit. Raises DeviceError: its words come in the other order."""
         if 0 < abs(value) < TINY:
@@ -222,7 +231,7 @@ class LoadIndicator(EitherBus):
                 device=self.name,
             )
         span = self._settings_of.span
-        return MappedReading(value * span, self.resolution_mV, stable, sick, difference, u_mV)
+        return MappedReading(value * span, self.resolution_mV, unsteady, sick, difference, u_mV)
 
     def differences(self) -> list[str]:
         """As for every device; also a filter, or a step of the display, that somebody has changed."""

@@ -78,13 +78,13 @@ class ReadingFilter:
         remedy = f"write filter = {able[0]} in its section, or " if able else faster
         raise RangeError(
             f"{self._device.name}: its readings ({now}{following.filter.corner:g} Hz, {following.rate:g} a second) "
-            f"lose up to {100 * loss:.0f} % of a force at {frequency:g} Hz, {100 * LARGEST_LOSS:g} % are allowed; "
-            f"{remedy}drive at up to {following.highest():.2g} Hz"
+            f"lose up to {100 * loss:.2g} % of a force at {frequency:g} Hz, {100 * LARGEST_LOSS:g} % are allowed; "
+            f"{remedy}drive at up to {following.highest():g} Hz"
         )
 
-    def unchanged(self) -> bool:
-        """Whether it is still as it was: with another one the load would be taken for less than it is."""
-        return all(self._device.get(name) == value for name, value in self._fields().items())
+    def changed(self) -> str:
+        """Which part of it is not as it was, so that the load would be taken for less than it is; empty: none."""
+        return ", ".join(f"{n} has changed" for n, value in self._fields().items() if self._device.get(n) != value)
 
     def changes(self) -> list[str]:
         """What somebody has changed that a recovery does not write again, as texts for people."""

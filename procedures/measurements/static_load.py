@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from palpate.drivers.roles import LoadIndicator
+from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Step
 from palpate.procedures.lab.lab import Lab
@@ -22,7 +24,11 @@ class StaticLoadWork:
 
     def load(self) -> float:
         """Force that the load cell reads now [N]. Raises DeviceError: there is no valid reading."""
-        return self.lab.calibration.load(read_indicator(self.bench).reading_mV)[0]
+        reading = read_indicator(self.bench)
+        if not reading.valid:
+            name = self.bench.role(LoadIndicator).name
+            raise DeviceError(f"{name}: no valid reading under load: {reading.wrong}; check the bridge", device=name)
+        return self.lab.calibration.load(reading.reading_mV)[0]
 
     def end(self) -> None:
         """Move the probe home and check the load cell's zero. Raises BenchError: it has moved."""

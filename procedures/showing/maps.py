@@ -12,6 +12,7 @@ from palpate.instrument.bench.mapped import serves
 from palpate.instrument.contracts.maps.eds import FOLDERS, disagreements, folders, own_copy, read_sheet
 from palpate.instrument.contracts.maps.golden_frames import Proof, prove
 from palpate.instrument.contracts.maps.map_file import DeviceMap, read_map
+from palpate.instrument.quantity import counted
 from palpate.procedures.showing.text import new_table, print_all
 
 
@@ -79,7 +80,10 @@ def _sheet(found: DeviceMap) -> tuple[str, list[str]]:
 def print_checked(found: Checked) -> None:
     """Print how each field of a map is proved."""
     contract = found.map.contract
-    print_all(f"{found.map.name}: {contract.title}, {len(contract.fields)} fields, {len(found.map.frames)} frames")
+    print_all(
+        f"{found.map.name}: {contract.title}, {counted(len(contract.fields), 'field')}, "
+        f"{counted(len(found.map.frames), 'frame')}"
+    )
     for what, names in (
         ("proved by a frame of the manual", found.by["printed"]),
         ("by a frame that was worked out", found.by["computed"]),

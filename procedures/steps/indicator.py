@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.roles import LoadIndicator, Reading, is_difference, made_u
+from palpate.drivers.roles import LoadIndicator, Reading, is_difference, made_u, why_invalid
 
 READINGS = 4  # are averaged: the display's own noise dithers its steps
 READING_INTERVAL = 0.1  # s; the display is renewed ten times a second
@@ -21,14 +21,19 @@ class IndicatorMean:
     """A mean reading [mV]. It is valid if every one of its readings was.
 
     Attributes:
+        wrong: why it is not valid; empty: it is.
         difference: whether it is the difference of two loads, so that it holds no zero.
         u_mV: standard uncertainty from how its readings were made, the same in all of them, beside that of the display.
     """
 
     reading_mV: float
-    valid: bool
+    wrong: str = ""
     difference: bool = False
     u_mV: float = 0.0
+
+    @property
+    def valid(self) -> bool:
+        return not self.wrong
 
 
 def steady(bench: Bench, watch: Callable[[float], None] = lambda _: None) -> Reading:
@@ -62,4 +67,5 @@ def read_indicator(
         readings.append(steady(bench, watch))
     mean = math.fsum(r.reading_mV for r in readings) / count
     u_mV = math.fsum(made_u(r) for r in readings) / count
-    return IndicatorMean(mean, all(r.valid for r in readings), is_difference(readings[0]), u_mV)
+    wrong = next(filter(None, map(why_invalid, readings)), "")
+    return IndicatorMean(mean, wrong, is_difference(readings[0]), u_mV)

@@ -60,7 +60,9 @@ def _check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
     reading = read_indicator(bench)
     if not reading.valid:
         name = indicator.name
-        raise DeviceError(f"{name}: no valid reading without load; let the bench come to rest, check it", device=name)
+        raise DeviceError(
+            f"{name}: no valid reading without load: {reading.wrong}; let the bench come to rest, check it", device=name
+        )
     scatter = 0.0 if calibration.scatter_mV is None else calibration.reading_u(READINGS)
     allowed = ZERO_TOLERANCE * math.hypot(calibration.zero_u, calibration.resolution_mV, scatter)
     if not abs(reading.reading_mV - calibration.zero_mV) <= allowed:
@@ -108,7 +110,9 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
         reading = read_indicator(bench, watch=within_limit)
         if not reading.valid:
             name = indicator.name
-            raise DeviceError(f"{name}: no valid reading at {1e3 * position:.3f} mm; check the bridge", device=name)
+            raise DeviceError(
+                f"{name}: no valid reading at {1e3 * position:.3f} mm: {reading.wrong}; check the bridge", device=name
+            )
         within_limit(reading.reading_mV)
         load = calibration.load(reading.reading_mV)[0]
         if abs(load - force) <= max(PRELOAD_TOLERANCE * force, 0.6 * calibration.resolution()):

@@ -100,10 +100,10 @@ class LoadServo:
     def glance(self) -> None:
         """As `watch`, but take the present reading, whether it is stable already or not."""
         reading = self._indicator.read()
-        whole = self._whole(IndicatorMean(reading.reading_mV, not reading.sick, is_difference(reading)))
+        whole = self._whole(IndicatorMean(reading.reading_mV, reading.sick, is_difference(reading)))
         self._within_limit(whole.reading_mV)
         if not whole.valid:
-            self._give_up()
+            self._give_up(whole.wrong)
 
     def read(self, count: int = READINGS) -> IndicatorMean:
         """Mean of `count` readings of the indicator under the load. Raises SafetyError, DeviceError as `watch`."""
@@ -159,15 +159,16 @@ class LoadServo:
         """
         self._within_limit(reading.reading_mV)
         if not reading.valid:
-            self._give_up()
+            self._give_up(reading.wrong)
         return self.calibration.load(reading.reading_mV)[0]
 
-    def _give_up(self) -> NoReturn:
+    def _give_up(self, why: str) -> NoReturn:
         """Switch the outputs off, because the load is not known. Raises DeviceError."""
         self._bench.rest()
         name = self._indicator.name
         raise DeviceError(
-            f"{name}: no valid reading while driving; outputs are off. Check the bridge and the mounting of the sample",
+            f"{name}: no valid reading while driving: {why}; outputs are off. Check the bridge and the mounting of the "
+            "sample",
             device=name,
         )
 

@@ -194,7 +194,7 @@ STAGE = MAKERS_BENCH[MAKERS_BENCH.index("[device.stage]") : MAKERS_BENCH.index("
         ("filter = 0", "filter = 4", "10 Hz", "write filter = 0 in its section"),
         ("filter = 0", "filter = 99", "10 Hz", "filter = 99 is no level of its filter; valid: 0, 1"),
         ("filter = 0", 'filter = 0\nbandwidth = "9 Hz"', "10 Hz", "the device itself tells its bandwidth"),
-        ("", "", "20 Hz", "drive at up to 12 Hz"),
+        ("", "", "20 Hz", "drive at up to 11.6 Hz"),
         (
             "volts_per_unit = 1.5e-5",
             "",

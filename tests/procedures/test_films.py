@@ -23,7 +23,7 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.steps import films as module
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure, recording_seconds
 from palpate.procedures.steps.films import FilmRecord, Films, check_nodes
-from palpate.procedures.steps.indicator import IndicatorMean
+from palpate.procedures.steps.indicator import READINGS, IndicatorMean
 from palpate.procedures.steps.servo import LoadServo
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION
 
@@ -74,8 +74,8 @@ class Held(LoadServo):
         self.asked.append(load)
         return load
 
-    def read(self) -> IndicatorMean:
-        return IndicatorMean(IDEAL_CALIBRATION.reading(3.0 + (self.drifts.pop(0) if self.drifts else 0.0)), True)
+    def read(self, count: int = READINGS) -> IndicatorMean:
+        return IndicatorMean(IDEAL_CALIBRATION.reading(3.0 + (self.drifts.pop(0) if self.drifts else 0.0)))
 
 
 @pytest.fixture

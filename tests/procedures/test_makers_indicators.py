@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from tests.fault_matrix import ONCE, STAYS, Cell, play
 from tests.fault_procedures import scene as without_scatter
-from tests.procedures.conftest import IDEAL_CALIBRATION, OFF, happens_in, outputs, sweep
+from tests.pages import ROOT
+from tests.procedures.conftest import IDEAL_CALIBRATION, OFF, Palpate, happens_in, outputs, sweep
 
 SPAN = 10.306  # mV of the load cell for one newton, as the display shows
 SECTIONS = {
@@ -128,3 +130,17 @@ def test_faults_of_its_line_end_in_a_right_result_or_a_clear_stop_with_outputs_a
 ) -> None:
     outcome = play(Cell("sweep loads", fault, on, lasts, more), with_the_dad_141)
     assert outcome.verdict in verdicts, outcome
+
+
+@pytest.mark.slow
+def test_a_scene_with_the_map_of_the_documentation_is_swept(palpate: Palpate) -> None:
+    page = (ROOT / "docs" / "how-to" / "map.md").read_text(encoding="utf-8").split("```\n")[1::2]
+    (section,) = (block for block in page if block.startswith("[device.load_cell]"))
+    scene = (ROOT / "simulators" / "scenes" / "real_bench.toml").read_text(encoding="utf-8")
+    before, old, after = re.split(r"(\[device\.load_cell\].*?\n\n)", scene, maxsplit=1, flags=re.DOTALL)
+    assert "flintec" in old
+    Path("my_indicator.toml").write_text(page[0] + page[1], encoding="utf-8")
+    Path("my_scene.toml").write_text(before + section + "\n" + after, encoding="utf-8")
+    said = palpate("sweep", "loads", "--scene", "my_scene.toml", "--samples", "1", "--loads", "2 N")
+    assert (said.status, said.err) == (0, "")
+    assert "valid points" in said.out

@@ -16,8 +16,11 @@ from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
+from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.progress import Progress
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.static_load import StaticLoadWork
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.films import SHORT_RECORD
 from palpate.procedures.steps.indicator import PATIENCE
@@ -142,8 +145,17 @@ def test_a_preload_above_the_force_limit_sends_the_probe_home(sim: SimulatedBenc
 def test_an_open_bridge_ends_the_approach(sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.operator.mount(SAMPLES["1"])
     open_bridge(sim, monkeypatch)
-    with pytest.raises(DeviceError, match="no valid reading at 2"):
+    with pytest.raises(DeviceError, match=r"no valid reading at 2\.\d+ mm: bridge open"):
         preload(bench, THESIS_LOAD_CELL, PRELOAD)
+
+
+def test_a_steady_force_is_not_read_from_an_open_bridge(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = StaticLoadWork(Lab(bench, DESIGNS["single"], THESIS_LOAD_CELL), "1", PRELOAD)
+    open_bridge(sim, monkeypatch)
+    with pytest.raises(DeviceError, match="no valid reading under load: bridge open"):
+        work.load()
 
 
 # --- a bench that is later than its filters say, as a served one is on a busy machine ---------------------
@@ -175,7 +187,7 @@ def test_a_reading_that_never_becomes_stable_is_not_used(
 ) -> None:
     servo = mount(bench)
     unstable(sim, monkeypatch, 10 * PATIENCE)
-    with pytest.raises(DeviceError, match="no valid reading while driving; outputs are off"):
+    with pytest.raises(DeviceError, match="no valid reading while driving: not stable; outputs are off"):
         servo.set(2.0)
     assert outputs(sim) == OFF
 
@@ -318,7 +330,7 @@ def test_an_open_bridge_stops_the_run_and_enters_no_point(
     sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
     progress = during(monkeypatch, sim, moment, "sample 1, 3 N", lambda: open_bridge(sim, monkeypatch))
-    with pytest.raises(DeviceError, match="no valid reading while driving; outputs are off"):
+    with pytest.raises(DeviceError, match="no valid reading while driving: bridge open; outputs are off"):
         sweep(bench, tmp_path / "run", samples=("1",), progress=progress)
     assert outputs(sim) == OFF
     assert [p["load_N"] for p in Run.open(tmp_path / "run").points()] == [2.0]

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Annotated
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.roles import LoadIndicator, Positioner
+from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, calibrate_load_cell
 from palpate.instrument.errors import DeviceError, RangeError, quoted
 from palpate.instrument.quantity import counted, show
@@ -259,7 +259,7 @@ def _displays(bench: Bench) -> list[float]:
         if not reading.valid:
             name = bench.role(LoadIndicator).name
             raise DeviceError(
-                f"{name}: {reading.sick or 'not stable'}; check the cell and wait until the weight rests", device=name
+                f"{name}: {why_invalid(reading)}; check the cell and wait until the weight rests", device=name
             )
         values.append(reading.reading_mV)
     return values
