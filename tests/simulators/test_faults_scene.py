@@ -63,9 +63,9 @@ WRONG = {
     "no time": (FIRST, ["none given of at, transaction, probability"]),
     "two times": (FIRST + 'at = "1 s"\ntransaction = 3', ["at and transaction given of"]),
     "a time without unit": (FIRST + "at = 3", ["at", "needs a unit"]),
-    "a negative time": (FIRST + 'at = "-1 s"', ["at", "greater than or equal to 0"]),
-    "transaction nought": (FIRST + "transaction = 0", ["transaction", "greater than or equal to 1"]),
-    "a probability above one": (FIRST + "probability = 1.5", ["probability", "less than or equal to 1"]),
+    "a negative time": (FIRST + 'at = "-1 s"', ["at", "at least 0"]),
+    "transaction nought": (FIRST + "transaction = 0", ["transaction", "at least 1"]),
+    "a probability above one": (FIRST + "probability = 1.5", ["probability", "at most 1"]),
     "an unknown setting": (
         'kind = "front_panel"\non = "shaker_amplifier"\nat = "1 s"\nsetting = "gian"\nvalue = 1',
         ["setting of the shaker amplifier 'gian' (did you mean 'gain'?)"],
