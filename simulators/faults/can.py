@@ -11,7 +11,7 @@ from palpate.instrument.bench.usual import CAN
 from palpate.instrument.contracts.sensor_node import CONTRACT
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import Fault, Trigger
-from palpate.simulators.faults.places import Beats, Target
+from palpate.simulators.faults.places import Beats, Samples, Struck, Target
 from palpate.simulators.wire.relay import Send
 
 SAMPLES, STAMP = (pdo.base for pdo in CONTRACT.pdos)
@@ -91,6 +91,8 @@ class NoHeartbeat(CanFault):
 
 
 class _Counter(CanFault):
+    """Only our own nodes number their samples; of a maker's node the driver counts SYNCs."""
+
     targets: ClassVar[tuple[Target, ...]] = ("sensor_node",)
     function: ClassVar[int | None] = STAMP
     step: ClassVar[int]
@@ -116,9 +118,13 @@ class CounterSkips(_Counter):
 class BabblingNode(CanFault):
     """A node sends its samples again and again."""
 
-    targets: ClassVar[tuple[Target, ...]] = ("sensor_node",)
+    targets: ClassVar[tuple[Target, ...]] = ("sensor_node", Samples)
     function: ClassVar[int | None] = SAMPLES
     times: int = Field(default=BABBLE, ge=1, le=10_000, strict=True)
+
+    def problem(self, place: Struck) -> str:
+        sent = [pdo.base for pdo in place.kind.contract.pdos] if place.kind is not None else []
+        return "" if SAMPLES in sent else f"{place.name} sends no samples under 0x{SAMPLES:X} and its node id"
 
     def frames(self, frame: Frame) -> list[Frame]:
         return self.times * [frame]

@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.simulators.faults.device import DeviceFault, Faulty, device
-from palpate.simulators.faults.places import Target
+from palpate.simulators.faults.places import Samples, Struck, Target
 
 HARDWARE = 0x5000  # emergency code for device hardware, CiA 301
 BEYOND = 1e3  # V, above every range
@@ -37,14 +36,19 @@ class Emergency(DeviceFault):
 class FilmFault(DeviceFault):
     """A voltage is added to the output of the charge amplifier of a `channel`."""
 
-    targets: ClassVar[tuple[Target, ...]] = ("sensor_node",)
-    channel: int = Field(default=1, ge=1, le=CHANNELS, strict=True)
+    targets: ClassVar[tuple[Target, ...]] = ("sensor_node", Samples)
+    channel: int = Field(default=1, ge=1, strict=True)
+
+    def problem(self, place: Struck) -> str:
+        most = place.kind.channels if place.kind is not None else 0
+        return f"channel: {self.channel} is too large; {place.name} has {most}" if self.channel > most else ""
 
     def begin(self, sim: Faulty) -> None:
         found, start = device(sim, self.on), sim.clock.now_ns()
-        sample, row = found.sample, np.arange(CHANNELS)[:, np.newaxis] == self.channel - 1
+        sample = found.sample
 
         def faulty(time_ns: Any, volts: Any, period_ns: int) -> Any:
+            row = np.arange(len(volts))[:, np.newaxis] == self.channel - 1
             return sample(time_ns, volts + row * self.added(1e-9 * (time_ns - start)), period_ns)
 
         found.sample = faulty

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 
 from palpate.instrument.additions import load
 from palpate.instrument.bench.kinds import KINDS, DeviceKind
+from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
 from palpate.instrument.bench.usual import CAN, LINE
 from palpate.instrument.contracts.contract import sdo
 from palpate.simulators.guests import Guest, replaced
@@ -34,9 +35,28 @@ class Reads(Protocol):
     readings: tuple[str, ...]
 
 
-NODE = "sensor_node"
+class Weighs(Protocol):
+    """A maker's load indicator; `contract` and `kind` are those of its map."""
+
+
+class WeighsFloat(Protocol):
+    """A maker's load indicator whose reading is a float, which can be none."""
+
+
+class TellsTrouble(Protocol):
+    """A maker's load indicator with bits that say that there is no load to read."""
+
+
+class Samples(Protocol):
+    """A maker's sensor node."""
+
+
+INDICATOR, NODE = "load_indicator", "sensor_node"
 HEARTBEAT_TIME = sdo(0x1017)  # CiA 301
-Target = str | type[Trips] | type[HasSettings] | type[Beats] | type[Reads]
+Target = (
+    str | type[Trips] | type[HasSettings] | type[Beats] | type[Reads] | type[Weighs] | type[WeighsFloat]
+    | type[TellsTrouble] | type[Samples]
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,8 +74,21 @@ class Struck:
             return any(field.address == HEARTBEAT_TIME for field in self.kind.contract.fields)
         if target is HasSettings:
             return any(field.access == "rw" and field.type != "text" for field in self.kind.contract.fields)
+        if target is Samples:
+            return NODE in self.kind.serves
+        if target in (Weighs, WeighsFloat, TellsTrouble):
+            return self._weighs(target)
         simulator = load(self.kind.simulator or "", f"simulator of {self.name}")
         return bool(getattr(simulator, "readings", ())) if target is Reads else issubclass(simulator, Trips)
+
+    def _weighs(self, target: Target) -> bool:
+        assert self.kind is not None
+        role = self.kind.serves.get(INDICATOR)
+        if not isinstance(role, LoadIndicatorMap):
+            return False
+        if target is WeighsFloat:
+            return self.kind.contract[role.reading].type.startswith("float")
+        return target is Weighs or bool(role.faults)
 
 
 def places(nodes: int, guests: Sequence[Guest] = ()) -> list[Struck]:

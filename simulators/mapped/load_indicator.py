@@ -123,8 +123,12 @@ class LoadIndicator(Twin):
         return self._shown(force, now)
 
     def _shown(self, force: float, update: int) -> float:
-        signal = self._cell.signal(force, self._own.gage_factor)
+        signal = self._cell.signal(force, self._own.gage_factor) + self.added_mV(update * self._step_ns)
         return self._cell.given(signal, update) / float(self._own.span)
+
+    def added_mV(self, time_ns: int) -> float:
+        """What a fault adds to the signal of the bridge at a time [mV]; nothing without one."""
+        return 0.0
 
     def _status(self) -> float:
         """The status word: signs of loads, and whether the load is stable."""

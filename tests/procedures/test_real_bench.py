@@ -29,7 +29,10 @@ KNOWN = {
     Cell("sweep loads", "bit_error", "line", ONCE): RIGHT,
     Cell("sweep loads", "power_cycle", "load_cell", ONCE): RIGHT,
     Cell("sweep loads", "stuck_reading", "load_cell", STAYS): "stopped",
+    Cell("sweep loads", "zero_drift", "load_cell", STAYS): "stopped",
+    Cell("sweep loads", "not_a_number", "load_cell", ONCE): RIGHT,
     Cell("sweep loads", "no_heartbeat", "films", STAYS): RIGHT,
+    Cell("sweep loads", "saturated_film", "films", STAYS): "marked",
     Cell("sweep loads", "node_reboot", "exciter", ONCE): "stopped",
 }
 

@@ -47,6 +47,36 @@ def test_a_scene_keeps_its_faults_when_it_is_written_and_read_again(tmp_path: Pa
     assert read_scene(str(again)).faults == faults
 
 
+MAKERS = places(1, read_scene("real_bench").devices)
+
+
+@pytest.mark.parametrize("kind", ["bridge_open", "overload", "not_a_number", "zero_drift"])
+def test_a_makers_load_indicator_has_the_faults_that_its_map_tells(kind: str) -> None:
+    (fault,) = parse_faults([{"kind": kind, "on": "load_cell", "at": "1 s"}], MAKERS, "here")
+    assert fault.on == "load_cell"
+
+
+def test_an_indicator_that_reads_integers_never_reads_that_it_is_no_number() -> None:
+    table = {"load_cell": {"kind": "laumas-tlb4", "role": "load_indicator", "span": 10.306}}
+    standing = places(1, read_scene("ideal").with_devices(table).devices)
+    with pytest.raises(ConfigError, match="unknown place of a not_a_number 'load_cell'"):
+        parse_faults([{"kind": "not_a_number", "on": "load_cell", "at": "1 s"}], standing, "here")
+    assert parse_faults([{"kind": "overload", "on": "load_cell", "at": "1 s"}], standing, "here")
+
+
+@pytest.mark.parametrize(
+    ("kind", "channel", "message"),
+    [
+        ("saturated_film", 5, "channel: 5 is too large; films has 4"),
+        ("counter_skips", None, "unknown place of a counter_skips 'films'"),  # its frames hold no number
+    ],
+)
+def test_a_makers_node_is_refused_what_it_does_not_have(kind: str, channel: int | None, message: str) -> None:
+    table = {"kind": kind, "on": "films", "at": "1 s", **({} if channel is None else {"channel": channel})}
+    with pytest.raises(ConfigError, match=message):
+        parse_faults([table], MAKERS, "here")
+
+
 WRONG = {
     "no kind": ('on = "line"\nat = "1 s"', ["fault 1: kind", "missing"]),
     "an unknown kind": ('kind = "no_replay"\non = "line"\nat = "1 s"', ["unknown fault 'no_replay'", "'no_reply'?"]),
