@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.instrument.errors import EstimateError
+from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.simulators.bounds.fits import SIGMAS
+from palpate.simulators.bounds.held_shares import shares
 from palpate.simulators.bounds.rounding import reaches_rail, step_changes, steps
 from palpate.simulators.bounds.sides import Side, certain, deterministic, reach, sides
 from palpate.simulators.bounds.strays import strays
@@ -32,11 +33,20 @@ NEARER = math.cos(math.pi / LOOKED_AT)  # share of the limit that is looked for,
 
 
 def bound_of(case: Case, effect: Effect) -> Bound:
-    """Greatest change of the results when the effect is left out."""
+    """Greatest change of the results when the effect is left out, for any share of the force that teeth may take."""
     known, nearer = effect.known_bound(case), effect.nearer(NEARER)
     if known is not None:
         return known
-    return _bound_of_change(case, effect) if nearer is None else _bound_of_limit(case, nearer)
+    found = []
+    for before, after in shares(Effects(case.effects), effect):
+        beside = replace(case, effects=before)
+        try:
+            found.append(_bound_of_change(beside, after) if nearer is None else _bound_of_limit(beside, nearer))
+        except RangeError:
+            if after is effect and not before.share:
+                raise
+            return BEYOND  # the teeth would take more than the whole force
+    return Bound(max(each.force for each in found), max(each.ratio for each in found))
 
 
 def _bound_of_change(case: Case, effect: Effect) -> Bound:

@@ -24,6 +24,8 @@ EFFECTS: dict[str, str] = {
     "current_limit": "palpate.simulators.effects.current_limit:CurrentLimit",
     "end_stops": "palpate.simulators.effects.end_stops:EndStops",
     "shaker_dynamics": "palpate.simulators.effects.shaker_dynamics:ShakerDynamics",
+    "curve_error": "palpate.simulators.effects.curve_error:CurveError",
+    "mounting_scatter": "palpate.simulators.effects.mounting_scatter:MountingScatter",
     "viscoelastic": "palpate.simulators.effects.viscoelastic:Viscoelastic",
     "hysteresis": "palpate.simulators.effects.hysteresis:Hysteresis",
     "crosstalk": "palpate.simulators.effects.crosstalk:Crosstalk",

@@ -1,9 +1,9 @@
-"""Scatter of the films' gains: each load set has slightly other gains, by seating, clamping and alignment."""
+"""Scatter of the films' gains: each load set or mounting has slightly other gains, by seating and alignment."""
 
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -15,23 +15,28 @@ from palpate.simulators.randomness import Stream
 
 
 class GainScatter(FilmsEffect):
-    """Draws the films' relative gains anew whenever the drive is set.
+    """Draws the films' relative gains anew whenever the drive is set, or whenever an object is mounted (`redrawn`).
 
-    The spread is the design's own (3.3 % and 3.0 % for the single sensor, correlated so that the ratio
-    repeats to 4.1 % [T]), times `strength`.
+    The spread is the design's own (3.3 % and 3.0 % for the single sensor, correlated so that the ratio repeats to 4.1 %
+    [T]), times `strength`. The thesis' tables do not tell which of the two redraws it.
     """
 
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = False
 
     strength: float = Field(default=1.0, ge=0, le=10, strict=True)
+    redrawn: Literal["set", "mounting"] = "set"  # [A]
 
     @property
     def scatter(self) -> float:
         return self.strength
 
+    @property
+    def by_mounting(self) -> bool:
+        return self.redrawn == "mounting"
+
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
-        """Gain factors of the films for the load set that began at `set_at_ns`, on the diagonal."""
+        """Gain factors of the films for the load set or mounting that began at `set_at_ns`, on the diagonal."""
         rho = design.film_correlation
         independent = stream.normal(set_at_ns // 1000 * len(design.films), len(design.films))
         common = independent[0]

@@ -18,6 +18,7 @@ from palpate.simulators.physics.stages import (
     LeakEffect,
     LineEffect,
     ShakerEffect,
+    ShareEffect,
     SourceEffect,
     StackEffect,
 )
@@ -77,6 +78,10 @@ class Effects(Mapping[str, Effect]):
         return tuple(e for e in self.values() if isinstance(e, ShakerEffect))
 
     @cached_property
+    def share(self) -> tuple[ShareEffect, ...]:
+        return tuple(e for e in self.values() if isinstance(e, ShareEffect))
+
+    @cached_property
     def stack(self) -> StackEffect | None:
         return next((e for e in self.values() if isinstance(e, StackEffect)), None)
 
@@ -90,7 +95,7 @@ class Effects(Mapping[str, Effect]):
 
     @cached_property
     def scattering(self) -> FilmsEffect | None:
-        """The effect that draws the films' gains anew for each load set."""
+        """The effect that draws the films' gains anew for each load set or mounting."""
         return next((e for e in self.films if e.scatter is not None), None)
 
     @cached_property

@@ -1,7 +1,7 @@
 """The places of effects in the chain, in the chain's own order, whatever the order in a scene file:
 
-    drive -> shaker -> stack -> films -> source -> amplifier -> input -> converter -> can
-                            `-> cell -> line
+    drive -> shaker -> share -> stack -> films -> source -> amplifier -> input -> converter -> can
+                                     `-> cell -> line
 
 Each place has a class; an effect stands alone in its file and overrides that class's methods.
 """
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.sensor.design import Design, Film
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.physics.effect import Case, Effect, Floats, Rates
 
 if TYPE_CHECKING:
@@ -38,6 +39,19 @@ class ShakerEffect(Effect, ABC):
     @abstractmethod
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
         """The shaker with this effect."""
+
+
+class ShareEffect(Effect, ABC):
+    """Changes the share of the force that the teeth take under an object, which is the sensor's force ratio."""
+
+    @property
+    @abstractmethod
+    def reach(self) -> tuple[float, float]:
+        """Least and greatest change of the ratio's natural logarithm; of what is drawn, within six deviations."""
+
+    @abstractmethod
+    def ln_change(self, sample: Sample, stream: Stream, mounted_at_ns: int) -> float:
+        """Change of the ratio's natural logarithm, for an object that was mounted at a clock time [ns]."""
 
 
 class StackEffect(Effect, ABC):
@@ -63,12 +77,21 @@ class FilmsEffect(Effect, ABC):
 
     @property
     def scatter(self) -> float | None:
-        """Spread of gains that each load set draws anew, over the design's own spread; None: gains stay."""
+        """Spread of gains that are drawn anew, over the design's own spread; None: gains stay."""
         return None
+
+    @property
+    def by_mounting(self) -> bool:
+        """Whether gains are drawn anew for each mounting, not for each load set."""
+        return False
 
     @abstractmethod
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
-        """Matrix (films, films) by which the films' signals are multiplied; `set_at_ns`: when the drive was set."""
+        """Matrix (films, films) by which the films' signals are multiplied.
+
+        `set_at_ns` is the clock time at which the drive was set or, where gains are drawn `by_mounting`, at which the
+        object was mounted.
+        """
 
 
 class SourceEffect(Effect, ABC):
@@ -207,6 +230,6 @@ class CellEffect(Effect, ABC):
 
 # Each effect inherits from one of these places in the chain; else it would do nothing.
 PLACES = (
-    DriveEffect, ShakerEffect, StackEffect, HysteresisEffect, FilmsEffect, SourceEffect, AmplifierEffect, LeakEffect,
-    InputEffect, ConverterEffect, CanEffect, LineEffect, CellEffect,
+    DriveEffect, ShakerEffect, ShareEffect, StackEffect, HysteresisEffect, FilmsEffect, SourceEffect, AmplifierEffect,
+    LeakEffect, InputEffect, ConverterEffect, CanEffect, LineEffect, CellEffect,
 )  # fmt: skip

@@ -26,7 +26,7 @@ class LongRecord:
         time: (n,) s.
         voltage: (2, n) V, the first tooth's film and its base's.
         saturated: whether a sample was at its rail.
-        ratio: true ratio of the two amplitudes, by the sensor and the object alone.
+        ratio: true ratio of the two amplitudes, by the sensor and the mounted object alone.
         scatter: relative standard deviation of the ratio from one load set to the next, by the films' gains.
     """
 
@@ -58,7 +58,7 @@ def long_record(scene: Scene, question: Question, rate: float) -> LongRecord:
     first = round(SETTLING * 1e9) // period_ns
     time_ns = (first + np.arange(round(question.dwell * rate))) * period_ns
     voltage, saturated = sampled(kept, driven(kept, question), time_ns, period_ns)
-    touched = {effects.stack.name: effects.stack} if effects.stack else {}
+    touched = {effect.name: effect for effect in (*effects.share, effects.stack) if effect}
     gains = np.abs(driven(replace(scene, effects=touched), question).transfer(question.frequency))[pair]
     strength = (effects.scattering and effects.scattering.scatter) or 0.0
     return LongRecord(

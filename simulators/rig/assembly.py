@@ -70,6 +70,7 @@ def film_signals(
     mounted: Mounted,
     streams: Mapping[str, Stream],
     set_at_ns: int,
+    mounted_at_ns: int,
     ambient: float,
 ) -> StateSpace:
     """The system that turns forces into the films' voltages before their amplifiers.
@@ -83,6 +84,7 @@ def film_signals(
         mounted: what lies under the probe.
         streams: a random stream for each effect on the films, by the effect's name.
         set_at_ns: clock time at which the drive was last set [ns].
+        mounted_at_ns: clock time at which what lies under the probe was last changed [ns].
         ambient: warming of the surroundings since the bench was opened [K].
     """
     shares = np.zeros((len(design.films), 4))
@@ -93,7 +95,8 @@ def film_signals(
         shares[number] = (part, part if both else 0.0, played, 0.0)
     matrix = np.diag([film.sensitivity for film in design.films])
     for effect in effects.films:
-        matrix = effect.matrix(design, streams[effect.name], set_at_ns) @ matrix
+        drawn_at_ns = mounted_at_ns if effect.by_mounting else set_at_ns
+        matrix = effect.matrix(design, streams[effect.name], drawn_at_ns) @ matrix
     signals = gain(matrix @ shares)
     for source in effects.source:
         signals = signals.plus(source.source(design, ambient))

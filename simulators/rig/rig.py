@@ -7,6 +7,7 @@ asks for it.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import replace
 from itertools import pairwise
@@ -15,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import in_order
@@ -40,7 +43,9 @@ class Rig:
         self.scene = scene = replace(scene, effects=self.effects)
         self._clock = clock
         self._films = scene.design.films
-        self._streams = {each.name: Stream(scene.seed, each.name) for each in self.effects.films}
+        self._streams = {
+            each.name: Stream(scene.seed, each.name) for each in (*self.effects.share, *self.effects.films)
+        }
         self._leak = self.effects.leak if self.effects.amplifier else None  # without an amplifier no charge leaks away
         self._bridge_tau = BRIDGE_TAU
         self._mounted = Mounted(scene.design)
@@ -50,6 +55,7 @@ class Rig:
         self._weight = 0.0
         self._ambient = 0.0
         self._set_at_ns = 0
+        self._mounted_at_ns = 0
         self._changed_ns = 0
         self.changes = 0  # counts changes of any kind
         self.exchanges = 0  # counts changes of what lies under the probe
@@ -81,7 +87,11 @@ class Rig:
         self._begin()
 
     def mount(self, sample: Sample) -> None:
-        self._lay(Mounted(self.scene.design, sample, response=self.scene.answer(sample)))
+        """Lay a sample on the sensor.
+
+        Raises RangeError: the scene's model does not answer for it, or by effects the teeth take more than the force.
+        """
+        self._lay(Mounted(self.scene.design, sample, response=self._response(sample)))
 
     def take_off(self) -> None:
         """Take away what lies under the probe."""
@@ -216,8 +226,21 @@ class Rig:
 
     # --- how it follows --------------------------------------------------------------------------------
 
+    def _response(self, sample: Sample) -> Response:
+        """Response of the sensor to a sample that is mounted now: by the scene's model, and changed by effects."""
+        response, now = self.scene.answer(sample), self._clock.now_ns()
+        changes = [effect.ln_change(sample, self._streams[effect.name], now) for effect in self.effects.share]
+        ratio = response.force_ratio * math.exp(math.fsum(changes))
+        if changes and not ratio < 1:
+            names = ", ".join(effect.name for effect in self.effects.share)
+            raise RangeError(
+                f"sample {sample.name!r} has a force ratio of {ratio:.3g} by {names}, which is not below 1: the teeth "
+                f"cannot take more than the whole force; give these effects smaller parameters"
+            )
+        return replace(response, force_ratio=ratio, force_rigid=ratio * response.force_total)
+
     def _lay(self, mounted: Mounted) -> None:
-        self._mounted = mounted
+        self._mounted, self._mounted_at_ns = mounted, self._clock.now_ns()
         self.exchanges += 1
         state = self._paths[-1].state(self._clock.now_ns())
         state[: self._last.stack_order] = 0.0  # a new sample has not crept yet
@@ -248,7 +271,7 @@ class Rig:
 
         With unchanged settings it is the last chain, which has its modes solved already.
         """
-        gains = (self._mounted, self._set_at_ns, self._ambient)
+        gains = (self._mounted, self._set_at_ns, self._mounted_at_ns, self._ambient)
         if gains != self._gains:
             self._gains, self._signals = gains, self._film_signals()
         signals = self._signals
@@ -261,9 +284,8 @@ class Rig:
         return chain_of(self.scene, self.effects, mounted, signals, *others)
 
     def _film_signals(self) -> StateSpace:
-        return film_signals(
-            self.scene.design, self.effects, self._mounted, self._streams, self._set_at_ns, self._ambient
-        )
+        since = (self._set_at_ns, self._mounted_at_ns)
+        return film_signals(self.scene.design, self.effects, self._mounted, self._streams, *since, self._ambient)
 
     def _leakage(self, epoch: int | None = None) -> float:
         """Conductance across a film in the middle of an epoch of the humidity (None: the present one) [S]."""

@@ -17,6 +17,7 @@ SCENES = (
     "thesis_common_base",
     "thesis_different_base",
     "thesis_single",
+    "unknown_curve",
     "array_16",  # last: with its five nodes it takes longest
 )
 # With the smallest settings that reach every part of a procedure.

@@ -141,8 +141,8 @@ def changes(
 
 
 def _again(scene: Scene, question: Question, phase: float, rigs: dict[Key, Rig]) -> Signals:
-    """In another phase, by the same rig where neither a leak, the films' scatter nor a play has moved on."""
-    if {"humidity_leak", "gain_scatter", "hysteresis"} & set(scene.effects):
+    """In another phase, by the same rig where neither a leak nor a play has moved on, and where no seed matters."""
+    if {"humidity_leak", "gain_scatter", "hysteresis", "curve_error", "mounting_scatter"} & set(scene.effects):
         return followed(scene, question, phase)
     key = frozenset(scene.effects.items())
     if key not in rigs:

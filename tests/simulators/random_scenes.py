@@ -29,6 +29,8 @@ MOST_BESIDE = 5
 DESIGNS = ("single",) * 6 + ("single_round", "common_base", "different_base")
 # Of each twenty numbers these are arrays; by their number, so that all others are the scenes that they always were.
 ARRAYS = {6: "array", 18: "array_16"}
+# Effects on the share of the force come in numbers of their own likewise.
+SHARES, WITH_SHARES = ("curve_error", "mounting_scatter"), 12
 MEASURED = ("single", "common_base", "different_base")
 
 
@@ -47,7 +49,8 @@ def drawn(number: int) -> Drawn:
     """The scene of a number: always the same."""
     chance = np.random.default_rng([15, number])
     while True:
-        names = [name for name in EFFECTS if name not in ELSEWHERE]
+        shares = number % 20 == WITH_SHARES
+        names = [name for name in EFFECTS if name not in ELSEWHERE and (shares or name not in SHARES)]
         name = str(chance.choice(names))
         beside = [str(other) for other in chance.permutation(names)[: chance.integers(MOST_BESIDE + 1)]]
         chosen = {name}

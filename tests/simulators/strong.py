@@ -8,6 +8,7 @@ from palpate.simulators.effects.can_timing import CanTiming
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.crosstalk import Crosstalk
 from palpate.simulators.effects.current_limit import CurrentLimit
+from palpate.simulators.effects.curve_error import CurveError
 from palpate.simulators.effects.end_stops import EndStops
 from palpate.simulators.effects.frequency_error import FrequencyError
 from palpate.simulators.effects.gain_scatter import GainScatter
@@ -17,6 +18,7 @@ from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.effects.jitter import Jitter
 from palpate.simulators.effects.load_cell import LoadCell
 from palpate.simulators.effects.mains_hum import MainsHum
+from palpate.simulators.effects.mounting_scatter import MountingScatter
 from palpate.simulators.effects.off_axis import OffAxis
 from palpate.simulators.effects.pink_noise import PinkNoise
 from palpate.simulators.effects.pyroelectric import Pyroelectric
@@ -34,6 +36,8 @@ STRONG: dict[str, Effect] = {
     "current_limit": CurrentLimit(limit="0.3 A"),
     "end_stops": EndStops(travel="1 mm"),
     "shaker_dynamics": ShakerDynamics(mass="300 g"),
+    "curve_error": CurveError(),
+    "mounting_scatter": MountingScatter(scatter=0.1),
     "viscoelastic": Viscoelastic(material="soft_tissue"),
     "hysteresis": Hysteresis(weights=(0.3,), radii=("0.02 N",)),
     "crosstalk": Crosstalk(compliant=0.2),

@@ -25,10 +25,12 @@ from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
 from palpate.simulators.effects.crosstalk import Crosstalk
 from palpate.simulators.effects.current_limit import CurrentLimit
+from palpate.simulators.effects.curve_error import CurveError
 from palpate.simulators.effects.end_stops import EndStops
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.effects.glue_clamping import GlueClamping
 from palpate.simulators.effects.load_cell import LoadCell
+from palpate.simulators.effects.mounting_scatter import MountingScatter
 from palpate.simulators.effects.off_axis import OffAxis
 from palpate.simulators.effects.pyroelectric import Pyroelectric
 from palpate.simulators.effects.triboelectric import Triboelectric
@@ -121,6 +123,8 @@ NOTHING: dict[str, Effect] = {
     "amplifier_clip": AmplifierClip(rail="1 kV"),
     "current_limit": CurrentLimit(limit="1 kA"),
     "end_stops": EndStops(travel="1 m"),
+    "curve_error": CurveError(constant=0.0, spread=0.0),
+    "mounting_scatter": MountingScatter(scatter=0.0),
     "viscoelastic": Viscoelastic(g=(0.0,), tau=("1 s",)),
     "crosstalk": Crosstalk(compliant=0.0),
     "glue_clamping": GlueClamping(factor=1.0),

@@ -75,7 +75,7 @@ def test_every_key_and_parameter_of_the_file_arrives_in_si_units(tmp_path: Path)
         },
         "adc": {"bits": 12},
         "white_noise": {"density": "3e-06 V/√Hz"},
-        "gain_scatter": {"strength": 0.5},
+        "gain_scatter": {"strength": 0.5, "redrawn": "set"},
     }
 
 
@@ -92,7 +92,7 @@ def test_the_thesis_scene_has_the_rig_parameters_of_the_thesis() -> None:
     cell = scene.effects["load_cell"].model_dump()
     assert parse(cell["zero"], "V") == pytest.approx(1.81e-3)  # Table 5.1
     assert cell["decimals"] == 0
-    assert scene.effects["gain_scatter"].model_dump() == {"strength": 1.0}
+    assert scene.effects["gain_scatter"].model_dump() == {"strength": 1.0, "redrawn": "set"}
     films = {film.name: (film.sensitivity, film.scatter) for film in scene.design.films}
     assert films == {"rigid": (5.995e-3, 0.033), "total": (68.60e-3, 0.030)}  # Tables A2.9 to A2.14
 

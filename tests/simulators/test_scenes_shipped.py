@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import Samples, SensorNode
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.linear.lti import Floats
+from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
@@ -20,8 +22,8 @@ from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene, shipped
 
 SCENES = (
-    "array_16", "everything", "humid_body", "ideal", "long_drift", "noisy_lab", "overdriven", "real_bench",
-    "thesis_common_base", "thesis_different_base", "thesis_single",
+    "array_16", "everything", "humid_body", "ideal", "long_drift", "noisy_lab", "overdriven", "poor_seating",
+    "real_bench", "thesis_common_base", "thesis_different_base", "thesis_single", "unknown_curve",
 )  # fmt: skip
 PERIOD_NS = 4_000_000  # of the samples
 SETTLED = 500  # samples
@@ -96,6 +98,21 @@ def test_everything_calls_for_every_effect_that_does_not_exclude_another() -> No
     effects = read_scene("everything").effects
     left = set(EFFECTS) - set(effects)
     assert all(set(effects) & set(effect_class(name).excludes) for name in left), left
+
+
+def test_unknown_curve_lies_off_the_curve_that_answers_and_mounts_no_object_twice_alike() -> None:
+    scene, clock = read_scene("unknown_curve"), VirtualClock()
+    sample = SAMPLES["4"]
+    rig, found = Rig(replace(scene, effects=Effects(scene.effects).but(scene.effects["gain_scatter"])), clock), []
+    clock.add(rig)
+    for _ in range(2):
+        clock.wait(60.0)
+        rig.mount(sample)
+        rig.set_position(scene.rig.sensor_position)
+        rigid, total, _ = np.abs(rig.transfer(10.0)) / [*(film.sensitivity for film in scene.design.films), 1.0]
+        found.append(np.log(rigid / total / scene.answer(sample).force_ratio))
+    assert found[0] == pytest.approx(-0.239, abs=4 * 0.053)
+    assert 1e-4 < abs(found[1] - found[0]) < 6 * 0.01
 
 
 def test_overdriven_clips_at_the_rail_and_its_force_has_harmonics() -> None:
