@@ -19,6 +19,7 @@ from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 
 NOBODY = (10, 11)  # exceptions of a gateway behind which no device answers
+BROADCAST = 0  # unit id at which some devices reply as they leave the factory, and which reaches all on a line
 FEWEST = 3  # units of a TCP address; if as many answer alike, it is one device that looks at no unit id
 
 
@@ -49,11 +50,17 @@ class ModbusSearch:
         self._came = b"" if sent else data
 
     def over(self, units: Sequence[int]) -> list[Found]:
-        """The devices that answer at these unit ids. Raises LinkError: the link cannot be opened, or is lost."""
+        """The devices that answer at these unit ids or, where none does, at unit 0.
+
+        Raises LinkError: the link cannot be opened, or is lost.
+        """
         found: list[Found] = []
         self.link.open()
         try:
-            for unit in units:
+            for unit in (*units, BROADCAST):
+                if unit == BROADCAST and found:
+                    self.search.of -= 1
+                    break
                 if not self.search.goes_on(f"{self.where} unit {unit}"):
                     break
                 if self._answers(unit):
@@ -163,7 +170,7 @@ def scan_line(
                 return
             continue  # not every port takes every parity
         if found and not every:
-            search.of -= len(units) * len(lines[number + 1 :])
+            search.of -= (len(units) + 1) * len(lines[number + 1 :])
             search.left += [
                 f"{line.port} at {setting_of(other)}: devices answer at {setting_of(line)}"
                 for other in lines[number + 1 :]

@@ -10,11 +10,9 @@ from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.requests import READS, read_identity
 from palpate.instrument.errors import UsageError
 
-EVERYBODY = 0  # unit id of a broadcast
-
 
 class ReadOnlyModbus(ModbusLink):
-    """A link that sends functions 1 to 4 and 43/14 alone, and no broadcast. Raises UsageError for all others."""
+    """A link that sends functions 1 to 4 and 43/14 alone, which change nothing. Raises UsageError for all others."""
 
     def transact(
         self, who: str, request: Callable[..., Any], *args: object, gap: float = 0.0, responds: float = 0.0
@@ -22,8 +20,6 @@ class ReadOnlyModbus(ModbusLink):
         """As `ModbusLink.transact`."""
         if request is not read_identity and request not in READS.values():
             raise UsageError(f"{who}: a search only reads; {request.__name__} was not sent")
-        if args[-1] == EVERYBODY:
-            raise UsageError(f"{who}: unit 0 addresses all devices of a line; a search does not ask it")
         return super().transact(who, request, *args, gap=gap, responds=responds)
 
 

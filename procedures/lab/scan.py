@@ -122,12 +122,13 @@ class Plan:
     def questions(self) -> int:
         """Greatest number of addresses that are asked."""
         on_lines = sum(map(len, self.lines))
-        return len(self.units) * (len(self.tcp) + on_lines) + (len(self.buses) + len(self.nodes) if self.buses else 0)
+        units = len(self.units) + 1  # with unit 0
+        return units * (len(self.tcp) + on_lines) + (len(self.buses) + len(self.nodes) if self.buses else 0)
 
     @property
     def seconds(self) -> float:
         """Time if nobody answers, which is the longest but for what devices that answer are asked [s]."""
-        units = len(self.units) * PER_UNIT * self.timeout * (len(self.tcp) + sum(map(len, self.lines)))
+        units = (len(self.units) + 1) * PER_UNIT * self.timeout * (len(self.tcp) + sum(map(len, self.lines)))
         nodes = len(self.buses) * self.listen + len(self.nodes) * self.timeout if self.buses else 0.0
         return min(units + nodes, self.search.within)
 
@@ -192,7 +193,7 @@ def _numbers(option: str, text: str, most: int) -> list[int]:
         ends = re.fullmatch(r"\s*(\d{1,3})\s*(?:-\s*(\d{1,3}))?\s*", part)
         low, high = (int(ends[1]), int(ends[2] or ends[1])) if ends else (0, 0)
         if not 1 <= low <= high <= most:
-            why = "; 0 addresses all devices of a line, and is never asked" if ends and low == 0 else ""
+            why = "; 0 is asked by itself where no other answers" if ends and low == 0 else ""
             raise UsageError(f"{option}: {part.strip()!r} is not within 1 to {most}, as 1-8,16{why}")
         found += range(low, high + 1)
     return list(dict.fromkeys(found))

@@ -12,7 +12,7 @@ import pytest
 from palpate.drivers.links import can_listening
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.can_listening import listen
-from palpate.drivers.links.requests import read_registers, write_registers
+from palpate.drivers.links.requests import write_registers
 from palpate.drivers.scan.can_scan import check_allowed, scan_can
 from palpate.drivers.scan.found import Search
 from palpate.drivers.scan.modbus_scan import ModbusSearch, scan_line, settings
@@ -22,6 +22,7 @@ from palpate.instrument.bench.kinds import KINDS as OWN
 from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.contracts.contract import Contract, Field, Identity, Mark
+from palpate.instrument.contracts.manners import Manners
 from palpate.instrument.errors import UsageError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.test_foreign_node import NODE, ForeignNode
@@ -126,13 +127,23 @@ def test_only_reads_are_on_the_wire_whatever_kinds_are_compared() -> None:
     assert all(request[0] for request in slaves.requests)
 
 
-def test_a_write_and_a_broadcast_are_refused_before_they_are_sent() -> None:
+def test_a_device_that_answers_at_unit_0_alone_is_found_and_others_are_not_asked_there() -> None:
+    """EA sources reply there as they leave the factory; a device that keeps to the standard is silent at unit 0."""
+    zero = kind(contract("source", manners=Manners(units=(0, 1))))
+    search = searched(Slaves(u0=[7, 123, 5, 0]), [1, 2], [zero, INDICATOR])
+    (found,) = search.found
+    assert (found.unit, found.fits, search.asked) == (0, ("source",), 3)
+    slaves = Slaves(u0=[7, 123, 5, 0], u2=[7, 5, 5, 0])
+    (found,) = searched(slaves, [1, 2], [zero, INDICATOR]).found
+    assert found.unit == 2
+    assert all(request[0] for request in slaves.requests)
+
+
+def test_a_write_is_refused_before_it_is_sent() -> None:
     slaves = Slaves(u1=[0])
     link = ReadOnlyModbus(PORT, VirtualLine(slaves))
     with pytest.raises(UsageError, match="only reads; write_registers was not sent"):
         link.transact("it", write_registers, 0, [1], 1)
-    with pytest.raises(UsageError, match="unit 0 addresses all devices"):
-        link.transact("it", read_registers, 0, 1, 0)
     assert slaves.requests == []
     bus = ReadOnlyCan(links.CanLink(interface="virtual", channel="none"))
     for write in (

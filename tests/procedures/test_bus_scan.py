@@ -76,7 +76,7 @@ def test_a_device_is_found_with_its_map_and_the_bench_file_can_be_used(
 
 def test_what_is_impossible_is_refused_before_anything_is_sent(palpate: Palpate) -> None:
     for arguments, message in (
-        (["--units=0-3", "--tcp=localhost"], "0 addresses all devices of a line"),
+        (["--units=0-3", "--tcp=localhost"], "0 is asked by itself where no other answers"),
         (["--units=4-2", "--tcp=localhost"], "is not within 1 to 247"),
         (["--nodes=128", "--can=virtual:x"], "is not within 1 to 127"),
         ([], "nothing to search"),
