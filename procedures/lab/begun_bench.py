@@ -40,10 +40,11 @@ def begun_bench(found: Sequence[Found], kinds: Sequence[DeviceKind]) -> str:
                 section["set_to_link"] = True  # it answers with the settings of this link
             devices[_new(_plain(kind.name), devices)] = section
             continue
+        likely = each.fits or each.candidates
         unknown += ["", f"# unit {each.unit} on {link} answers, and is not known: {each.says or 'it tells nothing'}"]
-        unknown += [f"# could be: {' or '.join(each.fits or each.candidates) or 'no kind that has a map'}"]
-        kind_line = f'kind = "{(each.fits or each.candidates)[0]}"' if each.fits or each.candidates else 'map = "FILE"'
-        lines = [f"[device.NAME_{each.unit}]", kind_line, *(f"{key} = {_value(value)}" for key, value in place.items())]
+        unknown += [f"# could be: {' or '.join(likely) or 'no kind that has a map'}"]
+        section = (by_name[likely[0]].key if likely else {"map": "FILE"}) | place
+        lines = [f"[device.NAME_{each.unit}]", *(f"{key} = {_value(value)}" for key, value in section.items())]
         if not each.fits:
             lines.append('inventory = "LABEL"')
         unknown += [f"# {line}" for line in lines]

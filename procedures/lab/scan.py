@@ -89,7 +89,7 @@ class Plan:
         ):  # fmt: skip
             if not least <= given <= most:
                 raise RangeError(f"{option} {given:g} s is outside {least:g} s to {most:g} s; give one inside")
-        kinds = [*all_kinds(), *map(kind_in_file, maps)]
+        kinds = [*map(kind_in_file, maps), *all_kinds()]  # of those that could be it, a map of one's own is told first
         check_identities(kinds)
         tried = settings(kinds, _rates("--baudrates", baudrates), _parities(parities))
         buses = []

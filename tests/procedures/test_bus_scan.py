@@ -14,8 +14,9 @@ from palpate.drivers.scan.found import Found
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.contracts.maps.map_file import read_map
+from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
 from palpate.procedures.lab.begun_bench import begun_bench
+from palpate.procedures.lab.scan import Plan
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.mapped.twin import Twin
 from palpate.simulators.wire.device import Place
@@ -93,6 +94,20 @@ def test_what_is_impossible_is_refused_before_anything_is_sent(palpate: Palpate)
         spoken = palpate("bus", "scan", *arguments)
         assert spoken.status == 2, arguments
         assert message in spoken.err
+
+
+def test_of_kinds_that_a_device_could_be_a_map_of_ones_own_is_told_first_and_named_by_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    text = (SHIPPED / "seneca-z-sg2.toml").read_text(encoding="utf-8")
+    file.write_text(text.replace('"seneca-z-sg2"', '"mine"').replace('"Z-SG2"', '"Mine"'), encoding="utf-8")
+    kinds = Plan.asked(
+        tcp=["localhost"], lines=[], can=None, units="1", nodes="1", baudrates=None, parities=None, every=False,
+        bitrates=None, listen=1.0, talk=False, timeout=0.2, within=60.0, maps=[file],
+    ).kinds  # fmt: skip
+    could_be = tuple(kind.name for kind in kinds if kind.name in ("laumas-tlb4", "mine"))
+    assert could_be == ("mine", "laumas-tlb4")
+    line = SerialLine(port="/dev/ttyS9", baudrate=9600)
+    assert f'# map = "{file}"\n' in begun_bench([Found("modbus-rtu", line, 4, candidates=could_be)], kinds)
 
 
 def test_a_bench_file_lists_what_is_known_and_comments_on_the_rest() -> None:
