@@ -6,7 +6,6 @@ import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any, get_args
 
 import click
@@ -16,11 +15,9 @@ from sphinx.application import Sphinx
 
 from palpate.instrument import errors as palpate_errors
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.bench.kinds import all_kinds, device_kind
+from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.export import registers
-from palpate.instrument.contracts.maps.golden_frames import prove
-from palpate.instrument.contracts.maps.map_file import shipped as maps
 from palpate.instrument.quantity import Unit, show
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
@@ -32,7 +29,6 @@ from palpate.simulators.faults.places import places, struck
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import SceneFile, shipped
 
-PAGES = Path(__file__).parent / "devices"
 PLACE = re.compile(r"^<!-- generated: (\w+) -->$", flags=re.MULTILINE)
 
 
@@ -106,18 +102,6 @@ def kinds() -> str:
     return _table(("kind", "device", "links", "roles"), rows)
 
 
-def instruments() -> str:
-    """The devices of makers that have a map: the page of each, its roles, and how many of its fields are proved."""
-    rows = []
-    for kind in map(device_kind, maps()):
-        contract = kind.contract
-        proved = prove(contract, kind.map.frames).proved if kind.map else {}
-        page = f"[{contract.title}]({kind.name}.md)" if (PAGES / f"{kind.name}.md").exists() else contract.title
-        printed = f"{list(proved.values()).count('printed')} of {len(contract.fields)}"
-        rows.append((page, f"`{kind.name}`", _listed(kind.roles), _listed(kind.links), contract.known_by, printed))
-    return _table(("device", "kind", "roles", "links", "known by", "frames of the manual"), rows)
-
-
 def errors() -> str:
     """The tree of errors, as their module draws it."""
     tree = inspect.cleandoc(palpate_errors.__doc__ or "").split("\n\n")[1]
@@ -135,7 +119,6 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "scene_file": partial(file_of, SceneFile),
     "study_file": partial(file_of, StudyFile),
     "kinds": kinds,
-    "instruments": instruments,
     "errors": errors,
 }
 

@@ -108,6 +108,17 @@ def test_a_device_s_page_says_how_many_of_its_fields_frames_of_the_manual_prove(
     assert proof.without == ()
 
 
+def test_the_table_of_instruments_has_each_map() -> None:
+    rows = []
+    for kind in map(device_kind, maps()):
+        title = (DOCUMENTATION / "devices" / f"{kind.name}.md").read_text(encoding="utf-8").partition("\n")[0]
+        roles = ", ".join(kind.roles).replace("_", " ")
+        number, fields = proved(kind.name)
+        cells = (f"`{kind.name}`", roles, ", ".join(kind.links), kind.contract.known_by, f"{number} of {fields}")
+        rows.append((f"[{title.removeprefix('# ')}]({kind.name}.md)", *cells))
+    assert sorted(table("devices/index.md")) == sorted(rows)
+
+
 def test_the_page_of_the_tlb4_says_up_to_which_frequency_its_fastest_filter_follows() -> None:
     page = (DOCUMENTATION / "devices" / "laumas-tlb4.md").read_text(encoding="utf-8")
     corner, rate = (float(found) for found in re.findall(r'= "(\d+) Hz"`', page))
