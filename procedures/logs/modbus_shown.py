@@ -60,13 +60,11 @@ class Conversation:
         return [f for f in self.contract.fields if f.table == table and address <= f.address < address + count]
 
     def _values(self, table: Table, address: int, data: bytes) -> str:
-        if self.contract is None:
-            return f"0x{address:04x}: {data.hex(' ')}"
         width = 1 if table in BITS else 2
-        found = {
-            f.name: data[width * (f.address - address) :][: f.size]
-            for f in self._among(table, address, -(-len(data) // width))
-        }
+        among = [] if self.contract is None else self._among(table, address, -(-len(data) // width))
+        if self.contract is None or not among:
+            return f"0x{address:04x}: {data.hex(' ')}"
+        found = {f.name: data[width * (f.address - address) :][: f.size] for f in among}
         take(self.contract, found, self.known)
         return ", ".join(self.contract.shown(name, content, self.known) for name, content in found.items())
 

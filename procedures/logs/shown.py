@@ -143,7 +143,7 @@ def _message(contract: Contract, identifier: int, node: int, kind: int, data: by
         return f"heartbeat, {STATES.get(data[0] & NODE_BITS, f'state {data[0]}')}"
     if kind in (SDO_REQUEST, SDO_ANSWER) and len(data) == 8:
         return _sdo(contract, data, known, asked=kind == SDO_REQUEST)
-    return f"0x{identifier:03X}"
+    return f"0x{identifier:03X}" + (f": {data.hex(' ')}" if data else "")
 
 
 def _sdo(contract: Contract, data: bytes, known: dict[str, float], *, asked: bool) -> str:
@@ -153,7 +153,10 @@ def _sdo(contract: Contract, data: bytes, known: dict[str, float], *, asked: boo
     content = data[4 : 8 - (command >> 2 & 3)] if command & EXPEDITED else b""
     if field and content:
         take(contract, {name: content}, known)
-    shown = contract.shown(field.name, content, known) if field and content else name
+    if field and content:
+        shown = contract.shown(field.name, content, known)
+    else:
+        shown = f"{name} = {content.hex(' ')}" if content else name
     match command >> 5, asked:
         case 4, _:
             return f"abort {name}, 0x{int.from_bytes(data[4:], 'little'):08X}"

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.logs.bus_log import RUN
+from palpate.drivers.logs.bus_log import RUN, Frame
 from palpate.drivers.logs.pcapng import Link, Packet
 from palpate.instrument.contracts.contract import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import read_map
 from palpate.procedures.logs.modbus_shown import Conversation
-from palpate.procedures.logs.shown import _messages
+from palpate.procedures.logs.shown import _frame, _messages
 from tests.contracts import modbus_contract
 
 THING = modbus_contract(
@@ -58,11 +58,30 @@ def test_a_scale_that_never_went_by_is_said_to_be_unknown() -> None:
         ("06 0014 0001", "06 0014 0001", ["write order = start", "written"]),
         ("03 000E 0001", "03 02 FFFF", ["read mean", "mean = no reading"]),
         ("03 0010 0001", "03 02 0102", ["read low, high", "low = 2, high = 1"]),
+        ("03 0064 0002", "03 04 0102 0304", ["read 2 from 0x0064", "0x0064: 01 02 03 04"]),
+        ("06 0064 0007", "06 0064 0007", ["write 0x0064: 00 07", "written"]),
         ("03 0064 0001", "83 02", ["read 1 from 0x0064", "exception 2, illegal address"]),
     ],
 )
 def test_every_function_shows_fields_by_name(request_: str, reply: str, texts: list[str]) -> None:
     assert said(request_, reply) == texts
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data", "text"),
+    [
+        (0x58A, "43 02 64 01 2C 01 00 00", "-> 0x6402:1 = 2c 01 00 00"),
+        (0x60A, "2B 02 64 01 2C 01 00 00", "write 0x6402:1 = 2c 01"),
+        (0x60A, "40 02 64 01 00 00 00 00", "read 0x6402:1"),
+        (0x58A, "60 02 64 01 00 00 00 00", "written 0x6402:1"),
+        (0x3CA, "01 FF", "0x3CA: 01 ff"),
+        (0x3CA, "", "0x3CA"),
+    ],
+)
+def test_an_object_or_message_that_no_contract_has_is_shown_with_its_value(
+    identifier: int, data: str, text: str
+) -> None:
+    assert _frame(Frame(0.0, identifier, bytes.fromhex(data))).text == text
 
 
 def test_a_laboratorys_map_is_found_by_the_runs_header_if_it_is_still_the_same(tmp_path: Path) -> None:
