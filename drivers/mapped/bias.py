@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Self
 
 from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.either_bus import EitherBus
@@ -27,17 +27,11 @@ class Bias(EitherBus):
     def at(cls, place: Place) -> Self:
         made = super().at(place)
         if place.kind is not None:
-            found: Any = place.kind.serves["bias"]
-            made._map = found
+            made._map = place.kind.table(BiasMap)
         return made
 
-    @property
-    def unit_of_level(self) -> str:
-        """Unit of the value that it holds."""
-        return self.contract[self._map.level].unit
-
     def hold(self, level: float) -> None:
-        """Hold a value, in `unit_of_level`. Raises RangeError before anything is sent; LinkError, DeviceError."""
+        """Hold a value, in the unit of its field. Raises RangeError before anything is sent; LinkError, DeviceError."""
         self.contract.raw(self._map.level, level)
         self.holding = True
         if self._map.ready:

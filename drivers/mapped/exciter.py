@@ -39,9 +39,8 @@ class StreamedExciter(CanopenDevice, Exciter):
         """Make the driver of a drive whose kind has a table for the role."""
         made = super().at(place)
         assert place.kind is not None
-        found: Any = place.kind.serves["exciter"]
-        made._map, made._full_scale = found, 100 * place.settings.full_scale
-        made._stream = made.contract.taken(found.stream)
+        made._map, made._full_scale = place.kind.table(ExciterMap), 100 * place.settings.full_scale
+        made._stream = made.contract.taken(made._map.stream)
         made.orders = made.orders | frozenset(made._stream.fields)
         made._master = int(made.contract.raw(WATCHDOG, OFF)) >> NODE_BITS
         made.guard = made

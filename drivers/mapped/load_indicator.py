@@ -72,9 +72,7 @@ class LoadIndicator(EitherBus):
     @property
     def _map(self) -> LoadIndicatorMap:
         assert self.kind is not None
-        found = self.kind.serves["load_indicator"]
-        assert isinstance(found, LoadIndicatorMap)
-        return found
+        return self.kind.table(LoadIndicatorMap)
 
     def set_up(self, settings: LoadIndicatorSettings, watchdog: float) -> None:
         """As for every device; the filter and the display's step are read.

@@ -19,8 +19,7 @@ RENEWAL = WATCH / 4  # longest time between two looks at a move [s]
 SLACK = 5.0  # s that a move may take longer than twice the expected time
 NEAR = 1e-5  # m from its target at which a move has arrived
 UNWATCHED = -1.0  # lifetime that ends the watch
-MASTER, OPERATIONAL = 127, b"\x05"  # node id under which this program sends its heartbeat, and its content
-HEARTBEAT = 0x700
+MASTER = 127  # node id under which this program sends its heartbeat
 
 
 class MappedPositioner(EitherBus):
@@ -38,8 +37,7 @@ class MappedPositioner(EitherBus):
     def connect(self) -> None:
         """As for every device. Raises DeviceError also where a person must set it otherwise."""
         assert self.kind is not None
-        served: Any = self.kind.serves["positioner"]
-        self._map = served
+        self._map = self.kind.table(PositionerMap)
         self._target: float | None = None  # position that it was sent to and has reached [m]
         self._knows_home = False  # of a device that does not tell
         m = self._map
@@ -198,7 +196,7 @@ class MappedPositioner(EitherBus):
             self.give(**{**values, **m.idle, m.lifetime: lifetime})
         elif m.heartbeat:
             link: Any = self.link
-            link.send(HEARTBEAT + MASTER, OPERATIONAL)
+            link.beat(MASTER)
 
     def _end_watch(self, values: Mapping[str, Value]) -> None:
         """It need not be renewed any more."""

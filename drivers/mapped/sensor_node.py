@@ -21,7 +21,6 @@ from palpate.instrument.contracts.contract import Contract, Pdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, frames_load
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
 
-ROLE = "sensor_node"
 FIXED = "fixed"  # name of the only range
 # How far SYNCs may be from the bench's clock: a part of them, some at both ends, and how late a machine may be [s].
 SLACK, EDGES, LATE = 1e-3, 2, 0.1
@@ -33,8 +32,7 @@ class MappedNode(CanopenDevice):
     @classmethod
     def at(cls, place: Place) -> Self:
         assert place.kind is not None
-        table = place.kind.serves[ROLE]
-        assert isinstance(table, SensorNodeMap)
+        table = place.kind.table(SensorNodeMap)
         return cls._fitted(cls(place.link, place.unit, place.clock, place.kind.contract, table, place.settings), place)
 
     def __init__(

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeVar
 
 from palpate.instrument.bench.role_maps.role_map import RoleMap
 from palpate.instrument.config import Config
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.maps.map_file import SHIPPED, DeviceMap
 from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.instrument.errors import ConfigError
+
+T = TypeVar("T", bound=RoleMap)
 
 LinkKind = Literal["modbus-tcp", "modbus-rtu", "canopen"]
 
@@ -59,6 +62,13 @@ class DeviceKind:
     @property
     def name(self) -> str:
         return self.contract.name
+
+    def table(self, role: type[T]) -> T:
+        """What of its map serves a role, by the type of the role's table. Raises ConfigError: its map has none."""
+        for each in self.serves.values():
+            if isinstance(each, role):
+                return each
+        raise ConfigError(f"{self.name}: its map has no {role.__name__}; name a map with a table of this role")
 
     @property
     def digests(self) -> tuple[str, ...]:

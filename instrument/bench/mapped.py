@@ -14,7 +14,6 @@ from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import DeviceMap
 from palpate.instrument.errors import ConfigError, UnknownName
 
-MAKERS = "palpate.drivers.mapped.makers"
 # driver and simulator of a map without a role, whose fields a laboratory's own procedure reads and writes
 PLAIN: dict[str, tuple[str, str | None]] = {
     "modbus": ("palpate.drivers.devices.modbus_device:ModbusDevice", None),
@@ -35,8 +34,6 @@ def kind_of(found: DeviceMap) -> DeviceKind:
     driver, simulator = PLAIN[found.contract.bus]
     if first is not None:
         driver, simulator = first.generic_driver, first.generic_simulator
-        if first.driver:
-            driver = f"{MAKERS}.{first.driver}"
     limits = {key: value for each in served.values() for key, value in each.limits(found.contract).items()}
     settings = [each.settings for each in served.values() if each.settings is not None]
     return DeviceKind(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from palpate.instrument.bench.role_maps.bias import BiasMap
 from palpate.instrument.contracts.contract import Command
 from palpate.simulators.mapped.twin import Twin
 from palpate.simulators.wire.device import DEVICE_FAILURE, Place, Refused
@@ -13,7 +12,7 @@ class Bias(Twin):
     """A source: it takes a value only when it is ready, and gives it only when its output is on."""
 
     def __init__(self, place: Place) -> None:
-        self._map: Any = place.kind.serves["bias"]
+        self._map = place.kind.table(BiasMap)
         super().__init__(place)
 
     def write(self, values: dict[str, float]) -> None:

@@ -28,8 +28,7 @@ class StreamedExciter(CanopenTwin):
     """
 
     def __init__(self, place: Place) -> None:
-        self._map: Any = place.kind.serves["exciter"]
-        assert isinstance(self._map, ExciterMap)
+        self._map = place.kind.table(ExciterMap)
         self._heard_ns = NEVER  # the last heartbeat of its master; NEVER: it watches none
         self._stream: list[float] = []  # the set-points that come over and over [%]
         self._step_ns = 0

@@ -53,8 +53,7 @@ class LoadIndicator(Twin):
     def __init__(self, place: Place) -> None:
         self.rig = place.rig
         self._cell = LoadCell(place.rig)
-        role = place.kind.serves["load_indicator"]
-        assert isinstance(role, LoadIndicatorMap)
+        role = place.kind.table(LoadIndicatorMap)
         self._role, self._own = role, place.settings
         rate = self._own.rate or role.rate
         self._step_ns = round(1e9 / rate)

@@ -31,8 +31,7 @@ class Moving:
     speed: float
 
     def _put_on(self, place: Place) -> None:
-        served: Any = place.kind.serves["positioner"]
-        self._map, self._stage, self.rig = served, place.settings, place.rig
+        self._map, self._stage, self.rig = place.kind.table(PositionerMap), place.settings, place.rig
         self._axis = Axis()
         self._homed = False
         self._gone_ns = NEVER  # when its master counts as gone

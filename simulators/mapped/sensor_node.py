@@ -17,7 +17,6 @@ from palpate.simulators.rig.film_inputs import FilmInputs
 from palpate.simulators.wire.canopen_device import Times
 from palpate.simulators.wire.device import Place
 
-ROLE = "sensor_node"
 SATURATED = 0xFF00  # emergency code, manufacturer-specific
 
 
@@ -30,8 +29,7 @@ class NodeTwin(CanopenTwin):
     """
 
     def __init__(self, place: Place) -> None:
-        table = place.kind.serves[ROLE]
-        assert isinstance(table, SensorNodeMap)
+        table = place.kind.table(SensorNodeMap)
         self._channels = table.channels
         self._inputs = FilmInputs(place.rig, place.unit, place.number, len(table.channels))
         unit = place.kind.contract[table.channels[0]].unit
