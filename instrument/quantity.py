@@ -76,8 +76,8 @@ def parse_tolerance(text: str) -> float:
     try:
         tolerance = parse(text, "")
     except QuantityError as error:
-        raise QuantityError(f"--tolerance {text[:100]!r} is no share; {SHARE}") from error
-    return check_tolerance(tolerance, f"--tolerance {text!r}")
+        raise QuantityError(f"{text[:100]!r} is no share; {SHARE}") from error
+    return check_tolerance(tolerance, f"{text!r}")
 
 
 def check_tolerance(tolerance: float, what: str) -> float:

@@ -14,7 +14,7 @@ from typing import TypeVar, cast
 import click
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.commands.texts import quantity
+from palpate.procedures.commands.texts import quantity, share
 from palpate.procedures.console.progress import Progress, bar, silent
 from palpate.procedures.console.terminal import say
 
@@ -129,6 +129,7 @@ class Choice:
         out: folder of the run; None: a new one in the store.
         log: file for the bus traffic; None: no log.
         assume_mounted: True: nobody is asked to confirm what was mounted or placed by hand.
+        fidelity: change of the result below which effects of the scene are left out; None: all are simulated.
     """
 
     bench: Path | None
@@ -137,6 +138,7 @@ class Choice:
     out: Path | None
     log: Path | None = None
     assume_mounted: bool = False
+    fidelity: float | None = None
 
     def simulated_on(self, scene: str) -> Choice:
         """The same choice, with this scene if neither a scene nor a bench is named."""
@@ -155,13 +157,13 @@ def bench_options(command: F) -> F:
         out: Path | None,
         log: Path | None,
         assume_mounted: bool,
+        fidelity: float | None,
         as_json: bool,
         quiet: bool,
         **own: object,
     ) -> object:
-        return command(
-            choice=Choice(bench, scene, seed, out, log, assume_mounted), output=Output(as_json, quiet), **own
-        )
+        choice = Choice(bench, scene, seed, out, log, assume_mounted, fidelity)
+        return command(choice=choice, output=Output(as_json, quiet), **own)
 
     options: Callable[..., object] = gathered
     for each in (
@@ -171,6 +173,11 @@ def bench_options(command: F) -> F:
             type=FILE_NAME,
             metavar="FILE",
             help="Record all traffic in FILE (.pcapng), or CAN in FILE (.blf, .asc) and all traffic beside it.",
+        ),
+        option(
+            "--fidelity",
+            callback=share,
+            help="Leave out of the scene what changes force and force ratio by no more, such as 1e-3.",
         ),
         option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         option(

@@ -18,6 +18,7 @@ from palpate.procedures.engine.returned import calibration_saved, planned
 from palpate.procedures.engine.run import open_and_run, refuse
 from palpate.procedures.lab import keys
 from palpate.procedures.lab.chosen import Chosen, choose
+from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
 from palpate.procedures.lab.session import Outcome, places
 from palpate.procedures.showing.points import print_points
 from palpate.procedures.steps.pause import NOBODY
@@ -32,9 +33,30 @@ def chosen_by(choice: Choice, model: str | None = None) -> Chosen:
     return choose(choice.bench, choice.scene, choice.seed, model, None, choice.assume_mounted)
 
 
+def chosen_for(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None) -> Chosen:
+    """The bench for a procedure: with --fidelity, without the effects that its result does not feel.
+
+    Raises as `choose`, `refuse` and `at_fidelity` do.
+    """
+    chosen = chosen_by(choice, model)
+    if choice.fidelity is None:
+        return chosen
+    refuse(procedure, chosen.target)
+    seconds = planned(procedure, chosen.target).seconds
+    with output.set_ups():
+        chosen = at_fidelity(chosen, choice.fidelity, procedure.name, procedure.dwells(), seconds)
+    if chosen.scene is not None and not output.quiet:
+        left_out = ", ".join(chosen.scene.file.left_out or ()) or "nothing"
+        say(
+            f"palpate: note: {FIDELITY} {choice.fidelity:g} leaves out of scene {chosen.scene.name}: {left_out}",
+            err=True,
+        )
+    return chosen
+
+
 def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
     """Carry out a procedure on the bench of a command, and show its result. Raises as `open_and_run` does."""
-    chosen = chosen_by(choice, model)
+    chosen = chosen_for(procedure, choice, output, model)
     with output.set_ups():
         with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
             done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
@@ -45,7 +67,7 @@ def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: s
     """Show what a procedure would do, without sending anything. Raises what the procedure's checks raise."""
     from palpate.procedures.showing.plan import print_plan
 
-    target = chosen_by(choice, model).target
+    target = chosen_for(procedure, choice, output, model).target
     doubt = refuse(procedure, target)
     with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
         pass  # this only checks that they can be written; the empty folder is removed again

@@ -41,6 +41,7 @@ from palpate.procedures.records.encoding import Waveforms
 from palpate.procedures.records.headers import settings_of
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.flags import Judged, check_some_valid
 
 if TYPE_CHECKING:
@@ -234,6 +235,13 @@ class Procedure(ABC, Generic[S, P, R]):
 
     def required_loads(self) -> RequiredLoads | None:
         """The loads that the load cell's calibration must cover; None: there are none, or they are not known yet."""
+        return None
+
+    def dwells(self) -> Dwells | None:
+        """The load sets of which the result is made; None: it also comes from something else.
+
+        A simulated bench that knows them can leave out the effects that they do not feel (`--fidelity`).
+        """
         return None
 
     @abstractmethod

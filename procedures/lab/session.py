@@ -28,6 +28,7 @@ from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder, put_file
 from palpate.procedures.records.resumed import Resumed
+from palpate.simulators.scenes.scene import Scene
 
 RUNS_BEFORE = "runs_before"  # header key: number of earlier runs on the same open simulated bench
 
@@ -52,6 +53,15 @@ class Outcome(TypedDict):
     calibration_file: NotRequired[str]
     certificate: NotRequired[str]
     film_calibration_file: NotRequired[str]
+    fidelity: NotRequired[float]
+    left_out: NotRequired[list[str]]
+
+
+class Reduced(TypedDict, total=False):
+    """Keys of a run whose scene was reduced by `--fidelity`: the fidelity, and the effects that it left out."""
+
+    fidelity: float
+    left_out: list[str]
 
 
 class Kept(TypedDict, total=False):
@@ -91,7 +101,7 @@ class Session:
     def outcome(self) -> Outcome:
         """The keys that the run's result has in JSON."""
         scene, lab = self.opened.scene, self.lab
-        return {
+        found: Outcome = {
             "simulated": lab.bench.simulated,
             "run": str(self.record.folder),
             "design": lab.design.name,
@@ -107,6 +117,14 @@ class Session:
             "bench_seconds": lab.bench.clock.now_ns() / 1e9,
             "wall_seconds": time.monotonic() - self.opened.wall_start,
         }
+        return {**found, **_reduced(scene)}
+
+
+def _reduced(scene: Scene | None) -> Reduced:
+    """What was left out of a scene by `--fidelity`; empty if nothing was asked."""
+    if scene is None or scene.file.fidelity is None:
+        return {}
+    return {"fidelity": scene.file.fidelity, "left_out": list(scene.file.left_out or ())}
 
 
 def _calibration_files(lab: Lab) -> dict[str, object]:
@@ -173,7 +191,13 @@ def recording(
         "settings": dict(settings),
         "scene": None
         if scene is None
-        else {"name": scene.name, "model": scene.model, "why": scene.why, "toml": scene.to_toml()},
+        else {
+            "name": scene.name,
+            "model": scene.model,
+            "why": scene.why,
+            **_reduced(scene),
+            "toml": scene.to_toml(),
+        },
         "seed": None if scene is None else scene.seed,
         "bench": lab.bench.description.to_toml(),
         "mounting": mounting,

@@ -2,37 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Self
 
-from palpate.instrument.errors import ConfigError
+from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.procedures.console.terminal import console
 from palpate.simulators.planning.plan import Plan, plan
 from palpate.simulators.planning.plan import Question as Question  # commands ask by it
 from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.planning.weights import DRAWS, Progress, Weight, weigh
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+MEASURED = ("force changes", "ratio changes", "ms")  # titles of the columns
+
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """A scene, its plan for a question, and the tolerance above which an omitted effect is marked."""
+    """A scene, its plan for a question, what each effect changes and costs, and the tolerance for omitted ones.
+
+    Attributes:
+        tolerance: an omitted effect that could change more is marked.
+        weights: measured changes and times, of effects in the scene and of the omitted ones, by name.
+        unmeasured: why there are no weights; empty if there are.
+    """
 
     scene: Scene
     answer: Plan
     tolerance: float
+    weights: Mapping[str, Weight]
+    unmeasured: str = ""
 
     @classmethod
-    def of(cls, name: str, question: Question, tolerance: float, *, strict: bool = False) -> Self:
-        """Explain a scene by its name or file. Raises ConfigError: it is wrong, or it has warnings with `strict`."""
+    def of(
+        cls, name: str, question: Question, tolerance: float, *, strict: bool = False, progress: Progress | None = None
+    ) -> Self:
+        """Explain a scene by its name or file.
+
+        Args:
+            name: the scene.
+            question: the measurement.
+            tolerance: an omitted effect that could change more is marked.
+            strict: whether a warning is an error.
+            progress: called while effects are measured, as by `weigh`.
+
+        Raises:
+            ConfigError: the scene is wrong, or it has warnings with `strict`.
+        """
         scene = read_scene(name)
         answer = plan(scene, question)
         if strict and answer.warnings:
             raise ConfigError(f"scene {name!r}: {answer.warnings[0]}")
-        return cls(scene, answer, tolerance)
+        omitted = [each.name for each in answer.omitted]
+        try:
+            weights, unmeasured = weigh(scene, question, omitted, progress), ""
+        except EstimateError as error:
+            weights = [Weight(name, None, None, None) for name in (*scene.effects, *omitted)]
+            unmeasured = str(error)
+        return cls(scene, answer, tolerance, {each.name: each for each in weights}, unmeasured)
 
     def summary(self) -> dict[str, Any]:
         """The explanation for JSON."""
@@ -42,6 +72,8 @@ class Explained:
             "parameter_set": self.scene.file.parameters,
             "tolerance": self.tolerance,
             **asdict(self.answer),
+            "measured": [asdict(each) for each in self.weights.values()],
+            "unmeasured": self.unmeasured,
             "faults": self.scene.file.fault or [],
         }
 
@@ -54,17 +86,24 @@ def print_explained(found: Explained) -> None:
     out.print(f"path: {answer.path}: {answer.why}", soft_wrap=True)
     out.print(f"{answer.transitions:g} transitions a second, about {answer.seconds:.2g} s of computing")
     inside = [
-        (e.name, e.kind, "yes" if e.cancels_in_ratio else "no", f"{1e3 * e.seconds:.2g}", e.why)
+        (e.name, e.kind, "yes" if e.cancels_in_ratio else "no", *_measured(found.weights[e.name]), e.why)
         for e in answer.included
     ]
     out.print("simulated")
-    out.print(_table(("effect", "kind", "cancels in the ratio", "cost (ms)", "why"), inside))
+    out.print(_table(("effect", "kind", "cancels in ratio", *MEASURED, "why"), inside))
     outside = [
-        (e.name, e.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in (e.force, e.ratio)))
+        (
+            e.name, e.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in (e.force, e.ratio)),
+            *_measured(found.weights[e.name]),
+        )
         for e in answer.omitted
-    ]
+    ]  # fmt: skip
     out.print(f"left out, and the most that it could change (* above {tolerance:g})", soft_wrap=True)
-    out.print(_table(("effect", "kind", "force", "ratio"), outside))
+    out.print(_table(("effect", "kind", "force at most", "ratio at most", *MEASURED), outside))
+    changes = f"measured with and without it, the root mean square over {DRAWS} draws of all noise and scatter"
+    out.print(f"force changes, ratio changes: {changes if not found.unmeasured else found.unmeasured}", soft_wrap=True)
+    out.print("ms: processor time that it adds to a second of bench", soft_wrap=True)
+    out.print("-: not known: the films do not show what it changes, or it cannot be put in", soft_wrap=True)
     if answer.steady is not None:
         films = [
             (f.film, f"{1e3 * f.amplitude:.6g}", f"{f.phase:.4f}", "" if f.ratio is None else f"{f.ratio:.6g}")
@@ -78,10 +117,16 @@ def print_explained(found: Explained) -> None:
         out.print(f"warning: {warning}", soft_wrap=True)
 
 
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    from rich.table import Table
+def _measured(weight: Weight) -> tuple[str, ...]:
+    if weight.force is None or weight.ratio is None or weight.seconds is None:
+        return ("-", "-", "-")
+    return f"{weight.force:.1e}", f"{weight.ratio:.1e}", f"{1e3 * weight.seconds:.1f}"
 
-    table = Table(*columns, box=None)
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    from rich.table import Column, Table
+
+    table = Table(Column(columns[0], no_wrap=True), *columns[1:], box=None)
     for row in rows:
         table.add_row(*row)
     return table

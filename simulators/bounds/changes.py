@@ -120,7 +120,7 @@ def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
         slack = np.where(missed == 0, 0.0, missed / np.maximum(least - beside.least, 0.0))
         slack = slack + _rounded_off(before, after, lost, was[0], factor[0])
         low, high = np.maximum(np.abs(factor) - slack, 0.0), np.abs(factor) + slack
-        pairs = _pairs(case.design)
+        pairs = pairs_of(case.design)
         total = [i for i, film in enumerate(case.design.films) if film.kind == FILM_KINDS[1]]
         force = max(_most(low[..., j], high[..., j], beyond) for j in total)
         # The gain of each film scatters by itself.
@@ -185,8 +185,8 @@ def _rounded_off(before: Side, after: Side, lost: Sequence[Floats], was: Complex
     return np.where(changed | (before.effects.input != after.effects.input), more, 0.0)
 
 
-def _pairs(design: Design) -> list[tuple[int, int]]:
-    """Pairs of films: each film under a tooth with the film under its base."""
+def pairs_of(design: Design) -> list[tuple[int, int]]:
+    """Pairs of films: the number of each film under a tooth with that of the film under its base."""
     tooth, base = ([i for i, film in enumerate(design.films) if film.kind == kind] for kind in FILM_KINDS)
     films = design.films
     return [(i, j) for i in tooth for j in base if set(films[i].teeth) <= set(films[j].teeth)]

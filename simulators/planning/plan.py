@@ -21,7 +21,7 @@ from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import check_force
-from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS, GROUP, WHAT, effect_class, effect_names, origin
@@ -57,21 +57,21 @@ class Question:
     """A measurement: one sample under one load.
 
     Attributes:
-        sample: name of the sample.
+        sample: name of the sample, or the object itself if it is none of the samples.
         load: load, peak to peak [N].
         frequency: frequency of the drive [Hz].
         dwell: dwell [s].
         steady: whether the settled fundamentals are asked for; else the waveforms over the dwell.
     """
 
-    sample: str = "2"
+    sample: str | Sample = "2"
     load: float = 3.0
     frequency: float = 10.0
     dwell: float = 1.0
     steady: bool = False
 
     def __post_init__(self) -> None:
-        get_sample(self.sample)
+        _ = self.pressed  # an unknown name is refused here
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, float) and not (0 < value < math.inf):
@@ -81,6 +81,11 @@ class Question:
             if not limits[0] <= value <= limits[1]:
                 raise RangeError(f"{value:g} {unit} is outside {limits[0]:g} to {limits[1]:g} {unit}; give one inside")
         check_force(self.load)
+
+    @property
+    def pressed(self) -> Sample:
+        """The sample. Raises UnknownName: there is none of that name."""
+        return get_sample(self.sample) if isinstance(self.sample, str) else self.sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +165,7 @@ def plan(scene: Scene, question: Question) -> Plan:
 def driven(scene: Scene, question: Question, clock: VirtualClock | None = None) -> Rig:
     """A rig with the sample preloaded and the drive just set for the load, as if nothing limited it."""
     rig = Rig(scene, clock or VirtualClock())
-    sample = get_sample(question.sample)
+    sample = question.pressed
     rig.mount(sample)
     touching = scene.rig.sensor_position - sample.thickness
     stiffness = scene.answer(sample).stiffness
@@ -282,7 +287,7 @@ def _finite(value: float) -> float | None:
 def _warnings(scene: Scene, question: Question) -> list[str]:
     """Warnings: a rigid film of hardly a converter's step, without noise to dither it, cannot be averaged."""
     rigid = next(film for film in scene.design.films if film.kind == "rigid")
-    ratio = scene.answer(get_sample(question.sample)).force_ratio
+    ratio = scene.answer(question.pressed).force_ratio
     amplitude = rigid.sensitivity * ratio * question.load / 2
     step = 2 * max(RANGE_VOLTS) / 2**16
     noise = math.hypot(*(effect.dither(RATE) for effect in scene.effects.values()))

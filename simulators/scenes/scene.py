@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.config import Config
@@ -63,6 +63,15 @@ class SceneFile(Config):
     effects: dict[str, Any] = Field(default_factory=dict, max_length=MOST_EFFECTS)  # a table, "on" or "auto"
     device: dict[str, dict[str, Any]] | None = None  # additional devices, see `simulators/guests.py`
     fault: list[dict[str, Any]] | None = None  # see `simulators/faults/`
+    fidelity: float | None = Field(default=None, gt=0, lt=1, strict=True)  # by which effects were left out of this file
+    left_out: tuple[str, ...] | None = None  # these effects; palpate writes both keys into the scenes of its runs
+
+    @model_validator(mode="after")
+    def _reduced(self) -> Self:
+        """Check that both keys stand together, as palpate writes them."""
+        if (self.fidelity is None) != (self.left_out is None):
+            raise ValueError("fidelity and left_out tell what palpate left out; give --fidelity to a command instead")
+        return self
 
 
 @dataclass(frozen=True)
@@ -143,6 +152,10 @@ class Scene:
         given = {name: dict(table) for name, table in tables.items()}
         file = self.file.model_copy(update={"device": given or None})
         return replace(self, devices=guests(given, f"scene {self.name}"), file=file)
+
+    def at_fidelity(self, fidelity: float, left_out: Sequence[str]) -> Scene:
+        """The same scene, whose file tells by which fidelity which effects were left out of it."""
+        return replace(self, file=self.file.model_copy(update={"fidelity": fidelity, "left_out": tuple(left_out)}))
 
     def with_seed(self, seed: int) -> Scene:
         """The same scene with another seed, so with other noise and scatter. Raises RangeError."""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from palpate.procedures.virtual import explained
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.planning import plan as planning
+from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.planning.weights import Weight
+from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 NOISY = IDEAL_SCENE + '\n[effects.white_noise]\ndensity = "20 µV/√Hz"\n'
@@ -21,6 +26,16 @@ def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "_omitted", lambda *_: ([], []))
 
 
+@pytest.fixture
+def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What effects change takes a part of the time that only some tests look at."""
+
+    def unknown(scene: Scene, _question: Question, more: Sequence[str], _progress: object) -> list[Weight]:
+        return [Weight(name, None, None, None) for name in (*scene.effects, *more)]
+
+    monkeypatch.setattr(explained, "weigh", unknown)
+
+
 # --- what is said --------------------------------------------------------------------------------------
 
 
@@ -28,7 +43,7 @@ def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds
     found = palpate("scene", "explain", "thesis_single", "--load", "4 N", "--json").object
     assert set(found) == {
         "scene", "model", "parameter_set", "tolerance", "path", "why", "transitions", "included", "omitted", "seconds",
-        "warnings", "steady", "faults",
+        "warnings", "steady", "faults", "measured", "unmeasured",
     }  # fmt: skip
     assert (found["scene"], found["model"], found["tolerance"]) == ("thesis_single", "experiment", 1e-4)
     assert (found["path"], found["transitions"]) == ("closed form", 0.0)
@@ -44,8 +59,16 @@ def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds
     assert bounds["can_timing"] == (0.0, 0.0)
     assert bounds["end_stops"] == (None, None)  # 4 N takes the armature further than 8 mm
     assert found["steady"] is None
+    measured = {each["name"]: each for each in found["measured"]}
+    assert set(measured) == set(EFFECTS)
+    assert measured["gain_scatter"]["ratio"] == pytest.approx(0.041, rel=0.5)  # the ratio's scatter, of a few draws
+    assert measured["load_cell"]["ratio"] is None  # the films do not show it
+    for name, (force, ratio) in bounds.items():
+        for change, most in ((measured[name]["force"], force), (measured[name]["ratio"], ratio)):
+            assert change is None or most is None or change <= most + 1e-12, name
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_faults_are_told(palpate: Palpate, tmp_path: Path) -> None:
     path = tmp_path / "faulty.toml"
     head = 'name = "f"\npurpose = "One fault."\ndesign = "single"\n[effects.adc]\n'
@@ -55,6 +78,7 @@ def test_faults_are_told(palpate: Palpate, tmp_path: Path) -> None:
     assert fault["kind"] == "node_reboot"
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_the_text_marks_bounds_above_the_tolerance_and_no_others(palpate: Palpate) -> None:
     Path("quiet.toml").write_text(NOISY)
     for tolerance, marked in (("1e-4", True), ("0.5", False)):
@@ -63,7 +87,7 @@ def test_the_text_marks_bounds_above_the_tolerance_and_no_others(palpate: Palpat
         (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["off_axis"]]
         assert ("*" in line) is marked
         (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["end_stops"]]
-        assert line.split() == ["end_stops", "static_nl", "0.0e+00", "0.0e+00"]
+        assert line.split()[:4] == ["end_stops", "static_nl", "0.0e+00", "0.0e+00"]
 
 
 @pytest.mark.parametrize("question", [("--dwell", "10 ms"), ("--frequency", "200 Hz")])
@@ -71,7 +95,9 @@ def test_no_bound_is_given_of_a_dwell_that_no_sine_can_be_fitted_to(
     palpate: Palpate, question: tuple[str, str]
 ) -> None:
     Path("quiet.toml").write_text(NOISY)
-    omitted = palpate("scene", "explain", "quiet.toml", *question, "--json").object["omitted"]
+    found = palpate("scene", "explain", "quiet.toml", *question, "--json").object
+    assert all(each["ratio"] is None for each in found["measured"]) == bool(found["unmeasured"])
+    omitted = found["omitted"]
     bounds = {each["name"]: (each["force"], each["ratio"]) for each in omitted}
     assert bounds["mains_hum"] == bounds["off_axis"] == bounds["charge_amplifier"] == (None, None)
     assert bounds["can_timing"] == (0.0, 0.0)
@@ -84,8 +110,8 @@ def test_the_text_says_path_reason_time_and_what_is_in_with_kind_cost_and_reason
     assert "path: transitions: play operators move" in spoken
     assert "40 transitions a second, about 0.04" in spoken
     lines = {line.split()[0]: line.split() for line in spoken.splitlines() if line.split()}
-    assert lines["hysteresis"][1:3] == ["hysteresis", "no"] and float(lines["hysteresis"][3]) > 30
-    assert lines["white_noise"][1:3] == ["additive", "no"] and float(lines["white_noise"][3]) < 1
+    assert lines["hysteresis"][1:4] == ["hysteresis", "no", "0.0e+00"] and float(lines["hysteresis"][4]) > 1e-3
+    assert lines["white_noise"][1:3] == ["additive", "no"] and 0 < float(lines["white_noise"][3]) < 1e-2
     assert lines["adc"][-2:] == ["called", "for"]
     assert "settled" not in spoken
     assert palpate("scene", "explain", "played.toml", "--quiet").out == ""
@@ -173,13 +199,13 @@ def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--tolerance", "0"), "--tolerance '0' is not above 0"),
+        (("--tolerance", "0"), "--tolerance: '0' is not above 0"),
         (("--load", "1e-300 N"), "load 1e-300 N is outside 1e-06 to 1e+06 N; give one inside"),
         (("--frequency", "1e-300 Hz"), "1e-300 Hz is outside 1e-06 to 1e+06 Hz; give one inside"),
-        (("--tolerance", "5"), "--tolerance '5' is 500 %, above the 50 %"),
-        (("--tolerance", "-1e-3"), "--tolerance '-1e-3' is not above 0"),
-        (("--tolerance", "nan"), "--tolerance 'nan' is no share; give a share such as '5 %' or 0.05"),
-        (("--tolerance", "1 N"), "--tolerance '1 N' is no share"),
+        (("--tolerance", "5"), "--tolerance: '5' is 500 %, above the 50 %"),
+        (("--tolerance", "-1e-3"), "--tolerance: '-1e-3' is not above 0"),
+        (("--tolerance", "nan"), "--tolerance: 'nan' is no share; give a share such as '5 %' or 0.05"),
+        (("--tolerance", "1 N"), "--tolerance: '1 N' is no share"),
         (("--dwell", "0 s"), "dwell 0 s is not above 0 and finite"),
         (("--dwell", "1"), "'1' has no unit where s belongs"),
         (("--sample", "9"), "unknown sample '9'"),

@@ -197,13 +197,13 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
         (("--design", "singel"), "did you mean 'single'?"),
         (("--model", "colum"), "did you mean 'column'?"),
         (("--tolerance", "1e-4"), "model 'column' has no error estimate"),
-        (("--model", "axisymmetric", "--tolerance", "5"), "--tolerance '5' is 500 %, above the 50 %"),
-        (("--model", "axisymmetric", "--tolerance", "0"), "tolerance '0' is not above 0"),
+        (("--model", "axisymmetric", "--tolerance", "5"), "--tolerance: '5' is 500 %, above the 50 %"),
+        (("--model", "axisymmetric", "--tolerance", "0"), "--tolerance: '0' is not above 0"),
         (
             ("--model", "axisymmetric", "--design", "common_base"),
             "design 'common_base' has 2 teeth, not one; take model 'solid'",
         ),
-        (("--model", "solid", "--tolerance", "-1"), "tolerance '-1' is not above 0"),
+        (("--model", "solid", "--tolerance", "-1"), "--tolerance: '-1' is not above 0"),
         (("--model", "experiment", "--sensed-modulus", "1 MPa"), "is outside the measured"),
         (
             ("--model", "experiment", "--plate-modulus", "3 GPa"),

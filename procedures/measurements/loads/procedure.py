@@ -15,7 +15,7 @@ from palpate.instrument.models.foundation.springs import force_ratio
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.dwell import Dwell, Floor, check_target, dwell_of, floor_u
+from palpate.instrument.signals.dwell import STEP, Dwell, Floor, check_target, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
@@ -26,6 +26,7 @@ from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult,
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoads
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
+from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, recording_seconds
 from palpate.procedures.steps.films import check_nodes
 
@@ -82,6 +83,11 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads, self.extrapolate)
+
+    def dwells(self) -> Dwells:
+        dwell = self.dwell if self.tolerance is None else max(STEP, 1 / self.frequency)
+        objects = [get_sample(name) for name in self.samples]
+        return Dwells(objects, (min(self.loads), max(self.loads)), self.frequency, dwell)
 
     def plan(self, target: Target) -> Plan[LoadStep]:
         """All points: every load on every sample."""

@@ -25,6 +25,7 @@ from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakL
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
+from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.films import check_nodes
 
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
@@ -83,6 +84,9 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads)
+
+    def dwells(self) -> Dwells:
+        return Dwells(self.objects, (min(self.loads), max(self.loads)), self.frequency, self.dwell)
 
     def plan(self, target: Target) -> Plan[TouchStep]:
         """All points: every load on every object."""

@@ -1,0 +1,82 @@
+"""palpate accuracy scene: what the effects of a scene are worth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.planning.weights import DRAWS, Subset, front, leaving_out, nested, see, weigh
+from tests.procedures.conftest import IDEAL_SCENE, Palpate
+
+SCENE = IDEAL_SCENE + (
+    '\n[effects.gain_scatter]\n[effects.white_noise]\ndensity = "20 µV/√Hz"\n[effects.load_cell]\n[effects.crosstalk]\n'
+)
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    Path("four.toml").write_text(SCENE)
+    return "four.toml"
+
+
+def test_each_effect_is_left_out_by_what_it_changes_and_all_are_measured_together(scene: str) -> None:
+    read = read_scene(scene)
+    weights = weigh(read, Question())
+    changes = {each.name: each.change for each in weights}
+    assert changes["load_cell"] is None  # the films do not show the indicator
+    assert changes["crosstalk"] == 0  # a single sensor has no neighbour
+    assert 0 < (changes["white_noise"] or 0) < (changes["gain_scatter"] or 0)
+    tried = nested(read, Question(), weights)
+    assert [each.without[-1:] for each in tried] == [(), ("adc",), ("crosstalk",), ("white_noise",), ("gain_scatter",)]
+    assert tried[0].change == tried[1].change == 0
+    assert tried[-2].ratio == pytest.approx(changes["white_noise"], rel=0.2)  # it stands there almost alone
+    assert tried == [
+        Subset(each.without, each.force, each.ratio, again.seconds)
+        for each, again in zip(nested(read, Question(), weights), tried, strict=True)
+    ]  # the same seed gives the same changes
+
+
+def test_the_change_is_the_root_mean_square_over_draws_of_the_same_seeds(scene: str) -> None:
+    read = read_scene(scene)
+    by_hand = []
+    for seed in range(read.seed, read.seed + DRAWS):
+        ratios = [
+            see(each.with_seed(seed), Question(), draws=1).ratios[0, 0]
+            for each in (read, leaving_out(read, ["white_noise"]))
+        ]
+        by_hand.append(ratios[1] / ratios[0] - 1)
+    (found,) = [each for each in weigh(read, Question()) if each.name == "white_noise"]
+    assert found.ratio == pytest.approx(np.sqrt(np.mean(np.square(by_hand))), rel=1e-12)
+
+
+def test_the_front_leaves_out_what_is_neither_nearer_nor_quicker() -> None:
+    near, slow, quick = Subset((), 0.0, 0.0, 3.0), Subset(("a",), 0.1, 0.0, 4.0), Subset(("a", "b"), 0.0, 0.2, 1.0)
+    assert front([quick, slow, near]) == [near, quick]
+
+
+def test_the_command_shows_each_subset_and_draws_it(palpate: Palpate, scene: str) -> None:
+    found = palpate("accuracy", "scene", scene, "--out", "prices", "--json").object
+    assert [each["name"] for each in found["effects"]] == list(read_scene(scene).effects)
+    assert len(found["subsets"]) == 5 and found["subsets"][0]["front"] in (True, False)
+    assert Path(found["plot"]).exists()
+    spoken = palpate("accuracy", "scene", scene).out
+    assert "SIMULATED" in spoken and "the films do not show what they change: load_cell" in " ".join(spoken.split())
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (("nowhere",), "unknown scene 'nowhere'"),
+        (("four.toml", "--sample", "9"), "unknown sample '9'"),
+        (("four.toml", "--dwell", "10 ms"), "record at least"),
+    ],
+)
+def test_what_cannot_be_weighed_is_refused(palpate: Palpate, scene: str, asked: tuple[str, ...], message: str) -> None:
+    said = palpate("accuracy", "scene", *asked)
+    assert said.status
+    assert message in said.complaint
