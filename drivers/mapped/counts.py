@@ -35,7 +35,7 @@ class Counts:
         self.full_scale = 0.0
 
     def read_scales(self, beside: Callable[[str], Mapping[str, float]]) -> None:
-        """Take in the scales; `beside` gives what the node tells of a field's scale. Raises as it does."""
+        """Take in the scales; `beside` gives what the node tells of a field's scale. Raises what `beside` raises."""
         for number, name in enumerate(self._channels):
             f = self._contract[name]
             self.step[number] = self._contract.step(name, beside(name))

@@ -190,7 +190,7 @@ class MappedPositioner(EitherBus):
             self.command(command)
 
     def _renew(self, values: Mapping[str, Value], lifetime: float = 1e3 * WATCH) -> None:
-        """Tell the device that its master is there."""
+        """Tell the device that this program is there, for another lifetime [ms]."""
         m = self._map
         if m.lifetime:
             self.give(**{**values, **m.idle, m.lifetime: lifetime})
@@ -199,7 +199,7 @@ class MappedPositioner(EitherBus):
             link.beat(MASTER)
 
     def _end_watch(self, values: Mapping[str, Value]) -> None:
-        """It need not be renewed any more."""
+        """Let the device go on when it hears nothing of this program any more."""
         if self._map.heartbeat:
             self.give(**{self._map.heartbeat: 0})
         elif self._map.lifetime:

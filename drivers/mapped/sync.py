@@ -34,15 +34,15 @@ class Asks(Protocol):
 class Sync:
     """Switches SYNC on and off in the node that sends it."""
 
-    def __init__(self, for_: Asks, node_id: int) -> None:
-        self._for, self.node_id = for_, node_id
+    def __init__(self, asking: Asks, node_id: int) -> None:
+        self._asking, self.node_id = asking, node_id
         self.rate = 0.0  # SYNCs a second; 0: not set
 
     def set_rate(self, rate: float) -> None:
         """Set the rate [1/s], while no SYNC is sent. Raises RangeError, LinkError, DeviceError."""
         period = MICROSECONDS / rate if rate > 0 else math.inf
         if not 1 <= round(min(period, 2 * LONGEST)) <= LONGEST:
-            raise RangeError(f"{self._for.name}: no period of SYNC gives {rate:g} samples/s; give 0.001 to 1e6")
+            raise RangeError(f"{self._asking.name}: no period of SYNC gives {rate:g} samples/s; give 0.001 to 1e6")
         self.off()  # a program that was killed may have left it on
         self._write(PERIOD, round(period))
         self.rate = MICROSECONDS / round(period)
@@ -51,7 +51,7 @@ class Sync:
         """Whether the node that sends SYNC no longer holds its rate. Raises LinkError, DeviceError."""
         if not self.rate:
             return False
-        held = self._for.link.upload(self._for.name, self._for.link.add_node(self.node_id), PERIOD, 0, 4)
+        held = self._asking.link.upload(self._asking.name, self._asking.link.add_node(self.node_id), PERIOD, 0, 4)
         return int.from_bytes(held, "little") != round(MICROSECONDS / self.rate)
 
     def restore(self) -> None:
@@ -66,7 +66,7 @@ class Sync:
         self._write(COB_ID, SYNC_COB_ID)
 
     def _write(self, index: int, value: int) -> None:
-        link, who = self._for.link, f"{self._for.name}, whose SYNC node {self.node_id} sends"
+        link, who = self._asking.link, f"{self._asking.name}, whose SYNC node {self.node_id} sends"
         try:
             link.download(who, link.add_node(self.node_id), index, 0, value.to_bytes(4, "little"))
         except DeviceError as error:

@@ -29,6 +29,8 @@ class Moving:
     _map: PositionerMap
     _stage: PositionerSettings
     speed: float
+    _homing = False  # whether it looks for its home
+    _offset = 0.0  # position of the probe where the drive counts 0 [step]
 
     def _put_on(self, place: Place) -> None:
         self._map, self._stage, self.rig = place.kind.table(PositionerMap), place.settings, place.rig
@@ -76,9 +78,6 @@ class Moving:
     def _count_from_home(self) -> None:
         self._homing, self._homed, self._offset = False, True, 0.0
         self._axis.put(0.0)
-
-    _homing = False
-    _offset = 0.0  # position of the probe where the drive counts 0 [step]
 
     def _halt(self) -> None:
         self._homing = False
