@@ -14,6 +14,7 @@ from palpate.drivers.roles import SensorNode
 from palpate.instrument.bench.kinds import frequency_step
 from palpate.instrument.contracts.sensor_node import CHANNELS, place
 from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
+from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit, fit_sine
 from palpate.instrument.signals.sine_columns import sine_columns
@@ -116,8 +117,8 @@ def check_nodes(design: Design, nodes: int, channels: int = CHANNELS) -> None:
     needed = nodes_for(design, channels)
     if nodes < needed:
         raise RangeError(
-            f"design {design.name!r} has {len(design.films)} films on {needed} sensor nodes of {channels} channels; the"
-            f" bench has {nodes}; list them all in the bench file"
+            f"design {design.name!r} has {len(design.films)} films on {counted(needed, 'sensor node')} of {channels} "
+            f"channels; the bench has {nodes}; list them all in the bench file"
         )
 
 

@@ -317,6 +317,8 @@ def test_a_bench_is_refused_by_how_many_channels_its_own_nodes_have() -> None:
     check_nodes(get_design("array_16"), 3, channels=8)
     with pytest.raises(RangeError, match=r"'array_16' has 17 films on 9 sensor nodes of 2 channels; the bench has 8"):
         check_nodes(get_design("array_16"), 8, channels=2)
+    with pytest.raises(RangeError, match="has 2 films on 1 sensor node of 4 channels; the bench has 0"):
+        check_nodes(get_design("single"), 0)
 
 
 def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its_kind() -> None:
