@@ -7,6 +7,7 @@ drive watches the heartbeat of this program, which no kernel sends, and switches
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, Self
 
 from palpate.drivers.devices.canopen_device import CanopenDevice
@@ -202,9 +203,14 @@ class StreamedExciter(CanopenDevice, Exciter):
         self._asked(self._barrier)
 
     def _switch_off(self) -> None:
-        """Switch the output off. An order that is not confirmed is given once more: it cannot do harm."""
+        """Switch the output off. An order that is not confirmed is given once more: it cannot do harm.
+
+        A node that another program has stopped (NMT) answers nothing until it is told another state.
+        """
         try:
             self.command(self._map.disable)
         except LinkError as error:
             self.noticed(f"{error}; switched off once more")
+            with suppress(LinkError):
+                self.stop()
             self.command(self._map.disable)

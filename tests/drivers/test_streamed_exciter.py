@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.cyclic import Cyclic
 from palpate.drivers.mapped.set_points import FEWEST, Grid, grid
 from palpate.drivers.ownership import claim
@@ -186,6 +187,34 @@ def another(sim: SimulatedBench) -> Iterator[Any]:
         yield driver
     finally:
         driver.link.close()
+
+
+def test_a_drive_that_another_program_has_stopped_on_the_bus_is_switched_off_at_once(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with opened(sim) as bench:
+        bench.drive()
+        bench.role(Exciter).sine(10.0, 2.0)
+        link: Any = bench.device("drive").link
+        told: list[str] = []
+
+        def command(node: Any, state: str) -> None:
+            CanLink.command(link, node, state)
+            told.append(state)
+
+        def transfer(who: str, *_: Any) -> Any:
+            if told[-1] == "STOPPED":  # instead of waiting for its answer in vain
+                raise LinkError(f"{who}: no answer")
+            return CanLink._transfer(link, who, *_)
+
+        monkeypatch.setattr(link, "_transfer", transfer)
+        monkeypatch.setattr(link, "command", command)
+        link.command(link.add_node(sim.devices["drive"].id), "STOPPED")
+        with pytest.raises(LinkError, match="no answer"):
+            bench.role(Exciter).check()
+        assert sim.devices["drive"].driving
+        bench.role(Exciter).switch_off()
+        assert not sim.devices["drive"].driving
 
 
 def test_a_program_that_finds_the_drive_of_a_killed_one_waits_until_it_is_off(sim: SimulatedBench) -> None:
