@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.linear.lti import StateSpace, gain
 from palpate.simulators.physics.chain import Chain
 from palpate.simulators.physics.in_order import Effects
@@ -101,3 +106,29 @@ def film_signals(
     for source in effects.source:
         signals = signals.plus(source.source(design, ambient))
     return signals
+
+
+def response_of(
+    scene: Scene, effects: Effects, sample: Sample, streams: Mapping[str, Stream], mounted_at_ns: int
+) -> Response:
+    """Response of the sensor to a sample: by the scene's model, and changed by effects.
+
+    Args:
+        scene: the scene.
+        effects: the scene's effects.
+        sample: the sample.
+        streams: a random stream for each effect that changes the share of the teeth, by the effect's name.
+        mounted_at_ns: clock time at which the sample is mounted [ns].
+
+    Raises RangeError: the model does not answer for it, or by effects the teeth take more than the force.
+    """
+    response = scene.answer(sample)
+    changes = [effect.ln_change(sample, streams[effect.name], mounted_at_ns) for effect in effects.share]
+    ratio = response.force_ratio * math.exp(math.fsum(changes))
+    if changes and not ratio < 1:
+        names = ", ".join(effect.name for effect in effects.share)
+        raise RangeError(
+            f"sample {sample.name!r} has a force ratio of {ratio:.3g} by {names}, which is not below 1: the teeth "
+            f"cannot take more than the whole force; give these effects smaller parameters"
+        )
+    return replace(response, force_ratio=ratio, force_rigid=ratio * response.force_total)

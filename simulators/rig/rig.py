@@ -7,7 +7,6 @@ asks for it.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import replace
 from itertools import pairwise
@@ -16,8 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
-from palpate.instrument.errors import RangeError
-from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import in_order
@@ -28,7 +25,7 @@ from palpate.simulators.physics.chain import Chain
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Touch
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.assembly import chain_of, film_signals
+from palpate.simulators.rig.assembly import chain_of, film_signals, response_of
 from palpate.simulators.rig.mounted import Mounted
 from palpate.simulators.scenes.scene import Scene
 
@@ -87,11 +84,9 @@ class Rig:
         self._begin()
 
     def mount(self, sample: Sample) -> None:
-        """Lay a sample on the sensor.
-
-        Raises RangeError: the scene's model does not answer for it, or by effects the teeth take more than the force.
-        """
-        self._lay(Mounted(self.scene.design, sample, response=self._response(sample)))
+        """Lay a sample on the sensor. Raises RangeError as `response_of` does."""
+        response = response_of(self.scene, self.effects, sample, self._streams, self._clock.now_ns())
+        self._lay(Mounted(self.scene.design, sample, response=response))
 
     def take_off(self) -> None:
         """Take away what lies under the probe."""
@@ -225,19 +220,6 @@ class Rig:
         return self._clock.now_ns() - self._changed_ns
 
     # --- how it follows --------------------------------------------------------------------------------
-
-    def _response(self, sample: Sample) -> Response:
-        """Response of the sensor to a sample that is mounted now: by the scene's model, and changed by effects."""
-        response, now = self.scene.answer(sample), self._clock.now_ns()
-        changes = [effect.ln_change(sample, self._streams[effect.name], now) for effect in self.effects.share]
-        ratio = response.force_ratio * math.exp(math.fsum(changes))
-        if changes and not ratio < 1:
-            names = ", ".join(effect.name for effect in self.effects.share)
-            raise RangeError(
-                f"sample {sample.name!r} has a force ratio of {ratio:.3g} by {names}, which is not below 1: the teeth "
-                f"cannot take more than the whole force; give these effects smaller parameters"
-            )
-        return replace(response, force_ratio=ratio, force_rigid=ratio * response.force_total)
 
     def _lay(self, mounted: Mounted) -> None:
         self._mounted, self._mounted_at_ns = mounted, self._clock.now_ns()
