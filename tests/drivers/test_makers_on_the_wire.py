@@ -92,7 +92,7 @@ def test_a_served_bench_measures_silences_by_the_wall_clock(
     device, _, clock = wired
     now = itertools.count(0, 4_000_000)  # ns; each look at the clock is a silence later
     wall = SimpleNamespace(monotonic_ns=lambda: next(now))
-    monkeypatch.setattr("palpate.simulators.wire.modbus.time", wall, raising=False)
+    monkeypatch.setattr("palpate.simulators.wire.modbus.time", wall)
     clock.served = True
     device.link._clock = SimpleNamespace(wait=lambda _duration: None)  # type: ignore[assignment]  # it stands still here
     device.get("heat")

@@ -124,7 +124,7 @@ def test_only_reads_are_on_the_wire_whatever_kinds_are_compared() -> None:
     slaves = Slaves(u1=[7, 1, 5, 0], u2=[8, 1, 5, 0], u3=[])
     searched(slaves, [1, 2, 3])
     assert {request[1] for request in slaves.requests} == {3, 43}
-    assert all(request[0] for request in slaves.requests)
+    assert {request[0] for request in slaves.requests} == {1, 2, 3}
 
 
 def test_a_device_that_answers_at_unit_0_alone_is_found_and_others_are_not_asked_there() -> None:
@@ -136,7 +136,7 @@ def test_a_device_that_answers_at_unit_0_alone_is_found_and_others_are_not_asked
     slaves = Slaves(u0=[7, 123, 5, 0], u2=[7, 5, 5, 0])
     (found,) = searched(slaves, [1, 2], [zero, INDICATOR]).found
     assert found.unit == 2
-    assert all(request[0] for request in slaves.requests)
+    assert {request[0] for request in slaves.requests} == {1, 2}
 
 
 def test_a_write_is_refused_before_it_is_sent() -> None:
