@@ -33,7 +33,7 @@ class Place:
         settings: the settings of its kind, from its section of the bench file.
         clock: the bench's clock.
         kind: its device kind; None: that of the driver's own contract.
-        inventory: its label, if it tells nothing by which it is known; "" otherwise.
+        inventory: its label, which stands for the serial number of a device that tells none; "" otherwise.
     """
 
     link: Any

@@ -34,7 +34,7 @@ class _Section(Config):
     node: NodeId | None = None  # on CANopen
     role: Role | None = None
     optional: bool = False
-    inventory: str = ""  # its label, if it tells nothing by which it is known
+    inventory: str = ""  # its label, if it tells no serial number; needed if it tells nothing by which it is known
     confirmed: bool = False  # that the labelled device is there, so that nobody is asked
     set_to_link: bool = False  # that it was set to the link's baud rate and parity, or bit rate
 
@@ -51,7 +51,7 @@ class Listed:
         settings: settings of its kind.
         role: the role that the file gives it; None: it fills any role of its kind.
         optional: whether the bench can be used without it.
-        inventory: its label, if it tells nothing by which it is known.
+        inventory: its label, if it tells no serial number.
         confirmed: whether nobody has to confirm that it is the labelled one.
         set_to_link: whether it no longer has the baud rate and parity, or the bit rate, with which it left the factory.
     """
@@ -140,14 +140,16 @@ def _check_unit(where: str, kind: DeviceKind, key: str, unit: int) -> None:
 
 
 def _check_inventory(where: str, kind: DeviceKind, section: _Section) -> None:
-    """Raises ConfigError: a label is missing, or is given for a device that is known without it."""
+    """Raises ConfigError: a label is missing, or is given for a device that tells its serial number."""
     unknown = kind.contract.known_by == "nothing"
     if unknown and not section.inventory.strip():
         raise ConfigError(
             f'{where}: a {kind.name} tells nothing by which it is known; write inventory = "LABEL", as it is labelled'
         )
-    if not unknown and (section.inventory or section.confirmed):
-        raise ConfigError(f"{where}: a {kind.name} is known by what it tells; leave inventory and confirmed out")
+    if not unknown and section.confirmed:
+        raise ConfigError(f"{where}: a {kind.name} is known by what it tells; leave confirmed out")
+    if not unknown and section.inventory and kind.contract.tells_serial:
+        raise ConfigError(f"{where}: a {kind.name} tells its serial number; leave inventory out")
 
 
 def beside(file: Path, data: dict[str, Any]) -> dict[str, Any]:

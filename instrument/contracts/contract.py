@@ -210,6 +210,11 @@ class Contract(Declaration):
         """Name of the choice with raw value `value`; the number itself where no choice has it."""
         return next((k for k, v in self[name].choices.items() if v == value), f"{value:g}")
 
+    @property
+    def tells_serial(self) -> bool:
+        """Whether the device has a place for its serial number: a field, or the identity objects of Modbus."""
+        return bool(self.serial) or self.has("serial") or (self.bus == "modbus" and self.known_by == "identity")
+
     def shown(self, name: str, data: bytes, beside: Mapping[str, float] = NOTHING) -> str:
         """Name and value of a field, from its wire bytes, as text for people; `beside`: see `decode`."""
         f = self[name]

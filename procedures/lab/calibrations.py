@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
+from palpate.instrument.bench.kinds import Role
 from palpate.instrument.calibration.files import read_calibration, read_film_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -50,13 +51,28 @@ def keep(calibration: Hashed, folder: Path, replayed: bool, path: Path) -> None:
     write_calibration(path, calibration)
 
 
+def check_nameable(bench: Bench, role: Role) -> None:
+    """Check that the calibration of a device can be known to be its own.
+
+    Raises ConfigError: a device of a real bench tells no serial number, and its section has no label instead.
+    """
+    found = next(iter(bench.description.filling(role)), None)
+    if bench.simulated or found is None or found.inventory or found.kind.contract.tells_serial:
+        return
+    raise ConfigError(
+        f"device.{found.name}: a {found.kind.name} tells no serial number, so the calibration of another one would "
+        'pass for its own; write inventory = "LABEL" in its section, as it is labelled'
+    )
+
+
 def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
     """The stored load-cell calibration of a bench. A simulated bench without one takes the thesis' calibration.
 
     Raises:
-        ConfigError: a real bench has no calibration, or it is damaged, has expired, or belongs to another device or
-            gage factor.
+        ConfigError: a real bench has no calibration, or its indicator cannot be told from others; or the calibration is
+            damaged, has expired, or belongs to another device or gage factor.
     """
+    check_nameable(bench, "load_indicator")
     indicator = bench.role(LoadIndicator)
     path = load_cell_path(indicator.serial)
     if not path.exists():
@@ -111,12 +127,14 @@ def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | Non
     """The stored calibration of the sensor's films. None: there is none, and the design's sensitivities hold.
 
     Raises:
-        ConfigError: the calibration is damaged, has expired, or belongs to another sensor.
+        ConfigError: the calibration is damaged, has expired, or belongs to another sensor; or the node cannot be told
+            from others.
     """
     serial = bench.role(SensorNode).serial or "unknown"
     path = films_path(serial, design.name)
     if not path.exists():
         return None
+    check_nameable(bench, "sensor_node")
     found = read_film_calibration(path)
     return _checked(path, found, lambda c: c.check_use(design, serial, bench.simulated, today))
 

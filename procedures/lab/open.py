@@ -19,7 +19,7 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
-from palpate.procedures.lab.calibrations import films_of, load_cell_of
+from palpate.procedures.lab.calibrations import check_nameable, films_of, load_cell_of
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator, assume
@@ -76,6 +76,8 @@ class OpenBench:
             ConfigError: a calibration is missing, damaged, expired, or belongs to another device.
         """
         description, logged = self.bench.description, self.chosen.logged
+        if calibrating and logged is None:
+            check_nameable(self.bench, "load_indicator" if calibrating == "load cell" else "sensor_node")
         design = get_design(description.design).with_pickup(description.pickup)
         if logged is not None:
             calibration, films = logged.calibration, logged.films

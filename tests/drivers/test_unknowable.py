@@ -55,6 +55,7 @@ def bench(folder: Path, *maps: dict[str, Any], link: str = "", **keys: dict[str,
 RACK = 'kind = "modbus-rtu"\nport = "/dev/nowhere"'
 TCP = 'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = 1'
 KNOWN = {"known_by": "marks", "more": MARK}
+SERIAL = '[field.serial]\naddress = 9\ntype = "uint16"\nmeaning = "serial number"\nsource = "[1] wiki"\n'
 LABELLED = {"device_3": {"inventory": '"LAB-12"'}}
 
 
@@ -63,8 +64,8 @@ LABELLED = {"device_3": {"inventory": '"LAB-12"'}}
     [
         ({}, {}, 'a output-8 tells nothing by which it is known; write inventory = "LABEL"'),
         ({}, {"device_3": {"inventory": '" "'}}, "tells nothing by which it is known"),
-        (KNOWN, LABELLED, "is known by what it tells; leave inventory and confirmed out"),
-        (KNOWN, {"device_3": {"confirmed": "true"}}, "leave inventory and confirmed out"),
+        (KNOWN | {"more": SERIAL + MARK}, LABELLED, "a output-8 tells its serial number; leave inventory out"),
+        (KNOWN, {"device_3": {"confirmed": "true"}}, "is known by what it tells; leave confirmed out"),
         (KNOWN, {"device_3": {"unit": "0"}}, "unit = 0: a output-8 answers at 1 to 247 alone"),
         (KNOWN | {"more": MARK + "[manners]\nunits = [0, 0]"}, {}, "unit = 3: a output-8 answers at 0 to 0 alone"),
     ],
@@ -74,6 +75,11 @@ def test_a_section_that_does_not_suit_its_device_is_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         bench(tmp_path, given, **keys)
+
+
+def test_a_known_device_that_tells_no_serial_number_can_have_a_label_instead(tmp_path: Path) -> None:
+    (found,) = bench(tmp_path, KNOWN, **LABELLED).devices
+    assert (found.inventory, found.unknowable) == ("LAB-12", False)
 
 
 @pytest.mark.parametrize(

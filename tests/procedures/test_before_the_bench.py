@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from datetime import date
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from palpate.instrument.bench.description import read_bench
 from palpate.instrument.calibration.files import write_calibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
-from palpate.instrument.errors import RangeError
+from palpate.instrument.errors import ConfigError, RangeError
 from palpate.procedures.lab import open as session
-from palpate.procedures.lab.calibrations import check_store, load_cell_path
+from palpate.procedures.lab.calibrations import check_nameable, check_store, load_cell_path
 from tests.fuzz.files import BENCH
 from tests.procedures.conftest import Palpate
 
@@ -240,6 +244,19 @@ def test_all_that_the_sections_of_a_bench_file_lack_is_told_at_once_each_with_it
     assert "device.load_cell: span: is missing; give the mV of the load cell for one unit of the display" in said
     assert "device.stage: metres_per_step: is missing; give the lead of the screw by the steps of a turn in m" in said
     assert 'device.stage: travel: is missing; give the lowest position, downwards from home, as "50 mm"' in said
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_calibration_is_not_for_any_node_that_tells_no_serial_number(simulated: bool) -> None:
+    """A CANopenNode tells none: its films' calibration would pass for that of the films at another one."""
+    for more, refused in (("", not simulated), ('inventory = "N-3"\n', False)):
+        Path("bench.toml").write_text(MAKERS_BENCH + more)
+        bench: Any = SimpleNamespace(description=read_bench(Path("bench.toml")), simulated=simulated)
+        with ExitStack() as stack:
+            if refused:
+                stack.enter_context(pytest.raises(ConfigError, match=r"device\.films: .*write inventory = \"LABEL\""))
+            check_nameable(bench, "sensor_node")
+        check_nameable(bench, "load_indicator")
 
 
 def test_a_rehearsal_of_a_bench_of_makers_opens_nothing(palpate: Palpate) -> None:
