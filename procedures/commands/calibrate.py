@@ -69,7 +69,12 @@ def load_cell(
     "\n\n  palpate calibrate films --frequencies '5 Hz, 10 Hz, 20 Hz'"
     "\n\n  palpate calibrate films --scene array_16 --json\n\n  palpate calibrate films --bench lab.toml"
 )
-@option("--loads", callback=texts.loads, default="1.5 N:4 N:0.5 N", help="first:last:step or a list; peak to peak.")
+@option(
+    "--loads",
+    callback=texts.loads,
+    default="1.5 N:4 N:0.5 N",
+    help="first:last:step or a list; peak to peak. A load may be repeated.",
+)
 @option("--frequencies", callback=texts.quantities("Hz"), default="10 Hz", help="Frequencies of the load, with commas.")
 @options.dwell_option
 @option("--valid-days", default=365, help="Days until the calibration expires.")

@@ -23,6 +23,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 LONGEST = 1000  # characters of a command's summary, more than any has
 MANY = 100  # entries of a list in JSON
+LOAD_SETS = "first:last:step or a list, in which a load may be repeated; peak to peak."
 
 option = functools.partial(click.option, show_default=True)
 

@@ -27,7 +27,12 @@ if TYPE_CHECKING:
     help="Young modulus of unknown objects on a simulated bench, or a list with commas.",
 )
 @option("--thickness", callback=texts.quantity("m"), default="3 mm", help="Thickness of an unknown object.")
-@option("--loads", callback=texts.loads, default="2 N:4 N:1 N", help="first:last:step or a list; peak to peak.")
+@option(
+    "--loads",
+    callback=texts.loads,
+    default="2 N:4 N:1 N",
+    help="first:last:step or a list; peak to peak. A load may be repeated.",
+)
 @options.dwell_option
 @options.frequency_option
 @option("--model", metavar="NAME", help="Sensor model: experiment, auto, column, ... (default: experiment).")

@@ -69,11 +69,13 @@ class DynamicLoadWork:
 
     def hold(self, preloaded: float) -> None:
         """Begin to set loads on top of a static force that has been reached [N]."""
+        self._load: float | None = None  # what was set last
         self.servo = LoadServo(self.lab.bench, self.lab.calibration, self.films.frequency, preloaded)
 
-    def set(self, load: float, what: str) -> None:
-        """Drive with a load [N, peak to peak]. Raises as `LoadServo.set`."""
-        carry_out(self.lab.bench, what, partial(self.servo.set, load))
+    def set(self, load: float, what: str, anew: bool = False) -> None:
+        """Drive with a load [N, peak to peak]. Arguments and errors as `LoadServo.set`."""
+        self._load = load
+        carry_out(self.lab.bench, what, partial(self.servo.set, load, anew))
 
     def held(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
         """Measure the films under a load [N, peak to peak] that has been set. Arguments and errors as `measure`."""
@@ -91,6 +93,11 @@ class DynamicLoadWork:
     def measured(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
         """Set a load [N, peak to peak] and measure the films under it. Arguments and errors as `set` and `measure`."""
         self.set(load, what)
+        return self.held(load, what, dwell, compare)
+
+    def load_set(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
+        """As `measured`, for a list of loads: the load that was set last becomes a load set of its own."""
+        self.set(load, what, anew=load == self._load)
         return self.held(load, what, dwell, compare)
 
     def end(self) -> None:

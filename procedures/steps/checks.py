@@ -21,14 +21,17 @@ SMALLEST_LOAD = 2.0  # steps of the indicator
 
 
 def parse_loads(text: str) -> tuple[float, ...]:
-    """Loads [N] from a text, read by `parse_steps`. Raises QuantityError, RangeError: or one is not above zero."""
-    loads = parse_steps(text, "N", "loads", "1.5 N:4 N:0.5 N")
+    """Loads [N] from a text, read by `parse_steps`; a load may be repeated, such as "4 N, 4 N".
+
+    Raises QuantityError, RangeError: as `parse_steps`, or one is not above zero.
+    """
+    loads = parse_steps(text, "N", "loads", "1.5 N:4 N:0.5 N", repeated=True)
     if not all(load > 0 for load in loads):
-        raise RangeError(f"loads {quoted(text)}: loads must be above zero, increasing and distinct")
+        raise RangeError(f"loads {quoted(text)}: loads must be above zero")
     return loads
 
 
-def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, ...]:
+def parse_steps(text: str, unit: str, name: str, example: str, repeated: bool = False) -> tuple[float, ...]:
     """Values in a unit from a text such as "1.5 N:4 N:0.5 N" (first:last:step, with the last) or "1.5 N, 2 N".
 
     Args:
@@ -36,6 +39,7 @@ def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, .
         unit: unit of the values.
         name: what the values are, for messages.
         example: a text that would be right, for messages.
+        repeated: whether a value may be repeated.
 
     Raises:
         QuantityError: a value is not in the unit.
@@ -52,20 +56,42 @@ def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, .
         values = tuple(round(first + i * step, 12) for i in range(math.floor(steps) + 1))
     elif len(parts) == 1:
         values = parse_list(text, unit)
+        if len(values) > LARGEST_COUNT:
+            raise RangeError(f"{name} {quoted(text)}: more than {LARGEST_COUNT} {name}; give fewer")
     else:
         raise RangeError(f"{name} {quoted(text)}: give first:last:step, such as {example!r}, or a list with commas")
-    if list(values) != sorted(set(values)):
-        raise RangeError(f"{name} {quoted(text)}: {name} must be increasing and distinct")
+    if not _in_order(values, repeated):
+        raise RangeError(f"{name} {quoted(text)}: {name} {_ORDER[repeated]}")
     return values
 
 
-def check_increasing(name: str, values: Sequence[float], unit: str) -> None:
-    """Refuse values in a unit of which one is not greater than the one before it. Raises RangeError."""
-    if not all(before < after for before, after in pairwise(values)):
+_ORDER = {False: "must be increasing and distinct", True: "must not decrease; a repeated one is a load set of its own"}
+
+
+def check_increasing(name: str, values: Sequence[float], unit: str, repeated: bool = False) -> None:
+    """Refuse values in a unit of which one is below the one before it, or equal to it unless `repeated`.
+
+    Raises RangeError.
+    """
+    if not _in_order(values, repeated):
         listed = ", ".join(show(value, unit) for value in values[:MOST_QUOTED])
         if len(values) > MOST_QUOTED:
             listed += f", ... ({len(values)} values)"
-        raise RangeError(f"{name} {listed} must be increasing and distinct")
+        raise RangeError(f"{name} {listed} {_ORDER[repeated]}")
+
+
+def _in_order(values: Sequence[float], repeated: bool) -> bool:
+    return all(before < after or (repeated and before == after) for before, after in pairwise(values))
+
+
+def told_sets(loads: Sequence[float]) -> list[str]:
+    """Text of each load [N] for people, such as "4 N, set 2" where it is repeated."""
+    seen: dict[float, int] = {}
+    told = []
+    for load in loads:
+        seen[load] = seen.get(load, 0) + 1
+        told.append(show(load, "N") + (f", set {seen[load]}" if seen[load] > 1 else ""))
+    return told
 
 
 def preload_for(loads: Sequence[float]) -> float:

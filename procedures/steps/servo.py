@@ -52,8 +52,12 @@ class LoadServo:
         self._indicator.peak_to_peak(self._window)
         self._limit = self._exciter.effort_limit()
 
-    def set(self, load: float) -> float:
+    def set(self, load: float, anew: bool = False) -> float:
         """Drive until the load cell reads `load` [N, peak to peak]. Returns the measured load [N].
+
+        Args:
+            load: the load.
+            anew: whether the drive goes off first, so that the load that it has already becomes a new load set.
 
         Raises:
             SafetyError: the force passes the bench's limit; the outputs are off.
@@ -62,6 +66,8 @@ class LoadServo:
         """
         tolerance = max(LOAD_TOLERANCE * load, 0.6 * self.calibration.resolution())
         measured = math.nan
+        if anew:
+            self._release()
         for _ in range(SERVO_STEPS):
             self._step(load)
             measured = self._checked(self._mean())
@@ -79,9 +85,13 @@ class LoadServo:
 
         The load cell need not tell the amplitude anew. Look at the force with `glance` while the films settle.
         """
+        self._release()
+        self._exciter.sine(self._frequency, self._amplitude)
+
+    def _release(self) -> None:
+        """Switch the drive off for a moment."""
         self._exciter.sine(self._frequency, 0.0)
         self._bench.clock.wait(RELEASED / self._frequency)
-        self._exciter.sine(self._frequency, self._amplitude)
 
     @property
     def amplitude(self) -> float:

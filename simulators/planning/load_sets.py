@@ -45,6 +45,8 @@ def load_sets(
 ) -> Iterator[LoadSet]:
     """Each load in turn: the drive is set, settles, and the films are sampled 25 times a cycle over the dwell.
 
+    Before a load that is repeated the drive goes off for a cycle, so that each repetition is a load set of its own.
+
     Args:
         scene: the scene.
         sample: the mounted sample.
@@ -66,10 +68,16 @@ def load_sets(
     pressed = PRELOAD * max(loads) * (1 / stiffness + 1 / scene.rig.suspension_stiffness)
     rig.set_position(scene.rig.sensor_position - sample.thickness + pressed)
     period_ns = round(1e9 / (SAMPLES_PER_CYCLE * frequency))
-    for load in loads:
-        volts = load / 2 / abs(rig.transfer(frequency)[-1])
-        drive = Periodic(0.0, round(frequency * HERTZ), clock.now_ns(), 0, np.array([1]), np.array([-1j * volts]))
-        rig.set_voltage(drive)
+
+    def drive(volts: float) -> None:
+        sine = np.array([-1j * volts])
+        rig.set_voltage(Periodic(0.0, round(frequency * HERTZ), clock.now_ns(), 0, np.array([1]), sine))
+
+    for before, load in zip((0.0, *loads), loads, strict=False):
+        if load == before:
+            drive(0.0)
+            clock.wait(1 / frequency)
+        drive(load / 2 / abs(rig.transfer(frequency)[-1]))
         clock.wait(SETTLED)
         first = -(-clock.now_ns() // period_ns)
         time_ns = (first + np.arange(round(dwell * 1e9 / period_ns))) * period_ns

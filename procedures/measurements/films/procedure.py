@@ -29,9 +29,9 @@ from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, PeakLoads, ValidDays
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.probe import lower, withdraw
 
@@ -55,7 +55,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
     manual_work = "stands the pin on the teeth"
     newer_settings = frozenset({"extrapolate"})
 
-    loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
     frequencies: Annotated[tuple[float, ...], Setting("Hz", "Frequencies of the load.")] = (10.0,)
     dwell: DwellTime = 1.0
     valid_days: ValidDays = 365
@@ -65,17 +65,16 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
         """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: there are fewer than three loads, a load exceeds the force limit, a frequency or the dwell is
-                outside its limits, frequencies repeat, the validity is outside its limits, or the bench has too few
-                sensor nodes.
+            RangeError: there are fewer than three different loads, a load exceeds the force limit, a frequency or the
+                dwell is outside its limits, frequencies repeat, the validity is outside its limits, or the bench has
+                too few sensor nodes.
         """
         check_nodes(target.design, target.nodes, target.channels)
-        if len(self.loads) < FEWEST:
-            raise RangeError(
-                f"{counted(len(self.loads), 'load')} cannot show linearity and scatter; use at least {FEWEST}"
-            )
+        if len(set(self.loads)) < FEWEST:
+            different = counted(len(set(self.loads)), "load") if self.loads else "no load"
+            raise RangeError(f"{different} cannot show linearity and scatter; use at least {FEWEST} different ones")
         check_force(self.loads, target.force_limit)
-        check_increasing("loads", self.loads, "N")
+        check_increasing("loads", self.loads, "N", repeated=True)
         if not self.frequencies or len(set(self.frequencies)) < len(self.frequencies):
             given = ", ".join(f"{frequency:g}" for frequency in self.frequencies) or "none"
             raise RangeError(f"frequencies (Hz): {given}; give at least one, and each only once")
@@ -91,11 +90,19 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
     def plan(self, target: Target) -> Plan[PressStep]:
         """All points: every load at every frequency on every tooth."""
         teeth = range(1, len(target.design.teeth) + 1)
-        return Plan(self.name, [self._step(n, f, load) for n in teeth for f in self.frequencies for load in self.loads])
+        sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        return Plan(
+            self.name,
+            [
+                self._step(n, frequency, load, told, first=frequency == self.frequencies[0] and not number)
+                for n in teeth
+                for frequency in self.frequencies
+                for number, (load, told) in enumerate(sets)
+            ],
+        )
 
-    def _step(self, tooth: int, frequency: float, load: float) -> PressStep:
-        first = frequency == self.frequencies[0] and load == self.loads[0]
-        what = f"tooth {tooth}, {frequency:g} Hz, {load:g} N"
+    def _step(self, tooth: int, frequency: float, load: float, told: str, first: bool) -> PressStep:
+        what = f"tooth {tooth}, {frequency:g} Hz, {told}"
         seconds = point_seconds(frequency, self.dwell, first)
         return PressStep(self.dwell, seconds, None, tooth, frequency, load, what=what, group=f"press tooth {tooth}")
 
@@ -151,7 +158,7 @@ class Pressing(DynamicLoadWork):
             self.films.set_frequency(step.frequency_Hz)
             self.hold(self._preloaded)
         design = self.lab.design
-        measured = self.measured(step.load_N, step.what, self._dwell, compare=False)
+        measured = self.load_set(step.load_N, step.what, self._dwell, compare=False)
         point = PressedPoint(
             tooth=step.tooth,
             frequency_Hz=step.frequency_Hz,

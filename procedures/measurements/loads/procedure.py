@@ -12,7 +12,6 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.findings.film_forces import film_forces, pickup_u
 from palpate.instrument.models.foundation.springs import force_ratio
-from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import STEP, Dwell, Floor, check_target, dwell_of, floor_u
@@ -23,9 +22,9 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoads
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, LoadSets
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, recording_seconds
 from palpate.procedures.steps.films import check_nodes
@@ -50,7 +49,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
     newer_settings = frozenset({"tolerance", "extrapolate"})
 
     samples: Annotated[tuple[str, ...], Setting(help="Rubber samples, in order.")] = ("1", "2", "3", "4", "5", "6")
-    loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     tolerance: Annotated[
@@ -73,7 +72,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         if len(set(self.samples)) < len(self.samples):
             raise RangeError(f"samples {quoted(list(self.samples))}: one is named twice; name each sample once")
         check_force(self.loads, target.force_limit)
-        check_increasing("loads", self.loads, "N")
+        check_increasing("loads", self.loads, "N", repeated=True)
         check_frequency(self.frequency, target)
         if self.tolerance is None:
             check_time(self.dwell, self.frequency)
@@ -91,17 +90,25 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
 
     def plan(self, target: Target) -> Plan[LoadStep]:
         """All points: every load on every sample."""
-        return Plan(self.name, [self._step(target.design, name, load) for name in self.samples for load in self.loads])
+        sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        return Plan(
+            self.name,
+            [
+                self._step(target.design, name, load, told, first=not number)
+                for name in self.samples
+                for number, (load, told) in enumerate(sets)
+            ],
+        )
 
-    def _step(self, design: Design, sample: str, load: float) -> LoadStep:
+    def _step(self, design: Design, sample: str, load: float, told: str, first: bool) -> LoadStep:
         ratio = expected_ratio(design, sample)
         floor, noise = floor_of(design, ratio), expected_noise(design, load, ratio)
         recording, u = self.dwell, math.hypot(floor_u(floor), noise / math.sqrt(self.dwell))
         if self.tolerance is not None:
             chosen = dwell_of(self.tolerance, noise, self.frequency, floor)
             recording, u = recording_seconds(chosen.dwell, self.frequency), chosen.u
-        seconds = point_seconds(self.frequency, recording, first=load == self.loads[0])
-        what, group = f"sample {sample}, {show(load, 'N')}", f"mount sample {sample}"
+        seconds = point_seconds(self.frequency, recording, first=first)
+        what, group = f"sample {sample}, {told}", f"mount sample {sample}"
         dwell = None if self.tolerance else self.dwell
         return LoadStep(dwell, seconds, u, sample, load, what=what, group=group)
 
@@ -129,7 +136,7 @@ class Sweeping(DynamicLoadWork):
         self.press(get_sample(step.sample))
 
     def take(self, step: LoadStep) -> Measurement[LoadPoint]:
-        measured = self.measured(step.load_N, step.what, self._dwell)
+        measured = self.load_set(step.load_N, step.what, self._dwell)
         point = _point(self.lab.design, self.lab.calibration, step, measured)
         return Measurement(point, measured.waveforms(self.lab.design))
 

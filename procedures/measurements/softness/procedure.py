@@ -21,10 +21,10 @@ from palpate.procedures.engine.procedure import Measurement, Procedure, Report, 
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads
+from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.films import check_nodes
 
@@ -47,7 +47,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     point = SoftnessPoint
 
     objects: Annotated[tuple[Sample, ...], Setting(help="Rubber samples, in order.", read=get_sample)]
-    loads: PeakLoads = (2.0, 3.0, 4.0)
+    loads: LoadSets = (2.0, 3.0, 4.0)
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     model: Annotated[str, Setting(help="Sensor model that turns force ratios into moduli.")] = "experiment"
@@ -72,7 +72,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
             )
         check_nodes(target.design, target.nodes, target.channels)
         check_force(self.loads, target.force_limit)
-        check_increasing("loads", self.loads, "N")
+        check_increasing("loads", self.loads, "N", repeated=True)
         check_frequency(self.frequency, target)
         check_time(self.dwell, self.frequency)
         question = self._question(target.design)
@@ -91,11 +91,19 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     def plan(self, target: Target) -> Plan[TouchStep]:
         """All points: every load on every object."""
         scatter = target.design.ratio_scatter
-        return Plan(self.name, [self._step(each.name, load, scatter) for each in self.objects for load in self.loads])
+        sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        return Plan(
+            self.name,
+            [
+                self._step(each.name, load, told, scatter, first=not number)
+                for each in self.objects
+                for number, (load, told) in enumerate(sets)
+            ],
+        )
 
-    def _step(self, name: str, load: float, scatter: float) -> TouchStep:
-        seconds = point_seconds(self.frequency, self.dwell, first=load == self.loads[0])
-        what, group = f"{name}, {show(load, 'N')}", f"mount {name}"
+    def _step(self, name: str, load: float, told: str, scatter: float, first: bool) -> TouchStep:
+        seconds = point_seconds(self.frequency, self.dwell, first=first)
+        what, group = f"{name}, {told}", f"mount {name}"
         return TouchStep(self.dwell, seconds, scatter, name, load, what=what, group=group)
 
     def begin(self, lab: Lab, record: Recorder) -> Touching:
@@ -126,7 +134,7 @@ class Touching(DynamicLoadWork):
 
     def take(self, step: TouchStep) -> Measurement[SoftnessPoint]:
         design = self.lab.design
-        measured = self.measured(step.load_N, step.what, self._dwell)
+        measured = self.load_set(step.load_N, step.what, self._dwell)
         forces = film_forces(design, measured.fit)
         point = SoftnessPoint(
             object=step.object,
