@@ -247,11 +247,12 @@ def test_all_that_the_sections_of_a_bench_file_lack_is_told_at_once_each_with_it
 
 
 @pytest.mark.parametrize("simulated", [True, False])
-def test_a_calibration_is_not_for_any_node_that_tells_no_serial_number(simulated: bool) -> None:
+def test_a_calibration_is_not_for_any_node_that_tells_no_serial_number(simulated: bool, tmp_path: Path) -> None:
     """A CANopenNode tells none: its films' calibration would pass for that of the films at another one."""
     for more, refused in (("", not simulated), ('inventory = "N-3"\n', False)):
-        Path("bench.toml").write_text(MAKERS_BENCH + more)
-        bench: Any = SimpleNamespace(description=read_bench(Path("bench.toml")), simulated=simulated)
+        path = tmp_path / "bench.toml"
+        path.write_text(MAKERS_BENCH + more)
+        bench: Any = SimpleNamespace(description=read_bench(path), simulated=simulated)
         with ExitStack() as stack:
             if refused:
                 stack.enter_context(pytest.raises(ConfigError, match=r"device\.films: .*write inventory = \"LABEL\""))
