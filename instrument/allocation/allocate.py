@@ -68,6 +68,7 @@ class _Problem:
     floor: float
     costs: Costs
     shortest: float
+    fewest: int
 
     def variance(self, mountings: float, sets: float, dwell: float) -> float:
         """Variance of a plan; `dwell` is that of one set."""
@@ -79,7 +80,9 @@ class _Problem:
         return self.second * self.costs.set > self.shortest**2 * self.set
 
 
-def allocate(lines: Sequence[Line], costs: Costs, tolerance: float, shortest: float = SHORTEST) -> Allocation:
+def allocate(
+    lines: Sequence[Line], costs: Costs, tolerance: float, shortest: float = SHORTEST, fewest: int = 1
+) -> Allocation:
     """The plan of the least bench time whose relative standard uncertainty is not above the tolerance.
 
     Args:
@@ -87,13 +90,14 @@ def allocate(lines: Sequence[Line], costs: Costs, tolerance: float, shortest: fl
         costs: what mountings and sets take.
         tolerance: relative standard uncertainty.
         shortest: least dwell of a set [s].
+        fewest: least number of sets in each mounting.
 
     Raises:
         BelowFloor: the tolerance is not above what the lines leave that nothing lowers.
-        RangeError: the tolerance or the shortest dwell is not above 0 and finite, there are no lines or two of one
+        RangeError: the tolerance the shortest dwell or the fewest sets are not above 0, there are no lines or two of one
             name, or the plan would take centuries.
     """
-    problem = _problem(lines, costs, shortest)
+    problem = _problem(lines, costs, shortest, fewest)
     if not (math.isfinite(tolerance) and tolerance > SMALLEST):
         raise RangeError(
             f"tolerance {tolerance:g}; give a relative standard uncertainty above {SMALLEST:g}, such as 0.05"
@@ -108,8 +112,8 @@ def allocate(lines: Sequence[Line], costs: Costs, tolerance: float, shortest: fl
         if left <= 0:
             return math.inf
         if not problem.dwells_pay:
-            return max(mountings, (problem.set + problem.second / shortest) / left)
-        return max(mountings, (problem.set + math.sqrt(problem.set * problem.second / costs.set)) / left)
+            return max(fewest * mountings, (problem.set + problem.second / shortest) / left)
+        return max(fewest * mountings, (problem.set + math.sqrt(problem.set * problem.second / costs.set)) / left)
 
     def dwell_of(mountings: int, sets: float) -> float:
         """Dwell of one set that reaches the tolerance; infinite where none does."""
@@ -121,10 +125,10 @@ def allocate(lines: Sequence[Line], costs: Costs, tolerance: float, shortest: fl
     def seconds(mountings: int, sets: float) -> float:
         return costs.seconds(mountings, sets, dwell_of(mountings, sets)) if sets < math.inf else math.inf
 
-    fewest = max(1, math.floor(min(problem.mounting / free, LONGEST)))
-    while fewest < LONGEST and sets_of(fewest) == math.inf:
-        fewest += 1
-    mountings, sets = _best(fewest, math.inf, sets_of, seconds)
+    least = max(1, math.floor(min(problem.mounting / free, LONGEST)))
+    while least < LONGEST and sets_of(least) == math.inf:
+        least += 1
+    mountings, sets = _best((least, math.inf), fewest, sets_of, seconds)
     if not (taken := seconds(mountings, sets)) < LONGEST:
         floor = math.sqrt(problem.floor)
         raise RangeError(
@@ -134,7 +138,9 @@ def allocate(lines: Sequence[Line], costs: Costs, tolerance: float, shortest: fl
     return _allocation(lines, costs, mountings, sets, dwell_of(mountings, sets))
 
 
-def allocate_time(lines: Sequence[Line], costs: Costs, seconds: float, shortest: float = SHORTEST) -> Allocation:
+def allocate_time(
+    lines: Sequence[Line], costs: Costs, seconds: float, shortest: float = SHORTEST, fewest: int = 1
+) -> Allocation:
     """The plan with the least uncertainty that takes no longer than some time on the bench [s].
 
     Where dwell lowers nothing, the plan may take less.
@@ -142,11 +148,12 @@ def allocate_time(lines: Sequence[Line], costs: Costs, seconds: float, shortest:
     Raises:
         RangeError: not even one set fits, the time is not finite, or as for `allocate`.
     """
-    problem = _problem(lines, costs, shortest)
+    problem = _problem(lines, costs, shortest, fewest)
     if not (math.isfinite(seconds) and seconds <= LONGEST):
         raise RangeError(f"a bench time of {seconds:g} s; give a finite one of three centuries at most")
-    if (least := costs.seconds(1, 1, shortest)) > seconds:
-        raise RangeError(f"one set takes {least:.4g} s on the bench; {seconds:g} s are too short: give more time")
+    if (least := costs.seconds(1, fewest, shortest)) > seconds:
+        what = "one set takes" if fewest == 1 else f"{fewest} sets take"
+        raise RangeError(f"{what} {least:.4g} s on the bench; {seconds:g} s are too short: give more time")
 
     def rest(mountings: int) -> float:
         return seconds - costs.start - costs.mounting * mountings
@@ -154,12 +161,12 @@ def allocate_time(lines: Sequence[Line], costs: Costs, seconds: float, shortest:
     def sets_of(mountings: int) -> float:
         """Best number of sets, real; infinite where the mountings leave no time for one set each."""
         most = rest(mountings) / (costs.set + shortest)
-        if most < mountings:
+        if most < fewest * mountings * (1 - ROUNDING):
             return math.inf
         if not problem.dwells_pay:
-            return most if problem.set else float(mountings)
+            return most if problem.set else float(fewest * mountings)
         ratio = math.sqrt(problem.second * costs.set / problem.set) if problem.set else math.inf
-        return min(max(mountings, rest(mountings) / (costs.set + ratio)), most)
+        return max(fewest * mountings, min(rest(mountings) / (costs.set + ratio), most))
 
     def dwell_of(mountings: int, sets: float) -> float:
         """Dwell of one set: the time that is left, or the shortest where more of it lowers nothing."""
@@ -173,17 +180,21 @@ def allocate_time(lines: Sequence[Line], costs: Costs, seconds: float, shortest:
         return problem.variance(mountings, sets, dwell) if dwell < math.inf else math.inf
 
     most = seconds / (costs.mounting + costs.set + shortest)
-    mountings, sets = _best(1, most, sets_of, variance)
+    mountings, sets = _best((1, most), fewest, sets_of, variance)
     return _allocation(lines, costs, mountings, sets, dwell_of(mountings, sets))
 
 
 def _best(
-    fewest: int, most: float, sets_of: Callable[[int], float], price: Callable[[int, float], float]
+    mountings_between: tuple[int, float],
+    fewest: int,
+    sets_of: Callable[[int], float],
+    price: Callable[[int, float], float],
 ) -> tuple[int, int]:
     """Whole numbers of mountings and of sets, as many in each mounting, of the least price.
 
     Args:
-        fewest, most: least number of mountings that is possible, and a number that is surely too great.
+        mountings_between: least number of mountings that is possible, and a number that is surely too great.
+        fewest: least number of sets in each mounting.
         sets_of: best real number of sets for some mountings; infinite: none is possible.
         price: what is least to be; convex in both numbers, infinite where a plan is impossible.
     """
@@ -191,26 +202,27 @@ def _best(
     def bound(mountings: int) -> float:
         return price(mountings, sets_of(mountings))
 
-    low, high = fewest, 2 * fewest
+    start, most = mountings_between
+    low, high = start, 2 * start
     while bound(high) < bound(high - 1) and high < most:
         low, high = high, 2 * high
     while low < high:  # the first mountings to which another one adds nothing
         middle = (low + high) // 2
         low, high = (middle + 1, high) if bound(middle + 1) < bound(middle) else (low, middle)
-    least, best, plan = bound(low), math.inf, (low, low)
-    upwards, downwards = range(low, low + MOST_STEPS), range(low - 1, max(fewest, low - MOST_STEPS) - 1, -1)
+    least, best, plan = bound(low), math.inf, (low, fewest * low)
+    upwards, downwards = range(low, low + MOST_STEPS), range(low - 1, max(start, low - MOST_STEPS) - 1, -1)
     for walk in (upwards, downwards):
         for mountings in walk:
             if best <= least * (1 + CLOSE) or not bound(mountings) < best:
                 break
             each = sets_of(mountings) / mountings
-            for number in {max(1, math.floor(each)), max(1, math.ceil(each))}:
+            for number in {max(fewest, math.floor(each)), max(fewest, math.ceil(each))}:
                 if (found := price(mountings, number * mountings)) < best:
                     best, plan = found, (mountings, number * mountings)
     return plan
 
 
-def _problem(lines: Sequence[Line], costs: Costs, shortest: float) -> _Problem:
+def _problem(lines: Sequence[Line], costs: Costs, shortest: float, fewest: int) -> _Problem:
     if not lines:
         raise RangeError("an answer without a line of uncertainty has no price; give at least one line")
     names = [line.name for line in lines]
@@ -218,11 +230,13 @@ def _problem(lines: Sequence[Line], costs: Costs, shortest: float) -> _Problem:
         raise RangeError(f"two lines are named {twice[0]!r}; give each a name of its own")
     if not (math.isfinite(shortest) and shortest > 0):
         raise RangeError(f"a shortest dwell of {shortest:g} s; give a time above 0")
+    if fewest < 1:
+        raise RangeError(f"at least {fewest} sets in a mounting; give 1 or more")
     mounting, each, second, floor = (
         math.fsum(line.u**2 for line in lines if line.per is unit)
         for unit in (Unit.MOUNTING, Unit.SET, Unit.SECOND, Unit.NOTHING)
     )
-    return _Problem(mounting, each, second, floor, costs, shortest)
+    return _Problem(mounting, each, second, floor, costs, shortest, fewest)
 
 
 def _below(lines: Sequence[Line], tolerance: float) -> BelowFloor:

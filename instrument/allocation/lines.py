@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import combinations
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import Budget, Component
@@ -36,6 +37,8 @@ class Line:
         u: relative standard uncertainty of the answer from this source, with one unit.
         per: what lowers it.
         degrees_of_freedom: degrees of freedom of `u`, above 0; infinite where it is known exactly.
+        estimate: name of the one estimate from which this line and others come; they share its degrees of freedom.
+            Empty: an estimate of its own.
 
     Raises:
         RangeError: `u` is negative or not finite, or there are no degrees of freedom.
@@ -45,6 +48,7 @@ class Line:
     u: float
     per: Unit
     degrees_of_freedom: float = math.inf
+    estimate: str = ""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.u) and self.u >= 0):
@@ -86,7 +90,7 @@ class Costs:
         return self.start + self.mounting * mountings + (self.set + dwell) * sets
 
 
-def budget(lines: Sequence[Line], mountings: int, sets: int, dwell: float) -> Budget:
+def budget(lines: Sequence[Line], mountings: float, sets: float, dwell: float) -> Budget:
     """Relative uncertainty of the answer by the lines: `u`, `degrees_of_freedom`, and `rows()` with each line's share.
 
     Args:
@@ -101,13 +105,10 @@ def budget(lines: Sequence[Line], mountings: int, sets: int, dwell: float) -> Bu
     """
     if not (1 <= mountings <= sets and dwell > 0):
         raise RangeError(
-            f"{mountings} mountings, {sets} sets, {dwell:g} s of dwell: give one mounting or more, one set or more"
+            f"{mountings:g} mountings, {sets:g} sets, {dwell:g} s of dwell: give one mounting or more, one set or more"
             " for each mounting, and a dwell above 0"
         )
     units = {Unit.MOUNTING: mountings, Unit.SET: sets, Unit.SECOND: sets * dwell, Unit.NOTHING: 1}
-    return Budget(
-        "relative deviation",
-        0.0,
-        "1",
-        tuple(Component(e.name, e.u / math.sqrt(units[e.per]), 1.0, e.degrees_of_freedom) for e in lines),
-    )
+    inputs = tuple(Component(e.name, e.u / math.sqrt(units[e.per]), 1.0, e.degrees_of_freedom) for e in lines)
+    shared = {(a.name, b.name): 0.0 for a, b in combinations(lines, 2) if a.estimate and a.estimate == b.estimate}
+    return Budget("relative deviation", 0.0, "1", inputs, shared)

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from tests.benchmarks import (
     agreement,
+    allocation,
     array,
     bounds,
     coverage,
@@ -78,6 +79,7 @@ PARTS = {
 # A quarter of an hour and more (bounds, estimates, estimates_solid: hours, resumable): only by name.
 LONG = {
     "agreement": agreement.measure,
+    "allocation": allocation.measure,
     "bounds": bounds.measure,
     "estimates": estimates.measure,
     "estimates_solid": estimates_solid.measure,

@@ -1,0 +1,262 @@
+"""When a run has measured enough, and what its answer is worth: Stein's two stages.
+
+    plan = allocate(lines, costs, 0.02, fewest=FIRST)
+    while not (verdict := enough(lines, costs, 0.02, plan, sensitivity, ratios)).why: ...  # one more set
+    answer(lines, plan, sensitivity, ratios).u
+
+The first sets of a run, ten or half of those planned, tell how much sets scatter. That scatter fixes how many sets
+there are in all, and it is the one in the answer's interval. The scatter of some sets and their mean are independent,
+so that Student's interval holds with its probability whatever the true scatter is (C. Stein, Ann. Math. Statist. 16,
+243, 1945). To look again after every set, or to trust a prior that is too small, would make the interval too narrow:
+both stop where the scatter happens to be small.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.instrument.allocation.allocate import Allocation, allocate
+from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.errors import RangeError
+from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Floats
+
+FIRST = 10  # least number of sets whose scatter decides
+REFUTED = 0.01  # probability with which a prior that is true is called refuted
+MOST_FREEDOM = 1e9  # as good as infinitely many
+FEWEST_MOUNTINGS = 3  # that tell how much mountings scatter
+
+Ratios = Sequence[Sequence[float]]
+"""Ratios of the sets of each mounting, in the order in which they were measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Relative standard deviation of one of several repeats, and whether they refute what was known before."""
+
+    u: float
+    degrees_of_freedom: float
+    refuted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a run has measured enough.
+
+    Attributes:
+        mountings, sets: how many the run has at its end, in all, by what is known now; as many sets in each mounting.
+        why: why it has enough, for people; empty: go on.
+    """
+
+    mountings: int
+    sets: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The ratio of a run: the geometric mean over mountings of the geometric mean of their sets.
+
+    Attributes:
+        ratio: the mean ratio.
+        budget: relative uncertainty of what is derived from it: `u`, `degrees_of_freedom`, `expanded()`, `rows()`.
+        sets_refuted, mountings_refuted: whether sets, or mountings, scatter more than was known before.
+    """
+
+    ratio: float
+    budget: Budget
+    sets_refuted: bool
+    mountings_refuted: bool
+
+    @property
+    def u(self) -> float:
+        return self.budget.u
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        return self.budget.degrees_of_freedom
+
+
+def pooled(prior_u: float, prior_freedom: float, *ratios: Sequence[float]) -> Scatter:
+    """Scatter of a ratio by what was known before and by ratios, each group of them about a mean of its own.
+
+    Where the ratios scatter more than the prior allows (χ² at 1 %), the prior is dropped.
+
+    Args:
+        prior_u: relative standard deviation that was known before.
+        prior_freedom: its degrees of freedom; 0: nothing was known, infinite: it is certain.
+        ratios: groups of ratios above 0.
+
+    Raises:
+        RangeError: a ratio is not above 0, the prior is negative, or neither it nor the ratios tell a scatter.
+    """
+    if not (math.isfinite(prior_u) and prior_u >= 0 and prior_freedom >= 0):
+        raise RangeError(f"prior scatter {prior_u:g} of {prior_freedom:g} degrees of freedom; give 0 or more of both")
+    squares, freedom = 0.0, 0
+    for group in ratios:
+        logs = _logs(group)
+        squares += float(((logs - logs.mean()) ** 2).sum()) if logs.size else 0.0
+        freedom += max(0, logs.size - 1)
+    if prior_freedom + freedom == 0:
+        raise RangeError("one ratio alone tells no scatter; give two or more, or a prior")
+    if freedom and prior_freedom > 0 and squares > prior_u**2 * _chi_square(freedom):
+        return Scatter(math.sqrt(squares / freedom), freedom, refuted=True)
+    if math.isinf(prior_freedom):
+        return Scatter(prior_u, math.inf, refuted=False)
+    variance = (prior_freedom * prior_u**2 + squares) / (prior_freedom + freedom)
+    return Scatter(math.sqrt(variance), prior_freedom + freedom, refuted=False)
+
+
+def _chi_square(freedom: int) -> float:
+    """Value that a sum of squares passes with the probability REFUTED."""
+    from scipy.special import chdtri
+
+    return float(chdtri(freedom, REFUTED))
+
+
+def first_sets(plan: Allocation) -> int:
+    """Number of sets of the first mounting whose scatter decides how many there are in all."""
+    return max(FIRST, math.ceil(plan.sets / plan.mountings / 2))
+
+
+def enough(
+    lines: Sequence[Line], costs: Costs, tolerance: float, plan: Allocation, sensitivity: float, ratios: Ratios
+) -> Verdict:
+    """Whether a run has measured enough for a tolerance, and how much it needs in all.
+
+    Args:
+        lines, costs, tolerance: those from which the plan was made.
+        plan: what was planned before the run; its dwell holds for all sets.
+        sensitivity: relative change of the answer over that of the ratio, d ln E / d ln R for a modulus.
+        ratios: ratios of each mounting's sets so far.
+
+    Raises:
+        RangeError: a ratio or the sensitivity is not above 0, or the run would take centuries with the scatter found.
+    """
+    first = first_sets(plan)
+    done = [len(each) for each in ratios]
+    if not done or done[0] < first:
+        return Verdict(plan.mountings, max(plan.sets, first * plan.mountings), "")
+    batch = [ratios[0][:first]]
+    found = _learned(lines, plan.dwell, sensitivity, batch, batch)
+    needed = allocate(_merged(found.lines, plan.dwell), costs, tolerance, plan.dwell, first)
+    mountings, each = needed.mountings, needed.sets // needed.mountings
+    whole = [sets for sets in ratios if len(sets) >= each]
+    found = _learned(lines, plan.dwell, sensitivity, batch, whole or batch)
+    if found.mountings_refuted:  # sets in each mounting stay as they are: only the number of mountings follows
+        free = tolerance**2 - sum(line.u**2 for line in found.lines if line.per is Unit.NOTHING)
+        of_one = sum(line.u**2 for line in found.lines if line.per is Unit.MOUNTING)
+        of_one += sum(line.u**2 for line in _merged(found.lines, plan.dwell) if line.per is Unit.SET) / each
+        mountings = max(FEWEST_MOUNTINGS, math.ceil(of_one / free))
+    if len(whole) < mountings:
+        return Verdict(mountings, mountings * each, "")
+    reached = answer(lines, plan, sensitivity, ratios)
+    return Verdict(
+        len(done), sum(done), f"{reached.u:.2%} reached with {sum(done)} sets; {tolerance:.2%} was asked for"
+    )
+
+
+def answer(
+    lines: Sequence[Line], plan: Allocation, sensitivity: float, ratios: Ratios, *, by_time: bool = False
+) -> Answer:
+    """The mean ratio of a run, with the uncertainty of what is derived from it.
+
+    Args:
+        lines, plan, sensitivity, ratios: as for `enough`.
+        by_time: the number of sets was fixed by time, not by their scatter: all of them tell the scatter.
+
+    With fewer than ten sets, the prior of the lines and the sets tell the scatter together.
+
+    Raises:
+        RangeError: there is no ratio, or one or the sensitivity is not above 0.
+    """
+    taken = [each for each in ratios if each]
+    if not taken:
+        raise RangeError("no set is measured: there is no answer yet")
+    batch = taken if by_time else [taken[0][: first_sets(plan)]]
+    found = _learned(lines, plan.dwell, sensitivity, batch, taken)
+    means = [float(_logs(each).mean()) for each in taken]
+    # Mountings count alike: with unlike numbers of sets they scatter as if each had their harmonic mean.
+    sets = len(taken) ** 2 / sum(1 / len(each) for each in taken)
+    reached = budget(found.lines, len(taken), sets, plan.dwell)
+    return Answer(math.exp(math.fsum(means) / len(means)), reached, found.sets_refuted, found.mountings_refuted)
+
+
+def longest(
+    lines: Sequence[Line], costs: Costs, tolerance: float, plan: Allocation, probability: float = COVERAGE
+) -> float:
+    """Bench time that a run of this plan does not pass, with some probability [s].
+
+    Before the run the scatter of its first sets, over that of the prior, is distributed as F.
+    """
+    from scipy.special import fdtri
+
+    first = first_sets(plan)
+    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
+    freedom = _prior(of_sets, plan.dwell).degrees_of_freedom
+    factor = math.sqrt(fdtri(first - 1, min(freedom, MOST_FREEDOM), probability))
+    wider = [replace(line, u=factor * line.u) if line in of_sets else line for line in lines]
+    return allocate(_merged(wider, plan.dwell), costs, tolerance, plan.dwell, first).seconds
+
+
+@dataclass(frozen=True, slots=True)
+class _Learned:
+    """Lines of an answer with what a run has learned of them."""
+
+    lines: list[Line]
+    sets_refuted: bool
+    mountings_refuted: bool
+
+
+def _learned(lines: Sequence[Line], dwell: float, sensitivity: float, batch: Ratios, mountings: Ratios) -> _Learned:
+    """The lines after a run: `batch` tells how much sets scatter, the means of `mountings` how much those do."""
+    if not (math.isfinite(sensitivity) and sensitivity > 0):
+        raise RangeError(f"sensitivity {sensitivity:g}; give the change of the answer over that of the ratio, above 0")
+    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
+    of_mountings = [line for line in lines if line.per is Unit.MOUNTING]
+    rest = [line for line in lines if line.per is Unit.NOTHING]
+    prior = _prior(of_sets, dwell)
+    sets = pooled(prior.u / sensitivity, prior.degrees_of_freedom, *batch)
+    own = sum(len(each) for each in batch) >= FIRST and math.isfinite(prior.degrees_of_freedom)
+    told = pooled(0.0, 0.0, *batch) if own else sets
+    scattered = _scaled(of_sets, "sets", sensitivity * told.u, prior.u, told.degrees_of_freedom, Unit.SET)
+
+    known = _prior(of_mountings, dwell)
+    of_mean = sensitivity * told.u * math.sqrt(math.fsum(1 / len(each) for each in mountings) / len(mountings))
+    both = [Line("mounting", known.u, Unit.SET, known.degrees_of_freedom)]
+    both += [Line("mean of sets", of_mean, Unit.SET, told.degrees_of_freedom)]
+    expected = budget(both, 1, 1, dwell)
+    means = [math.exp(float(_logs(each).mean())) for each in mountings]
+    between = pooled(expected.u / sensitivity, expected.degrees_of_freedom, means)
+    if between.refuted:
+        u = math.sqrt(max(0.0, (sensitivity * between.u) ** 2 - of_mean**2))
+        of_mountings = _scaled(of_mountings, "mountings", u, known.u, between.degrees_of_freedom, Unit.MOUNTING)
+    return _Learned([*scattered, *of_mountings, *rest], sets.refuted, between.refuted)
+
+
+def _prior(lines: Sequence[Line], dwell: float) -> Budget:
+    """What some lines together add to one set of one mounting."""
+    return budget(lines, 1, 1, dwell)
+
+
+def _scaled(lines: Sequence[Line], name: str, u: float, prior_u: float, freedom: float, per: Unit) -> list[Line]:
+    """Lines that shared the uncertainty `prior_u`, scaled so that they share `u`; a new line where there was none."""
+    if prior_u == 0:
+        return [Line(f"scatter of {name}", u, per, freedom)]
+    return [replace(line, u=line.u * u / prior_u, degrees_of_freedom=freedom, estimate=name) for line in lines]
+
+
+def _merged(lines: Sequence[Line], dwell: float) -> list[Line]:
+    """Lines with one line for all that falls with the number of sets of this dwell: the dwell is not chosen anew."""
+    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
+    return [*(line for line in lines if line not in of_sets), Line("sets", _prior(of_sets, dwell).u, Unit.SET)]
+
+
+def _logs(ratios: Sequence[float]) -> Floats:
+    """Natural logarithms. Raises RangeError: a ratio is not above 0 and finite."""
+    if wrong := [each for each in ratios if not (math.isfinite(each) and each > 0)]:
+        raise RangeError(f"ratio {wrong[0]:g}; a ratio is above 0 and finite")
+    return np.log(np.asarray(ratios, dtype=np.float64))

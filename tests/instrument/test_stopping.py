@@ -1,0 +1,133 @@
+"""When a run has measured enough: what sets tell of their scatter, and whether the interval holds the truth."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import f, t
+
+from palpate.instrument.allocation.allocate import Allocation, allocate
+from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets, longest, pooled
+from palpate.instrument.errors import RangeError
+
+BENCH = Costs(start=4.0, mounting=93.0, set=1.6, person=60.0)
+LINES = [Line("gain scatter", 0.082, Unit.SET, 7), Line("noise", 0.002, Unit.SECOND)]
+MOUNTED = [*LINES, Line("mounting", 0.02, Unit.MOUNTING)]
+
+
+def plan(tolerance: float = 0.02, lines: list[Line] = LINES) -> Allocation:
+    return allocate(lines, BENCH, tolerance, fewest=FIRST)
+
+
+def sets(count: int, scatter: float, seed: int = 0, about: float = 0.3) -> list[float]:
+    """Ratios whose logarithms have exactly this standard deviation about exactly this mean."""
+    logs = np.random.default_rng(seed).standard_normal(count)
+    logs = (logs - logs.mean()) / logs.std(ddof=1)
+    return list(about * np.exp(scatter * logs))
+
+
+def test_prior_and_sets_are_pooled_by_their_degrees_of_freedom() -> None:
+    found = pooled(0.04, 7, sets(6, 0.05), sets(4, 0.03, about=0.5))
+    assert found.u == pytest.approx(math.sqrt((7 * 0.04**2 + 5 * 0.05**2 + 3 * 0.03**2) / 15))
+    assert (found.degrees_of_freedom, found.refuted) == (15, False)
+    assert pooled(0.04, 7) == replace(found, u=pytest.approx(0.04), degrees_of_freedom=7)
+    assert pooled(0.0, 0, sets(5, 0.05)).u == pytest.approx(0.05)
+    assert pooled(0.04, math.inf, sets(9, 0.045)).degrees_of_freedom == math.inf
+
+
+def test_a_prior_that_the_sets_refute_is_dropped() -> None:
+    found = pooled(0.04, 7, sets(10, 0.04 * math.sqrt(21.8 / 9)))  # χ² of 9 degrees of freedom passes 21.67 in 1 %
+    assert (found.refuted, found.degrees_of_freedom) == (True, 9)
+    assert found.u == pytest.approx(0.04 * math.sqrt(21.8 / 9))
+    assert not pooled(0.04, 7, sets(10, 0.04 * math.sqrt(21.5 / 9))).refuted
+    assert pooled(0.04, math.inf, sets(10, 0.08)).refuted
+
+
+def test_the_first_sets_decide_how_many_there_are() -> None:
+    planned = plan()
+    assert (planned.sets, first_sets(planned)) == (17, 10)
+    assert enough(LINES, BENCH, 0.02, planned, 2.0, [sets(9, 0.01)]).sets == 17
+    expected = {0.041: 17, 0.0205: 10, 0.082: 68}
+    for scatter, count in expected.items():
+        ratios = [sets(10, scatter)]
+        assert enough(LINES, BENCH, 0.02, planned, 2.0, ratios).sets == count
+        more = [ratios[0] + sets(count - 10, 0.2)] if count > 10 else ratios  # later sets change nothing
+        assert enough(LINES, BENCH, 0.02, planned, 2.0, more).why.endswith(f"{count} sets; 2.00% was asked for")
+
+
+def test_the_interval_is_students_with_the_scatter_of_the_first_sets() -> None:
+    ratios = [sets(10, 0.041) + sets(7, 0.001)]
+    found = answer(LINES, plan(), 2.0, ratios)
+    assert found.degrees_of_freedom == pytest.approx(9)
+    assert found.budget.expanded() == pytest.approx(t.ppf(0.975, 9) * 0.082 / math.sqrt(17))
+    assert found.ratio == pytest.approx(math.exp(np.log(ratios[0]).mean()))
+    assert math.fsum(row["share"] for row in found.budget.rows()) == pytest.approx(1)
+    assert answer(LINES, plan(), 2.0, ratios, by_time=True).degrees_of_freedom == pytest.approx(16)
+
+
+def test_few_sets_lean_upon_the_prior() -> None:
+    found = answer(LINES, plan(), 2.0, [sets(3, 0.01)])
+    assert found.u == pytest.approx(2 * math.sqrt((7 * 0.0415**2 + 2 * 0.01**2) / 9 / 3), rel=0.01)
+    assert found.degrees_of_freedom == pytest.approx(9, rel=0.01)
+
+
+def test_mountings_that_scatter_more_than_known_take_three_at_least_and_fewer_degrees_of_freedom() -> None:
+    planned = plan(0.02, MOUNTED)
+    each = planned.sets // planned.mountings
+    near = [sets(each, 0.041, seed, about) for seed, about in enumerate((0.3, 0.301))]
+    far = [sets(each, 0.041, seed, about) for seed, about in enumerate((0.3, 0.4))]
+    assert planned.mountings == 2
+    assert enough(MOUNTED, BENCH, 0.02, planned, 2.0, near).why
+    verdict = enough(MOUNTED, BENCH, 0.02, planned, 2.0, far)
+    assert not verdict.why
+    assert verdict.mountings > 3
+    found = answer(MOUNTED, planned, 2.0, far)
+    assert (found.mountings_refuted, found.sets_refuted) == (True, False)
+    assert found.degrees_of_freedom == pytest.approx(1, rel=0.1)
+
+
+def test_a_mounting_scatter_that_nobody_told_of_is_seen() -> None:
+    found = answer(LINES, plan(), 2.0, [sets(18, 0.041, seed, about) for seed, about in enumerate((0.3, 0.4, 0.35))])
+    assert found.mountings_refuted
+    assert "scatter of mountings" in {row["name"] for row in found.budget.rows()}
+
+
+def test_the_bound_of_time_is_a_quantile_of_f() -> None:
+    planned = plan(0.01)
+    first = first_sets(planned)
+    assert longest(LINES, BENCH, 0.01, planned) == pytest.approx(97 + 1.7 * f.ppf(0.95, first - 1, 7) * 67.64, rel=0.01)
+    known = [replace(LINES[0], degrees_of_freedom=math.inf), LINES[1]]
+    assert longest(known, BENCH, 0.01, planned) == pytest.approx(
+        97 + 1.7 * f.ppf(0.95, first - 1, 1e9) * 67.64, rel=0.01
+    )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (lambda: pooled(0.04, 7, [0.3, -0.3]), "ratio -0.3"),
+        (lambda: pooled(0.04, 7, [0.3, math.nan]), "ratio nan"),
+        (lambda: pooled(0.04, 0, [0.3]), "one ratio alone"),
+        (lambda: pooled(-0.04, 7), "prior scatter -0.04"),
+        (lambda: pooled(0.04, -1), "-1 degrees"),
+        (lambda: answer(LINES, plan(), 2.0, [[]]), "no set is measured"),
+        (lambda: answer(LINES, plan(), 0.0, [sets(10, 0.01)]), "sensitivity 0"),
+    ],
+)
+def test_what_tells_no_scatter_is_refused(wrong: Callable[[], object], why: str) -> None:
+    with pytest.raises(RangeError, match=why):
+        wrong()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["learned scatter", "scatter x 1.5", "mounting scatter of 1 %"])
+def test_intervals_of_runs_that_stop_by_themselves_hold_the_truth(name: str) -> None:
+    from tests.benchmarks.allocation import TRUTHS, stopped
+
+    (truth,) = (each for each in TRUTHS if each.name == name)
+    covered, achieved, _ = stopped(truth, 0.02, 1000)
+    assert covered.met, covered
+    assert achieved.met, achieved
