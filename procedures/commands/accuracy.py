@@ -14,6 +14,8 @@ from palpate.procedures.commands.integrators import integrators
 from palpate.procedures.commands.options import FILE_NAME, Group, Output, make_folder, option, output_options
 from palpate.procedures.commands.validation import validation
 
+ALL_MODELS, ALL_CURVES = 413.0, 600.0  # s of processor time, for all designs [M]
+
 
 @click.group(
     cls=Group,
@@ -42,7 +44,7 @@ accuracy.add_command(validation)
     "\n\n  palpate accuracy models --store\n\n  palpate accuracy models --design single --store"
 )
 @option("--design", help="single_round, single, common_base, different_base or array (default: all).")
-@option("--measure", "anew", is_flag=True, help="Measure on this machine: an hour for all designs.")
+@option("--measure", "anew", is_flag=True, help="Measure on this machine: seven minutes for all designs.")
 @option("--store", is_flag=True, help="Measure, and store the result in the list by which models are chosen.")
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot models.png (default: no plot).")
 @output_options
@@ -57,6 +59,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.prices import price_list
     from palpate.instrument.models.validation import validate
+    from palpate.instrument.notice import price
     from palpate.instrument.shipped import text
     from palpate.procedures.accuracy.keep import keep
     from palpate.procedures.accuracy.machine import this_machine
@@ -72,7 +75,9 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
         price_list.stored().require_like(this_machine(), MODULI)  # before anything is measured
     make_folder(out)
     if anew or store:
-        with output.progress() as progress:
+        with output.prices(), output.progress() as progress:
+            known = {of: sum(each.seconds or 0.0 for each in price_list.stored().of([of]).prices) for of in DESIGNS}
+            price("measuring the models", ALL_MODELS * sum(known[of] for of in asked) / sum(known.values()))
             prices = measure(asked, progress)
         if store:
             kept = prices if design is None else price_list.stored().replaced(prices)
@@ -112,6 +117,7 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
     from palpate.instrument.models.curve import ratio_curve
     from palpate.instrument.models.parameter_sets import get_parameter_set
     from palpate.instrument.models.stored import surface
+    from palpate.instrument.notice import price
     from palpate.instrument.sensor.designs import get_design
     from palpate.procedures.accuracy.measure import SHIPPED, sensor_of, sets_of
     from palpate.procedures.records.run import storing
@@ -121,7 +127,8 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
         raise UnknownName("design with a surface", design, SHIPPED)
     asked = list(SHIPPED) if design is None else [design]
     if store:
-        with output.progress() as progress:
+        with output.prices(), output.progress() as progress:
+            price("finding the curves", ALL_CURVES * len(asked) / len(SHIPPED))
             for done, name in enumerate(asked):
                 sensors = [sensor_of(name, parameters) for parameters in sets_of(name)]
                 with storing(surface.STORED):

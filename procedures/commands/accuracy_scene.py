@@ -41,7 +41,7 @@ def scene_command(
 
     output = Output(as_json, quiet)
     make_folder(out)
-    with output.progress("the whole scene") as progress:
+    with output.prices(), output.progress("the whole scene") as progress:
         found = SceneFront.of(scene, Question(sample, load, frequency, dwell), progress)
     plot = None if out is None else plot_front(found, out)
     output.result(

@@ -51,7 +51,7 @@ def explain(
     from palpate.procedures.virtual.explained import Explained, Question, print_explained
 
     output = Output(as_json, quiet)
-    with output.progress("the path") as progress:
+    with output.prices(), output.progress("the path") as progress:
         question = Question(sample, load, frequency, dwell, steady)
         found = Explained.of(scene, question, tolerance, strict=strict, progress=progress)
     output.result(found.summary, lambda: print_explained(found))

@@ -132,7 +132,7 @@ def ratio(
     output = Output(as_json, quiet)
     if at is not None:
         question = replace(question, at=at)
-    with output.set_ups():
+    with output.prices():
         answers = ask(question, sensed_modulus)
     models = dict.fromkeys(answer.response.model for answer in answers)
     compared = [validate(question.design, question.parameters, name) for name in models]
@@ -183,7 +183,7 @@ def modulus(
     from palpate.instrument.models.validation import validate
 
     output = Output(as_json, quiet)
-    with output.set_ups():
+    with output.prices():
         points = model_modulus.estimate(question, force_ratio, uncertainty)
     models = dict.fromkeys(point["model"] for point in points)
     compared = [validate(question.design, question.parameters, name) for name in models]
@@ -228,7 +228,7 @@ def plot(sensed_modulus: tuple[float, ...], out: Path | None, question: Question
 
     output = Output(as_json, quiet)
     file = model_plot.place(f"{question.design}-{question.model}", out, store())
-    with output.set_ups():
+    with output.prices():
         picture = model_picture.solve(question, sensed_modulus)
     model_plot.draw(picture, file)
     if output.as_json:

@@ -226,11 +226,11 @@ class Output:
         if self.for_people:
             say(text)
 
-    def set_ups(self) -> AbstractContextManager[None]:
-        """A context in which people are told on stderr how long a finite-element model will be set up."""
-        from palpate.instrument.models.finite_elements.notice import told
+    def prices(self) -> AbstractContextManager[None]:
+        """A context in which people are told on stderr what a long computation costs, before it begins."""
+        from palpate.instrument.notice import told
 
-        return told(functools.partial(say, err=True)) if self.for_people else nullcontext()
+        return nullcontext() if self.quiet else told(lambda text: say(f"palpate: note: {text}", err=True))
 
     def progress(self, first: str = "opening the bench") -> AbstractContextManager[Progress]:
         """A progress bar on stderr, if stderr is a terminal."""

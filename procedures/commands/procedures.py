@@ -43,7 +43,7 @@ def chosen_for(procedure: Procedure[S, P, R], choice: Choice, output: Output, mo
         return chosen
     refuse(procedure, chosen.target)
     seconds = planned(procedure, chosen.target).seconds
-    with output.set_ups():
+    with output.prices():
         chosen = at_fidelity(chosen, choice.fidelity, procedure.name, procedure.dwells(), seconds)
     if chosen.scene is not None and not output.quiet:
         left_out = ", ".join(chosen.scene.file.left_out or ()) or "nothing"
@@ -57,7 +57,7 @@ def chosen_for(procedure: Procedure[S, P, R], choice: Choice, output: Output, mo
 def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
     """Carry out a procedure on the bench of a command, and show its result. Raises as `open_and_run` does."""
     chosen = chosen_for(procedure, choice, output, model)
-    with output.set_ups():
+    with output.prices():
         with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
             done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
         tell(procedure, done, output)

@@ -16,6 +16,8 @@ from palpate.simulators.linear import bouc_wen, integrators
 
 Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
 
+SECONDS = 5.0  # s of processor time that `measure` takes [M]
+
 
 def measure(progress: Progress) -> Rows:
     """A row for JSON about each method at each setting."""

@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from palpate.instrument.errors import EstimateError
+from palpate.instrument.notice import price
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.weights import UNFELT, Seen, changes, leaving_out, see
 from palpate.simulators.scenes.scene import Scene
@@ -47,6 +48,8 @@ def reduced(scene: Scene, fidelity: float, asked: Sequence[tuple[Question, float
         except EstimateError:
             return math.inf
 
+    once = DRAWS * sum(each.seconds * question.dwell for each, (question, _) in zip(whole, asked, strict=True))
+    price("finding out what the result does not feel", once * math.log2(len(scene.effects) + 2))
     felt = [name for name, effect in scene.effects.items() if not isinstance(effect, UNFELT)]
     alone = {name: change([name], 1) for name in felt}
     order = sorted((name for name in felt if alone[name] <= fidelity), key=alone.__getitem__)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.instrument.errors import EstimateError
+from palpate.instrument.notice import price
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.bounds.changes import pairs_of
@@ -92,6 +93,7 @@ def weigh(scene: Scene, question: Question, more: Sequence[str] = (), progress: 
     """
     whole = see(scene, question)
     names = [*scene.effects, *more]
+    price(f"measuring {len(names)} effects", len(names) * DRAWS * whole.seconds * question.dwell)
     found = []
     for done, name in enumerate(names):
         if progress is not None:
@@ -110,6 +112,7 @@ def nested(
     whole = see(scene, question)
     known = [(each.change, each.name) for each in weights if each.change is not None and each.name in scene.effects]
     order = [name for _, name in sorted(known)]
+    price(f"measuring {len(order)} subsets", len(order) * DRAWS * whole.seconds * question.dwell)
     found = [Subset((), 0.0, 0.0, whole.seconds)]
     for count in range(1, len(order) + 1):
         if progress is not None:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from palpate.instrument import notice
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import fronts, notice
+from palpate.instrument.models.finite_elements import fronts, set_up
 from palpate.instrument.models.finite_elements.dissection import dissected
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.poles import Sensor, curve
@@ -110,7 +111,7 @@ def test_a_long_set_up_is_told_before_it_begins(monkeypatch: pytest.MonkeyPatch)
 
     with notice.told(said.append):
         condense(mesh)  # a short one
-        monkeypatch.setattr(notice, "RATE", 1.0)
+        monkeypatch.setattr(set_up, "RATE", 1.0)
         condense(replace(mesh, matrices=matrices))
     condense(mesh)
     (sentence,) = said

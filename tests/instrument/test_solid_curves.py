@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.instrument.models.finite_elements import notice
+from palpate.instrument import notice
 from palpate.instrument.models.finite_elements.rational import basis
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution

@@ -20,7 +20,7 @@ from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import notice
+from palpate.instrument.models.finite_elements import set_up
 from palpate.instrument.models.finite_elements.dissection import Front, Indices, Order, dissected
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ def condense(mesh: Mesh, remembers: bool = False) -> Condensed:
     """
     order = dissected(mesh.unknowns, mesh.coordinates, mesh.kept)
     _require_memory(order, mesh, remembers)
-    notice.begin(order.operations, len(mesh.kept))
+    set_up.begin(order.operations, len(mesh.kept))
     elimination = _Elimination(mesh, order, remembers)
     stiffness, loads = elimination.run()
     places = order.rank[mesh.kept] - (len(mesh.kept) - np.count_nonzero(mesh.kept))

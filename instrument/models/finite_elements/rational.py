@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, qr
 
-from palpate.instrument.models.finite_elements import notice
+from palpate.instrument.models.finite_elements import set_up
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def basis(stiffness: Array, sensed: Array, columns: Array, modes: Array, modulus
     own = _independent(columns)
     if 2 * len(PLACES) * TERMS * own.shape[1] > len(stiffness):
         return None
-    notice.begin(len(PLACES) * len(stiffness) ** 3 / 6, len(stiffness))
+    set_up.begin(len(PLACES) * len(stiffness) ** 3 / 6, len(stiffness))
     found = [modes]
     for place in modulus * PLACES:
         factor = cho_factor(stiffness + place * sensed, lower=True, overwrite_a=True, check_finite=False)
