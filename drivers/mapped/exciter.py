@@ -120,6 +120,7 @@ class StreamedExciter(CanopenDevice, Exciter):
         if not peak:
             self._still()
             return
+        self._told(self.start)  # again, because another program may have told the node another state meanwhile
         self._told(lambda: self.link.begin_cycle(self._stream.cob_id(self.id), frames, new.step_us))
         self._grid, self._begun_ns, self._peak = new, self.clock.now_ns(), peak
         self._asked(self._barrier)  # the drive has got what was sent before

@@ -217,6 +217,18 @@ def test_a_drive_that_another_program_has_stopped_on_the_bus_is_switched_off_at_
         assert not sim.devices["drive"].driving
 
 
+def test_a_drive_that_another_program_has_made_deaf_to_set_points_hears_the_next_ones(sim: SimulatedBench) -> None:
+    with opened(sim) as bench:
+        bench.drive()
+        bench.role(Exciter).sine(10.0, 2.0)
+        link: Any = bench.device("drive").link
+        link.command(link.add_node(sim.devices["drive"].id), "PRE-OPERATIONAL")
+        bench.role(Exciter).check()  # an answer comes after what was sent before
+        assert volts(sim) == 0.0
+        bench.role(Exciter).sine(10.0, 2.0)
+        assert volts(sim) == pytest.approx(10.0 * PERCENT, rel=0.01)
+
+
 def test_a_program_that_finds_the_drive_of_a_killed_one_waits_until_it_is_off(sim: SimulatedBench) -> None:
     with another(sim) as killed:
         killed.drive()
