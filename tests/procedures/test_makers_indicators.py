@@ -144,3 +144,11 @@ def test_a_scene_with_the_map_of_the_documentation_is_swept(palpate: Palpate) ->
     said = palpate("sweep", "loads", "--scene", "my_scene.toml", "--samples", "1", "--loads", "2 N")
     assert (said.status, said.err) == (0, "")
     assert "valid points" in said.out
+
+
+@pytest.mark.slow
+def test_a_certificate_lists_the_settings_that_a_makers_indicator_has(palpate: Palpate) -> None:
+    said = palpate("calibrate", "load-cell", "--scene", "real_bench", "--json").object
+    certificate = Path(said["certificate"]).read_text(encoding="utf-8")
+    assert "| indicator: span | 10.306 |\n| indicator: filter | 0 |\n" in certificate
+    assert "None" not in certificate

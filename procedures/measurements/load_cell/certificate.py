@@ -56,7 +56,8 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
     header: dict[str, Any] = dict(run.header)
     settings = header["settings"]
     bench = check(tomllib.loads(header["bench"]), BenchDescription, f"{run.folder}: its bench file")
-    indicator = bench.filling("load_indicator")[0].settings.model_dump(mode="json", exclude={"gage_factor"})
+    settings_of = bench.filling("load_indicator")[0].settings
+    indicator = settings_of.model_dump(mode="json", exclude={"gage_factor"}, exclude_none=True)
     points = run.points()
     pair = ("", "")
     return [
@@ -69,7 +70,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
         ]),
         Section("Settings", pair, [
             ("gage factor", f"{c.gage_factor:g}"),
-            *((name.replace("_", " "), str(value)) for name, value in indicator.items()),
+            *((f"indicator: {name.replace('_', ' ')}", str(value)) for name, value in indicator.items()),
             ("filter, waiting time before a reading", f"{FILTER:g} s, {SETTLING:g} s"),
             ("readings averaged for a point", f"{settings['repeats']}"),
             ("runs up and down in each position", f"{settings['runs']}"),
