@@ -52,7 +52,7 @@ def closed_port() -> int:
         ("line", {"port": "/dev/ttyNONE"}, "there is no serial port /dev/ttyNONE"),
         ("strain_indicator", {"unit": 9}, "unit 9: no valid answer"),
         ("can", {"nodes": (9,)}, "sensor node 9 at virtual:"),
-        ("can", {"interface": "nosuch"}, "CAN bus nosuch:"),
+        ("can", {"interface": "socketcan", "channel": "can_none"}, "CAN bus socketcan:can_none cannot be opened"),
         ("positioner", {"unit": 9}, "unit 9: no valid answer"),
     ],
 )
