@@ -69,12 +69,12 @@ class DynamicLoadWork:
 
     def hold(self, preloaded: float) -> None:
         """Begin to set loads on top of a static force that has been reached [N]."""
-        self._load: float | None = None  # what was set last
+        self._set_last: float | None = None
         self.servo = LoadServo(self.lab.bench, self.lab.calibration, self.films.frequency, preloaded)
 
     def set(self, load: float, what: str, anew: bool = False) -> None:
         """Drive with a load [N, peak to peak]. Arguments and errors as `LoadServo.set`."""
-        self._load = load
+        self._set_last = load
         carry_out(self.lab.bench, what, partial(self.servo.set, load, anew))
 
     def held(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
@@ -97,7 +97,7 @@ class DynamicLoadWork:
 
     def load_set(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
         """As `measured`, for a list of loads: the load that was set last becomes a load set of its own."""
-        self.set(load, what, anew=load == self._load)
+        self.set(load, what, anew=load == self._set_last)
         return self.held(load, what, dwell, compare)
 
     def end(self) -> None:
