@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from palpate.instrument.contracts.contract import Contract, Field, Identity
+from palpate.instrument.contracts.contract import Contract, Field, Identity, Scaling
+
+SCALE = Field("scale", 1, "uint16", "scale")
+SCALED = Field("value", 0x10, "int16", "value", scaling=Scaling("scale"))
 
 
 def modbus_contract(*fields: Field, **more: Any) -> Contract:
@@ -15,3 +18,13 @@ def modbus_contract(*fields: Field, **more: Any) -> Contract:
 def canopen_contract(*fields: Field, **more: Any) -> Contract:
     """A CANopen node with these objects; it has a number of its maker only."""
     return Contract("node", "node", "canopen", Identity("0x5F", "", ""), fields, **more)
+
+
+def contract(*fields: Field, bus: str = "modbus", **more: Any) -> Contract:
+    """A device with these fields on either bus."""
+    return (modbus_contract if bus == "modbus" else canopen_contract)(*fields, **more)
+
+
+def one(**given: Any) -> Contract:
+    """A device with one field of these attributes."""
+    return contract(Field(**{"name": "value", "address": 0x10, "type": "int32", "meaning": "value"} | given))
