@@ -94,8 +94,8 @@ def allocate(
 
     Raises:
         BelowFloor: the tolerance is not above what the lines leave that nothing lowers.
-        RangeError: the tolerance the shortest dwell or the fewest sets are not above 0, there are no lines or two of one
-            name, or the plan would take centuries.
+        RangeError: the tolerance, the shortest dwell or the fewest sets are not above 0, there are no lines or two of
+            one name, or the plan would take centuries.
     """
     problem = _problem(lines, costs, shortest, fewest)
     if not (math.isfinite(tolerance) and tolerance > SMALLEST):
