@@ -165,12 +165,10 @@ def classify_iso_376(load: Floats, found: Quantities) -> Classification:
             first = int(bad[-1]) + 1 if bad.size else 0
             if first < low.size:
                 return Classification(name=name, least_N=float(load[first]), greatest_N=float(load[-1]))
-    first = max(low.size - 1, 0)
-    since = f" from {load[first]:.3g} N on" if first else ""
     for key, values in known.items():
-        worst, limit = 100 * float(values[first:].max()), 100 * ISO_376["2"][key]
+        worst, limit = 100 * float(values[max(low.size - 1, 0) :].max()), 100 * ISO_376["2"][key]
         if worst > limit:
-            reasons.append(f"{key.replace('_', ' ')} {worst:.3g} %{since} exceeds the {limit:.3g} % of ISO 376 class 2")
+            reasons.append(f"{key.replace('_', ' ')} {worst:.3g} % exceeds the {limit:.3g} % of ISO 376 class 2")
     return _none(*reasons)
 
 
