@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palpate.instrument.calibration.files import read_calibration, read_film_calibration
+    from palpate.instrument.calibration.files import read_calibration, read_film_calibration, read_model_calibration
     from palpate.instrument.calibration.films import FilmCalibration
     from palpate.instrument.calibration.load_cell import LoadCellCalibration
+    from palpate.instrument.calibration.model_calibration import ModelCalibration
     from palpate.instrument.errors import (
         BenchError,
         ConfigError,
@@ -60,6 +61,8 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.loads.procedure import LoadSweep
     from palpate.procedures.measurements.modulus.procedure import ModulusTest
     from palpate.procedures.measurements.position.procedure import PositionSweep
+    from palpate.procedures.measurements.references.procedure import ReferenceSeries
+    from palpate.procedures.measurements.references.reference import Reference, read_reference
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
     from palpate.procedures.measurements.static_load import StaticLoadWork
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
@@ -68,9 +71,10 @@ if TYPE_CHECKING:
     from palpate.procedures.records.run import Run, read
 
 _PLACES = {
-    "instrument.calibration.files": "read_calibration read_film_calibration",
+    "instrument.calibration.files": "read_calibration read_film_calibration read_model_calibration",
     "instrument.calibration.films": "FilmCalibration",
     "instrument.calibration.load_cell": "LoadCellCalibration",
+    "instrument.calibration.model_calibration": "ModelCalibration",
     "instrument.errors": "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName"
     " UsageError",
     "instrument.models.response": "response",
@@ -94,6 +98,8 @@ _PLACES = {
     "procedures.measurements.loads.procedure": "LoadSweep",
     "procedures.measurements.modulus.procedure": "ModulusTest",
     "procedures.measurements.position.procedure": "PositionSweep",
+    "procedures.measurements.references.procedure": "ReferenceSeries",
+    "procedures.measurements.references.reference": "Reference read_reference",
     "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
     "procedures.measurements.static_load": "StaticLoadWork",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
@@ -118,6 +124,7 @@ __all__ = [
     "LoadCellSeries",
     "LoadSweep",
     "Measurement",
+    "ModelCalibration",
     "ModulusTest",
     "OpenBench",
     "PalpateError",
@@ -127,6 +134,8 @@ __all__ = [
     "RangeError",
     "RecordError",
     "Recorder",
+    "Reference",
+    "ReferenceSeries",
     "Report",
     "RequiredLoads",
     "Response",
@@ -149,6 +158,8 @@ __all__ = [
     "read",
     "read_calibration",
     "read_film_calibration",
+    "read_model_calibration",
+    "read_reference",
     "replay",
     "response",
     "resume",

@@ -10,6 +10,7 @@ import tomli_w
 
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.config import Hashed, read_data, read_hashed
 from palpate.instrument.errors import RecordError, check_path, reason
 
@@ -29,7 +30,12 @@ def read_film_calibration(path: str | Path) -> FilmCalibration:
     return read_hashed(Path(path), FilmCalibration)
 
 
-def accept_calibration(path: Path, today: date) -> LoadCellCalibration | FilmCalibration | None:
+def read_model_calibration(path: str | Path) -> ModelCalibration:
+    """Read the calibration of a model from a TOML file. Raises ConfigError as `read_calibration` does."""
+    return read_hashed(Path(path), ModelCalibration)
+
+
+def accept_calibration(path: Path, today: date) -> LoadCellCalibration | FilmCalibration | ModelCalibration | None:
     """Accept a calibration file that was edited by hand: hash it anew and note the day in it.
 
     Returns:
@@ -39,7 +45,8 @@ def accept_calibration(path: Path, today: date) -> LoadCellCalibration | FilmCal
         ConfigError: as in `read_calibration`, except that a change by hand is no error.
         RecordError: as in `write_calibration`.
     """
-    model = FilmCalibration if "films" in read_data(path) else LoadCellCalibration
+    data = read_data(path)
+    model = FilmCalibration if "films" in data else ModelCalibration if "references" in data else LoadCellCalibration
     found = read_hashed(path, model, edited=True)
     if found.verified:
         return None

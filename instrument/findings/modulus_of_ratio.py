@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -56,6 +56,12 @@ class ModulusEstimate:
     kind: NDArray[np.str_]
     outside: NDArray[np.bool_]
     ambiguous: NDArray[np.bool_]
+
+    def widened(self, other: ModulusEstimate, where: NDArray[np.bool_]) -> ModulusEstimate:
+        """The estimate with intervals that also hold those of another one, where `where` is true."""
+        low = np.where(where, np.minimum(self.low, other.low), self.low)
+        high = np.where(where, np.maximum(self.high, other.high), self.high)
+        return replace(self, low=low, high=high, kind=_kind(low > 0, np.isfinite(high)))
 
 
 def modulus_of_ratio(
@@ -114,9 +120,7 @@ def modulus_within(curve: RatioCurve, given: Array, lowest: Array, highest: Arra
     # Rounding and meshes make the ends of a model's curve wavy.
     flat = (np.minimum(soft, hard) < NEAR * given) & (ambiguous | (sensitivity > MOST_SENSITIVE))
     low, high = np.where(flat & (soft < hard), -np.inf, low), np.where(flat & (soft >= hard), np.inf, high)
-    kind = np.select(
-        [np.isinf(low) & np.isinf(high), np.isinf(high), np.isinf(low)], [ANY, AT_LEAST, AT_MOST], INTERVAL
-    )
+    kind = _kind(np.isfinite(low), np.isfinite(high))
     single = (kind == INTERVAL) & ~ambiguous & ~outside
     return ModulusEstimate(
         modulus=np.exp(np.where(single, left, np.nan)),
@@ -127,6 +131,11 @@ def modulus_within(curve: RatioCurve, given: Array, lowest: Array, highest: Arra
         outside=outside,
         ambiguous=ambiguous,
     )
+
+
+def _kind(below: NDArray[np.bool_], above: NDArray[np.bool_]) -> NDArray[np.str_]:
+    """What intervals say that are bounded below, or above."""
+    return np.select([~below & ~above, ~above, ~below], [ANY, AT_LEAST, AT_MOST], INTERVAL)
 
 
 def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,9 @@ from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load, through
 from palpate.instrument.sensor.sample import SAMPLES
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.prices.price_list import Choice
 
 Array = NDArray[np.float64]
 
@@ -139,11 +142,11 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
     if tolerance is not None:
         check_tolerance(tolerance, f"tolerance {tolerance:g}")
     if model == AUTO:
-        from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, choose, stored
+        from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, stored
 
         tolerance = AUTO_TOLERANCE if tolerance is None else tolerance
         priced = stored().moduli_Pa
-        choice = choose(design, [through(load, priced[0]), through(load, priced[-1])], tolerance)
+        choice = chosen(design, load, tolerance)
         model = choice.model
         if choice.error is not None:
             lowest, highest, own_error = priced[0], priced[-1], choice.error
@@ -164,6 +167,15 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         moduli = sorted(SAMPLES[name].modulus for name in design.thesis_force_ratio)
         return curve_through(moduli, [answer(modulus)[0] for modulus in moduli], model)
     return sampled_curve(answer, lowest, highest, model, CLOSED_FORM_TOLERANCE)
+
+
+def chosen(design: Design, load: Load, tolerance: float | None = None) -> Choice:
+    """The model that answers for "auto" at all moduli of the price list. Raises RangeError: none meets a tolerance."""
+    from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, choose, stored
+
+    priced = stored().moduli_Pa
+    ends = [through(load, priced[0]), through(load, priced[-1])]
+    return choose(design, ends, AUTO_TOLERANCE if tolerance is None else tolerance)
 
 
 def _exact(

@@ -15,8 +15,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
-from palpate.instrument.models.validation import validate
-
 REFERENCES = "measure references: palpate calibrate model"
 
 
@@ -45,13 +43,17 @@ class ValidationLine:
 class Calibrated(Protocol):
     """A calibration of a model by references."""
 
-    @property
-    def line(self) -> ValidationLine:
+    def line(self, same_films: bool) -> ValidationLine:
         """Constant and validation error that the references found."""
 
 
 def validation_u(
-    design: str, parameters: str, model: str, calibration: Calibrated | None = None, changed: Sequence[str] = ()
+    design: str,
+    parameters: str,
+    model: str,
+    calibration: Calibrated | None = None,
+    changed: Sequence[str] = (),
+    same_films: bool = False,
 ) -> ValidationLine:
     """Validation error of a model with a parameter set on a design.
 
@@ -59,15 +61,18 @@ def validation_u(
         design, parameters, model: names.
         calibration: calibration of this model by references; None: the experiments of the thesis tell.
         changed: names of settings by which the sensor or the object differ from those of the thesis.
+        same_films: whether the references were measured with the films' calibration of the object, which then cancels.
 
     Raises:
         UnknownName: there is no such design, set or model.
         ConfigError: kept answers of the models are damaged.
     """
     if calibration is not None:
-        return calibration.line
+        return calibration.line(same_films)
     if changed:
         return _unknown(f"the thesis has no experiment with other values of {', '.join(changed)}")
+    from palpate.instrument.models.validation import validate
+
     found = validate(design, parameters, model)
     if found.kind == "input":
         return _unknown(

@@ -1,4 +1,4 @@
-"""The commands palpate calibrate load-cell, calibrate films and calibrate accept."""
+"""The commands palpate calibrate load-cell, calibrate films, calibrate model and calibrate accept."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from palpate.procedures.commands.options import option
 if TYPE_CHECKING:
     from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
+    from palpate.procedures.measurements.references.procedure import ReferenceSeries
+    from palpate.procedures.measurements.references.reference import Reference
 
 
 @click.group(cls=options.Group)
@@ -94,6 +96,53 @@ def films(
     from palpate.procedures.measurements.films.procedure import FilmSeries
 
     return FilmSeries(loads, frequencies, dwell, valid_days, extrapolate)
+
+
+@calibrate.command(
+    epilog="Examples:\n\n  palpate calibrate model --reference 'A: 48 kPa ± 2 %' --reference 'B: 90 kPa ± 3 %'"
+    "\n\n  palpate calibrate model --reference 'A: runs/20261123T101500Z-test-modulus' --bench lab.toml"
+)
+@option(
+    "--reference",
+    "references",
+    callback=texts.references,
+    required=True,
+    multiple=True,
+    metavar="'NAME: MODULUS ± U'",
+    help="Object of known modulus with its standard uncertainty, or 'NAME: RUN' of palpate test modulus; repeatable.",
+)
+@option("--loads", callback=texts.loads, default="1.5 N:4 N:0.5 N", help="first:last:step or a list; peak to peak.")
+@options.dwell_option
+@options.frequency_option
+@option("--model", "answering", metavar="NAME", default="auto", help="Sensor model that is calibrated.")
+@option("--parameters", default="physical", help="Its parameter set: thesis, physical, identified or capped.")
+@option("--thickness", callback=texts.quantity("m"), default="3 mm", help="Thickness of the references.")
+@option("--valid-days", default=365, help="Days until the calibration expires.")
+@options.DRY_RUN
+@options.bench_options
+@options.budget_option
+@conducts()
+def model(
+    references: tuple[Reference, ...],
+    loads: tuple[float, ...],
+    dwell: float,
+    frequency: float,
+    answering: str,
+    parameters: str,
+    thickness: float,
+    valid_days: int,
+) -> ReferenceSeries:
+    """Calibrate a sensor model by references, objects of known Young modulus.
+
+    Mounts each reference and measures its force ratio. Finds the constant between the model's curve and the measured
+    ratios, and how much objects differ about it; the spread is pooled with that of the thesis' samples, unless the
+    references refute it. Stores the calibration: later runs of this sensor with this model use and name it for absolute
+    uncertainties. References that contradict each other or the curve are refused by name. Tells what another reference
+    would buy.
+    """
+    from palpate.procedures.measurements.references.procedure import ReferenceSeries
+
+    return ReferenceSeries(references, loads, dwell, frequency, answering, parameters, thickness, valid_days)
 
 
 @calibrate.command(epilog="Examples:\n\n  palpate calibrate accept runs/calibrations/load_cell-SI-0042.toml")

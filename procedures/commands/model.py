@@ -165,29 +165,45 @@ def ratio(
     callback=texts.quantity("", "0.005"),
     help="Standard uncertainty of the ratios (default: the design's repeatability, about 4 %).",
 )
+@option(
+    "--calibration",
+    type=FILE_NAME,
+    metavar="FILE",
+    help="Calibration of the model by references, of the sensor that measured the ratios: palpate calibrate model.",
+)
 @question_options
 @output_options
 def modulus(
-    force_ratio: tuple[float, ...], uncertainty: float | None, question: Question, as_json: bool, quiet: bool
+    force_ratio: tuple[float, ...],
+    uncertainty: float | None,
+    calibration: Path | None,
+    question: Question,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Find the Young modulus of the sensed object from the force ratio, with two uncertainties.
 
     Near the ratio of a very hard or a very soft object, and outside the model's range, the answer is only a bound.
     The uncertainty on the scale of the model includes that of the ratio, the model's error estimate and, if the price
     list has it, the model error. The absolute uncertainty includes the validation error, too: how far the model lies
-    from experiments. It is not known where nobody has measured the sensor. Intervals cover 95 %.
+    from experiments. It is not known where nobody has measured the sensor. References of your own replace what the
+    thesis tells (--calibration); the model's ratios are then corrected by their constant. Intervals cover 95 %.
     A finite-element model that has not met this sensor before is set up first; how long that takes is told if it takes
     long. Its answers for all moduli are then kept on disk.
     """
+    from datetime import UTC, datetime
+
     from palpate.instrument.findings import object_modulus as model_modulus
     from palpate.instrument.models.validation import validate
+    from palpate.procedures.lab.calibrations import by_references
 
     output = Output(as_json, quiet)
+    references = None if calibration is None else by_references(calibration, datetime.now(UTC).date())
     with output.prices():
-        points = model_modulus.estimate(question, force_ratio, uncertainty)
+        points = model_modulus.estimate(question, force_ratio, uncertainty, references=references)
     models = dict.fromkeys(point["model"] for point in points)
     compared = [validate(question.design, question.parameters, name) for name in models]
-    line = model_modulus.validation_of(question, points[0]["model"])
+    line = model_modulus.validation_of(question, points[0]["model"], references)
     if output.as_json:
         output.json(
             {

@@ -6,11 +6,14 @@ What reads a text is imported when there is one to read, so that commands start 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
 from palpate.instrument.errors import PalpateError, UsageError
+
+if TYPE_CHECKING:
+    from palpate.procedures.measurements.references.reference import Reference
 
 T = TypeVar("T")
 Callback = Callable[[click.Context, click.Parameter, str | None], T | None]
@@ -81,6 +84,14 @@ def loads(text: str) -> tuple[float, ...]:
     from palpate.procedures.steps.checks import parse_loads
 
     return parse_loads(text)
+
+
+def references(_context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> tuple[Reference, ...]:
+    """Objects of known modulus, one for each time that the option is given."""
+    from palpate.procedures.measurements.references.reference import read_reference
+
+    read = _callback(read_reference)
+    return tuple(found for text in given if (found := read(_context, option, text)) is not None)
 
 
 @_callback

@@ -23,6 +23,7 @@ SHIPPED = {
     "sweep-position": "palpate.procedures.measurements.position.procedure:PositionSweep",
     "calibrate-load-cell": "palpate.procedures.measurements.load_cell.procedure:LoadCellSeries",
     "calibrate-films": "palpate.procedures.measurements.films.procedure:FilmSeries",
+    "calibrate-model": "palpate.procedures.measurements.references.procedure:ReferenceSeries",
     "test-modulus": "palpate.procedures.measurements.modulus.procedure:ModulusTest",
     "softness": "palpate.procedures.measurements.softness.procedure:SoftnessTest",
     "characterise": "palpate.procedures.measurements.characterise.procedure:Characterisation",

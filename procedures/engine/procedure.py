@@ -47,6 +47,8 @@ from palpate.procedures.steps.flags import Judged, check_some_valid
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.sensor.design import Design
     from palpate.instrument.uncertainty.budget import Budget
     from palpate.instrument.uncertainty.propagation import Propagated
 
@@ -241,6 +243,13 @@ class Procedure(ABC, Generic[S, P, R]):
         """The load sets of which the result is made; None: it also comes from something else.
 
         A simulated bench that knows them can leave out the effects that they do not feel (`--fidelity`).
+        """
+        return None
+
+    def model_question(self, design: Design) -> Question | None:
+        """What `evaluate` asks a sensor model, for whose calibration by references the store is searched.
+
+        None: it asks none, or shall not use a calibration.
         """
         return None
 

@@ -129,6 +129,7 @@ def record_run(
             {**asdict(procedure), **procedure.constants},
             folder,
             calibrating=procedure.calibrating,
+            question=procedure.model_question(bench.target.design),
             manual_work=procedure.manual_work,
             automated_by=procedure.automated_by,
             outside=outside(type(procedure)),

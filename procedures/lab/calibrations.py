@@ -1,27 +1,38 @@
-"""Stored calibrations: one for each load cell with its indicator, and one for each sensor with its node."""
+"""Stored calibrations: of each load cell with its indicator, of each sensor with its node, and of models by sensor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from datetime import date
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.bench.kinds import Role
-from palpate.instrument.calibration.files import read_calibration, read_film_calibration, write_calibration
+from palpate.instrument.calibration.files import (
+    read_calibration,
+    read_film_calibration,
+    read_model_calibration,
+    write_calibration,
+)
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.config import Hashed
 from palpate.instrument.errors import ConfigError, PalpateError
+from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.run import storing
 from palpate.procedures.steps.checks import check_loads
 
-C = TypeVar("C", LoadCellCalibration, FilmCalibration)
+if TYPE_CHECKING:
+    from palpate.instrument.findings.object_modulus import ByReferences
+    from palpate.instrument.models.ratio import Question
+
+C = TypeVar("C", LoadCellCalibration, FilmCalibration, ModelCalibration)
 
 
 def load_cell_path(serial: str) -> Path:
@@ -32,6 +43,15 @@ def load_cell_path(serial: str) -> Path:
 def films_path(serial: str, design: str) -> Path:
     """File for the film calibration of a sensor, by the serial number of its node and its design."""
     return _path(f"films-{serial or 'unknown'}-{design}")
+
+
+def model_path(serial: str, design: str, model: str, parameters: str, thickness: float, scene: str | None) -> Path:
+    """File for the calibration of a model with a parameter set, for a sensor and objects of a thickness [m].
+
+    The sensor is told by the serial number of its node and its design; a simulated one is another in each scene.
+    """
+    of = f"model-{serial or 'unknown'}-{design}-{model}-{parameters}-{show(thickness, 'm')}"
+    return _path(f"{of}-{scene}" if scene else of)
 
 
 def _path(name: str) -> Path:
@@ -137,6 +157,49 @@ def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | Non
     check_nameable(bench, "sensor_node")
     found = read_film_calibration(path)
     return _checked(path, found, lambda c: c.check_use(design, serial, bench.simulated, today))
+
+
+def model_of(
+    bench: Bench, question: Question, films: FilmCalibration | None, scene: str | None, today: date
+) -> ModelCalibration | None:
+    """The stored calibration of the model that answers a question. None: there is none.
+
+    Args:
+        bench: the open bench.
+        question: sensor, model, parameter set and thickness of the object.
+        films: the calibration of the films that holds now.
+        scene: the simulated sensor; None: a real one.
+        today: date by which calibrations expire.
+
+    Raises:
+        ConfigError: the calibration is damaged, has expired, or belongs to another sensor or other films.
+        RangeError: model "auto" finds no model.
+    """
+    from palpate.instrument.findings.object_modulus import answering
+
+    serial = bench.role(SensorNode).serial or "unknown"
+    thickness = question.load(question.sensor().ring.material.modulus).sensed.thickness
+    path = model_path(serial, question.design, answering(question), question.parameters, thickness, scene)
+    if not path.exists():
+        return None
+    check_nameable(bench, "sensor_node")
+
+    def check(calibration: ModelCalibration) -> None:
+        calibration.check_use(question.design, serial, scene, bench.simulated, today)
+        calibration.check_films(None if films is None else films.sha256())
+
+    return _checked(path, read_model_calibration(path), check)
+
+
+def by_references(path: Path, today: date) -> ByReferences:
+    """The calibration of a model in a file, for ratios of which nothing else is known.
+
+    Raises ConfigError: it is missing, damaged or expired.
+    """
+    from palpate.instrument.findings.object_modulus import ByReferences
+
+    found = _checked(path, read_model_calibration(path), lambda c: c.check_date(today))
+    return ByReferences(found)
 
 
 def _checked(path: Path, calibration: C, check: Callable[[C], None]) -> C:

@@ -11,6 +11,7 @@ from palpate.drivers.roles import SensorNode
 from palpate.instrument.bench.kinds import DeviceKind, Role, frequency_step
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
 
@@ -62,6 +63,8 @@ class Lab:
         films: calibration of the films; None: the design's own sensitivities hold.
         run: name of the recorded run; empty: no run is recorded.
         started: when the run began.
+        references: calibration by references of the model that the procedure asks; None: there is none.
+        scene: name, model and seed of the simulated sensor; None: it is a real one.
     """
 
     bench: Bench
@@ -70,6 +73,18 @@ class Lab:
     films: FilmCalibration | None = None
     run: str = ""
     started: datetime = field(default_factory=lambda: datetime.now(UTC))
+    references: ModelCalibration | None = None
+    scene: str | None = None
+
+    @property
+    def same_films(self) -> bool:
+        """Whether `references` were measured with the films' calibration that holds now, so that its error cancels."""
+        return self.references is not None and self.references.film_calibration == self.film_hash
+
+    @property
+    def film_hash(self) -> str | None:
+        """SHA-256 of the films' calibration; None: the design's own sensitivities hold."""
+        return None if self.films is None else self.films.sha256()
 
     @property
     def target(self) -> Target:

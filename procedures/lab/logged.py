@@ -9,6 +9,7 @@ from typing import Any, get_args
 from palpate.drivers.logs.bus_replay import BusReplay
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.config import check, parse
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.operator import Mounting
@@ -28,6 +29,7 @@ class LoggedRun:
         run: the run as it began.
         calibration: the load-cell calibration that it used.
         films: the film calibration that it used; None: it used none.
+        references: the calibration of a model by references that it used; None: it used none.
         scene: the scene that it simulated; None: it ran on a real bench.
     """
 
@@ -43,6 +45,8 @@ class LoggedRun:
             self.calibration = check(header["calibration"], LoadCellCalibration, where)
             films = header["film_calibration"]
             self.films = None if films is None else check(films, FilmCalibration, where)
+            references = header.get("model_calibration")
+            self.references = None if references is None else check(references, ModelCalibration, where)
             scene = header["scene"]
             self.scene = None if scene is None else _scene(scene["toml"], self.wire.path)
         except (KeyError, TypeError, ValueError) as error:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 from threading import Lock
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
@@ -19,13 +19,16 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
-from palpate.procedures.lab.calibrations import check_nameable, films_of, load_cell_of
+from palpate.procedures.lab.calibrations import check_nameable, films_of, load_cell_of, model_of
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator, assume
 from palpate.procedures.records.resumed import Resumed
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.ratio import Question
 
 Calibrating = Literal["load cell", "films"]
 
@@ -63,7 +66,9 @@ class OpenBench:
         """The limits against which procedures check their settings."""
         return self.chosen.target
 
-    def lab(self, run: str, started: datetime, calibrating: Calibrating | None = None) -> Lab:
+    def lab(
+        self, run: str, started: datetime, calibrating: Calibrating | None = None, question: Question | None = None
+    ) -> Lab:
         """The bench with the calibrations that are stored now; a logged run has its own calibrations.
 
         Args:
@@ -71,20 +76,28 @@ class OpenBench:
             started: when the run began.
             calibrating: what the run calibrates. The load cell then needs no stored calibration, and no stored
                 calibration of the films is used.
+            question: what the run asks a sensor model, which may be calibrated by references; None: it asks none.
 
         Raises:
             ConfigError: a calibration is missing, damaged, expired, or belongs to another device.
+            RangeError: no model answers the question.
         """
         description, logged = self.bench.description, self.chosen.logged
         if calibrating and logged is None:
             check_nameable(self.bench, "load_indicator" if calibrating == "load cell" else "sensor_node")
         design = get_design(description.design).with_pickup(description.pickup)
+        simulated = self.scene
+        scene = None if simulated is None else f"{simulated.name}, {simulated.model}, seed {simulated.seed}"
+        references = None
         if logged is not None:
-            calibration, films = logged.calibration, logged.films
+            calibration, films, references = logged.calibration, logged.films, logged.references
         else:
             calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(self.bench, self.today)
             films = None if calibrating else films_of(self.bench, design, self.today)
-        return Lab(self.bench, films.apply(design) if films else design, calibration, films, run, started)
+            if question is not None:
+                references = model_of(self.bench, question, films, scene, self.today)
+        calibrated = films.apply(design) if films else design
+        return Lab(self.bench, calibrated, calibration, films, run, started, references, scene)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from traceback import format_exception
-from typing import NotRequired, TypedDict
+from typing import TYPE_CHECKING, NotRequired, TypedDict
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import check_log
@@ -29,6 +29,9 @@ from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder, put_file
 from palpate.procedures.records.resumed import Resumed
 from palpate.simulators.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.ratio import Question
 
 RUNS_BEFORE = "runs_before"  # header key: number of earlier runs on the same open simulated bench
 
@@ -53,6 +56,7 @@ class Outcome(TypedDict):
     calibration_file: NotRequired[str]
     certificate: NotRequired[str]
     film_calibration_file: NotRequired[str]
+    model_calibration_file: NotRequired[str]
     fidelity: NotRequired[float]
     left_out: NotRequired[list[str]]
 
@@ -72,6 +76,7 @@ class Kept(TypedDict, total=False):
     calibration_file: str
     certificate: str
     film_calibration_file: str
+    model_calibration_file: str
 
 
 def reserved() -> frozenset[str]:
@@ -129,7 +134,9 @@ def _reduced(scene: Scene | None) -> Reduced:
 
 def _calibration_files(lab: Lab) -> dict[str, object]:
     """What the record says about the files of the run's calibrations."""
-    return {"load_cell": lab.calibration.about(), "films": None if lab.films is None else lab.films.about()}
+    films = None if lab.films is None else lab.films.about()
+    used: dict[str, object] = {"load_cell": lab.calibration.about(), "films": films}
+    return used if lab.references is None else {**used, "model": lab.references.about()}
 
 
 @contextmanager
@@ -149,6 +156,7 @@ def recording(
     folder: Path,
     *,
     calibrating: Calibrating | None = None,
+    question: Question | None = None,
     manual_work: str = "",
     automated_by: Role | None = None,
     outside: Addition | None = None,
@@ -162,6 +170,7 @@ def recording(
         settings: settings of the procedure, for the record's header.
         folder: folder of the run.
         calibrating: what the run calibrates; None: nothing.
+        question: what the run asks a sensor model, which may be calibrated by references; None: it asks none.
         manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
         automated_by: role of a device that does this work instead, if the bench has one; None: no device can.
         outside: where a procedure that is not palpate's own comes from; None: it is palpate's own.
@@ -183,7 +192,7 @@ def recording(
     logged, scene = opened.chosen.logged, opened.scene
     mounting = opened.chosen.mounting(manual_work, automated_by, opened.bench.fills)
     started = datetime.now(UTC) if opened.runs else opened.started
-    lab = opened.lab(folder.name, started, calibrating)
+    lab = opened.lab(folder.name, started, calibrating, question)
     header = {
         "procedure": procedure,
         "simulated": lab.bench.simulated,
@@ -206,6 +215,7 @@ def recording(
         **({"maps": maps} if (maps := lab.bench.description.maps) else {}),
         "calibration": lab.calibration.model_dump(),
         "film_calibration": lab.films.model_dump() if lab.films else None,
+        **({} if lab.references is None else {"model_calibration": lab.references.model_dump()}),
         "calibration_files": _calibration_files(lab),
         "versions": versions() | added_by(lab.bench.description, scene, outside),
         "arithmetic": arithmetic(),

@@ -84,6 +84,7 @@ def comparable(header: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a header that must not change. A simulated bench has new addresses; its scene counts."""
     found = {key: header[key] for key in COMPARED}
     found["maps"] = header.get("maps", {})  # a bench without makers' devices has none
+    found["model_calibration"] = header.get("model_calibration")  # of runs that ask a model which references calibrated
     found["devices"] = {}
     listed = [(name.partition(" at ")[0], serial) for name, serial in header["devices"].items()]
     if found["scene"] is not None:

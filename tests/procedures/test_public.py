@@ -43,7 +43,7 @@ SIGNATURES = {
     "FilmSeries": "loads frequencies dwell valid_days extrapolate",
     "Finished": "procedure result session outcome",
     "FrequencySweep": "frequencies sample load dwell extrapolate",
-    "Lab": "bench design calibration films run started",
+    "Lab": "bench design calibration films run started references scene",
     "Load": "force sensed interface at",
     "LoadCellCalibration": (
         "accepted sensitivity_mV_per_N sensitivity_u zero_mV zero_u covariance degrees_of_freedom least_N "
@@ -54,12 +54,19 @@ SIGNATURES = {
     "LoadCellSeries": "loads runs positions degree creep valid_days",
     "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
     "Measurement": "point waveforms error",
+    "ModelCalibration": (
+        "accepted design model parameters thickness_m references constant constant_u films_u films_degrees_of_freedom "
+        "pickup_u spread spread_degrees_of_freedom weight prior film_calibration device scene simulated source created "
+        "expires"
+    ),
     "ModulusTest": "sample strain steps extrapolate",
     "OpenBench": "bench chosen today started wall_start log runs",
     "Plan": "procedure steps",
     "PositionSweep": "positions sample load dwell frequency extrapolate",
     "Procedure": "",
     "Recorder": "folder header",
+    "Reference": "name modulus u source sample simulated",
+    "ReferenceSeries": "references loads dwell frequency model parameters thickness valid_days",
     "Report": "show draw",
     "RequiredLoads": "values extrapolate",
     "Response": "model force_rigid force_total force_ratio error_estimate tooth_forces films stiffness why",

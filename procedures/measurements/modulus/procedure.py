@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from palpate.drivers.roles import LoadIndicator, Positioner
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
 from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
 from palpate.instrument.findings.load_line import LEAST_POINTS, Series
@@ -112,10 +113,14 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
         return Compressing(lab, self)
 
     def evaluate(self, points: Sequence[DisplaysPoint], lab: Lab) -> ModulusResult:
+        return self.result_of(points, lab.calibration)
+
+    def result_of(self, points: Sequence[DisplaysPoint], calibration: LoadCellCalibration) -> ModulusResult:
+        """The result, by a calibration of the load cell. Raises EstimateError: the points give none."""
         sample = get_sample(self.sample)
         bare, loading, unloading = (_series(points, name) for name in (BARE_SUPPORT, LOADING, UNLOADING))
         area_u = AREA_U * sample.area
-        return ModulusResult(sample, compress(bare, loading, unloading, lab.calibration, sample.area, area_u))
+        return ModulusResult(sample, compress(bare, loading, unloading, calibration, sample.area, area_u))
 
     def report(self, result: ModulusResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.modulus.report import plot_modulus, print_modulus

@@ -75,7 +75,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         check_increasing("loads", self.loads, "N", repeated=True)
         check_frequency(self.frequency, target)
         check_time(self.dwell, self.frequency)
-        question = self._question(target.design)
+        question = self.model_question(target.design)
         if self.model not in SLOW:
             estimate(question, [0.5], None)
         if target.model is not None and target.model not in SLOW:
@@ -110,9 +110,10 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         return Touching(lab, record, self)
 
     def evaluate(self, points: Sequence[SoftnessPoint], lab: Lab) -> SoftnessResult:
-        return evaluate(points, lab.design, self._question(lab.design))
+        question = self.model_question(lab.design)
+        return evaluate(points, lab.design, question, lab.references, lab.same_films)
 
-    def _question(self, design: Design) -> Question:
+    def model_question(self, design: Design) -> Question:
         return Question(design.name, self.model, settings={"sensed_thickness": self.objects[0].thickness})
 
     def report(self, result: SoftnessResult, lab: Lab) -> Report:

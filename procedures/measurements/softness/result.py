@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from palpate.instrument.findings.mean_ratio import apart, mean_ratio
-from palpate.instrument.findings.object_modulus import COVERAGE, estimate, validation_of
+from palpate.instrument.calibration.model_calibration import ModelCalibration
+from palpate.instrument.findings.mean_ratio import CALIBRATION, apart, mean_ratio
+from palpate.instrument.findings.object_modulus import COVERAGE, ByReferences, answering, estimate, validation_of
 from palpate.instrument.models.prices.price_list import stored
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation_line import ValidationLine
@@ -131,10 +132,21 @@ class SoftnessResult:
         }
 
 
-def evaluate(points: Sequence[SoftnessPoint], design: Design, question: Question) -> SoftnessResult:
+def evaluate(
+    points: Sequence[SoftnessPoint],
+    design: Design,
+    question: Question,
+    calibration: ModelCalibration | None = None,
+    same_films: bool = False,
+) -> SoftnessResult:
     """Find moduli from the mean ratios over the valid points, and the order of the objects.
 
-    `question` names the model that turns a ratio into a modulus, and the thickness of the objects.
+    Args:
+        points: the points.
+        design: the sensor.
+        question: names the model that turns a ratio into a modulus, and the thickness of the objects.
+        calibration: the model's calibration by references; None: there is none.
+        same_films: whether the references were measured with the films' calibration of the points.
     """
     means: dict[str, Budget] = {}
     found: dict[str, Softness] = {}
@@ -144,25 +156,37 @@ def evaluate(points: Sequence[SoftnessPoint], design: Design, question: Question
         found[name] = Softness(name, len(valid), any(CLIPPED in point.flags for point in own))
         if valid:
             means[name] = mean_ratio(f"force ratio of {name}", valid, design.film_freedom)
-    model = question.model
+    model, references = answering(question), None
     if means:
+        if calibration is not None:
+            shared = [_films(mean) if same_films else 0.0 for mean in means.values()]
+            references = ByReferences(calibration, same_films, shared)
         ratios, uncertainties, freedom = zip(
             *((mean.value, mean.u, mean.degrees_of_freedom) for mean in means.values()), strict=True
         )
-        rows = estimate(question, ratios, uncertainties, freedom)
+        rows = estimate(question, ratios, uncertainties, freedom, references)
         for name, row in zip(means, rows, strict=True):
-            model = row.pop("model")
+            del row["model"]
             found[name] = Softness(name, found[name].valid_points, found[name].saturated, **row)
     order = sorted(means, key=lambda name: means[name].value, reverse=True)
     alike = [pair for pair in itertools.pairwise(order) if not apart(means[pair[0]], means[pair[1]])]
-    line = validation_of(question, model)
-    budgets = [budget for name, mean in means.items() for budget in _budgets(found[name], mean, line)]
+    line = validation_of(question, model, references)
+    cancelled = CALIBRATION if calibration is not None and same_films else ""
+    budgets = [budget for name, mean in means.items() for budget in _budgets(found[name], mean, line, cancelled)]
     price = price_of(design, model)
     return SoftnessResult(list(points), list(found.values()), order, alike, model, price, line, budgets)
 
 
-def _budgets(each: Softness, mean: Budget, line: ValidationLine) -> Iterator[Budget]:
-    """The budget of the mean ratio, and those of the modulus if it is known. The latter contain the model's error."""
+def _films(mean: Budget) -> float:
+    """Part of a mean ratio's uncertainty by the films' calibration."""
+    return math.fsum(part.u for part in mean.components if part.name == CALIBRATION)
+
+
+def _budgets(each: Softness, mean: Budget, line: ValidationLine, cancelled: str = "") -> Iterator[Budget]:
+    """The budget of the mean ratio, and those of the modulus if it is known. The latter contain the model's error.
+
+    `cancelled` names the component that object and references share, which the absolute budget leaves out.
+    """
     yield mean
     if each.modulus_Pa is None or each.sensitivity is None:
         return
@@ -173,7 +197,8 @@ def _budgets(each: Softness, mean: Budget, line: ValidationLine) -> Iterator[Bud
     yield Budget(f"modulus of {each.object}, scale", each.modulus_Pa, "Pa", (*parts, model))
     if line.u is not None:
         error = Component("validation", line.u, each.sensitivity * each.modulus_Pa, line.degrees_of_freedom)
-        yield Budget(f"modulus of {each.object}, absolute", each.modulus_Pa, "Pa", (*parts, model, error))
+        own = [part for part in parts if part.name != cancelled]
+        yield Budget(f"modulus of {each.object}, absolute", each.modulus_Pa, "Pa", (*own, model, error))
 
 
 def price_of(design: Design, model: str) -> str:

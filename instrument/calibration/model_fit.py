@@ -1,0 +1,200 @@
+"""Fits the constant of a sensor model, and the spread about it, to measured references.
+
+    measured = [MeasuredReference("A", 48e3, 0.02, "stated", 0.21, 0.017, 0.0, 0.0, 0.26, 2.0), ...]
+    fit_model(measured, validate("single", "physical", "surface"), origin)
+
+References tell how much objects differ about the constant. Their spread is pooled with that of the thesis' samples,
+unless they refute it. References that no spread explains are refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from palpate.instrument.calibration.model_calibration import ModelCalibration
+from palpate.instrument.config import check
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.models.validation import Validation
+from palpate.instrument.quantity import show
+
+REFUTED = 0.01  # probability of a chi2 by chance below which the thesis' spread is dropped
+CONTRADICTION = 1e-4  # probability of a chi2 by chance below which references are refused
+# Where the thesis tells nothing of a model: a spread of ratios, and a distance of the curve, that no chi2 should call a
+# contradiction. They serve to refuse references, and enter no uncertainty.
+UNTOLD_SPREAD, UNTOLD_DISTANCE = 0.25, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredReference:
+    """A reference with its measured force ratio. All uncertainties are relative standard uncertainties.
+
+    Attributes:
+        name: name of the reference.
+        modulus_Pa, modulus_u: its Young modulus.
+        source: where the modulus comes from.
+        force_ratio: mean measured ratio.
+        force_ratio_u: part of the ratio's uncertainty that is its own: scatter of the gains, and noise.
+        films_u, pickup_u: parts that all references share: the films' calibration, and pick-up.
+        model_force_ratio: ratio of the model for this modulus.
+        sensitivity: d ln E / d ln R of the model there.
+    """
+
+    name: str
+    modulus_Pa: float
+    modulus_u: float
+    source: str
+    force_ratio: float
+    force_ratio_u: float
+    films_u: float
+    pickup_u: float
+    model_force_ratio: float
+    sensitivity: float
+
+    @property
+    def ln_error(self) -> float:
+        """ln of the model's ratio over the measured one."""
+        return math.log(self.model_force_ratio / self.force_ratio)
+
+    @property
+    def ln_error_u(self) -> float:
+        """Standard uncertainty of it that this reference alone has."""
+        return math.hypot(self.force_ratio_u, self.modulus_u / self.sensitivity)
+
+
+def fit_model(
+    references: Sequence[MeasuredReference], known: Validation, origin: Mapping[str, Any]
+) -> ModelCalibration:
+    """Fit the constant of a model and its spread to measured references.
+
+    Args:
+        references: at least one.
+        known: the model's errors against the thesis' experiments.
+        origin: the other fields of `ModelCalibration`.
+
+    Raises:
+        EstimateError: references contradict each other or the curve, beyond chi2 of a chance of 1e-4.
+    """
+    errors, variances = [r.ln_error for r in references], [r.ln_error_u**2 for r in references]
+    _check_curve(references, known)
+    _check_each_other(references, known)
+    found = _spread(errors, variances, known)
+    spread = found.u or 0.0
+    weights = [1 / (spread**2 + (0.0 if found.holds_all else each)) for each in variances]
+    shares = [each / math.fsum(weights) for each in weights]
+
+    def mean(values: Sequence[float]) -> float:
+        return math.fsum(share * value for share, value in zip(shares, values, strict=True))
+
+    fields = {
+        "references": [{**asdict(r), "ln_error": r.ln_error, "ln_error_u": r.ln_error_u} for r in references],
+        "constant": mean(errors),
+        "constant_u": 0.0
+        if found.holds_all
+        else math.sqrt(mean([s * v for s, v in zip(shares, variances, strict=True)])),
+        "films_u": mean([r.films_u for r in references]),
+        "pickup_u": mean([r.pickup_u for r in references]),
+        "spread": found.u,
+        "spread_degrees_of_freedom": found.degrees_of_freedom,
+        "weight": math.fsum(share**2 for share in shares),
+        "prior": found.told,
+        **origin,
+    }
+    return check(fields, ModelCalibration, "model calibration")
+
+
+@dataclass(frozen=True, slots=True)
+class _Spread:
+    """Standard deviation of objects about the constant; None: not known.
+
+    Attributes:
+        told: what it rests on, in words.
+        holds_all: whether it holds the references' own uncertainties, too.
+    """
+
+    u: float | None
+    degrees_of_freedom: float | None
+    told: str
+    holds_all: bool = False
+
+
+def _spread(errors: Sequence[float], variances: Sequence[float], known: Validation) -> _Spread:
+    """The spread of references and thesis, pooled as variances.
+
+    What the references' own uncertainties explain is taken off. Where nothing else tells the spread, it stays in: then
+    Student's factor for the few references holds for all of it.
+    """
+    count, more = len(errors), len(errors) - 1
+    explained = math.fsum(variances) / count
+    own = math.fsum((each - math.fsum(errors) / count) ** 2 for each in errors) / more if more else 0.0
+    whole = math.sqrt(max(own, explained))
+    prior = known.ln_spread
+    if prior is None:
+        return _Spread(whole, more, "their own spread", True) if more else _Spread(None, None, "no spread is known")
+    freedom = len(known.percent) - 1
+    told = f"the thesis' {100 * prior:.2g} % ({freedom} degrees of freedom)"
+    if more and _chi2(errors, [prior**2 + each for each in variances]) > _quantile(REFUTED, more):
+        return _Spread(whole, more, f"their own spread, which refutes {told}", True)
+    pooled = math.sqrt((freedom * prior**2 + more * max(own - explained, 0.0)) / (freedom + more))
+    return _Spread(pooled, freedom + more, f"spread pooled with {told}" if more else f"spread of {told}")
+
+
+def _check_curve(references: Sequence[MeasuredReference], known: Validation) -> None:
+    distance = UNTOLD_DISTANCE if known.ln_rms is None else known.ln_rms
+    limit = _quantile(CONTRADICTION, 1)
+    for each in references:
+        chi2 = each.ln_error**2 / (distance**2 + each.ln_error_u**2)
+        if chi2 > limit:
+            raise EstimateError(
+                f"reference {each.name!r} contradicts the curve: its ratio is {each.force_ratio:.4g}, and the model"
+                f" gives {each.model_force_ratio:.4g} for {show(each.modulus_Pa, 'Pa')}; chi2 {chi2:.1f} is above"
+                f" {limit:.1f}. Check its modulus and its mounting, or take another model"
+            )
+
+
+def _check_each_other(references: Sequence[MeasuredReference], known: Validation) -> None:
+    spread = _greatest_spread(known)
+    errors, variances = [r.ln_error for r in references], [spread**2 + r.ln_error_u**2 for r in references]
+    if len(references) < 2 or (chi2 := _chi2(errors, variances)) <= (
+        limit := _quantile(CONTRADICTION, len(references) - 1)
+    ):
+        return
+
+    def without(left_out: int) -> float:
+        return _chi2(*([v for i, v in enumerate(values) if i != left_out] for values in (errors, variances)))
+
+    both = f"{references[0].name!r} and {references[1].name!r}"
+    worst = references[min(range(len(references)), key=without)].name
+    who = f"references {both}" if len(references) == 2 else f"reference {worst!r} and the others"
+    which = "one of them" if len(references) == 2 else f"{worst!r}"
+    lines = ", ".join(f"{r.name}: {math.exp(r.ln_error):.3f}" for r in references)
+    raise EstimateError(
+        f"{who} contradict each other: the model's ratio over the measured one is {lines}; chi2 {chi2:.1f} is above"
+        f" {limit:.1f}. Measure {which} again or leave it out, or take another model"
+    )
+
+
+def _greatest_spread(known: Validation) -> float:
+    """The upper end of the one-sided 95 % interval of the thesis' spread, whose degrees of freedom are few."""
+    from scipy.special import chdtri
+
+    if known.ln_spread is None:
+        return UNTOLD_SPREAD
+    freedom = len(known.percent) - 1
+    return float(known.ln_spread * math.sqrt(freedom / chdtri(freedom, 0.95)))
+
+
+def _chi2(values: Sequence[float], variances: Sequence[float]) -> float:
+    """Sum of squares about the weighted mean, each over its variance."""
+    weights = [1 / each for each in variances]
+    mean = math.fsum(w * v for w, v in zip(weights, values, strict=True)) / math.fsum(weights)
+    return math.fsum(w * (v - mean) ** 2 for w, v in zip(weights, values, strict=True))
+
+
+def _quantile(chance: float, freedom: int) -> float:
+    """The chi2 that a chance exceeds."""
+    from scipy.special import chdtri
+
+    return float(chdtri(freedom, chance))

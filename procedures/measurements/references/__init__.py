@@ -1,0 +1,1 @@
+"""Calibration of a sensor model by references, objects of known modulus."""

@@ -1,0 +1,135 @@
+"""Calibration of a sensor model by references: each is mounted, and its force ratio is measured over load sets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+from functools import partial
+from typing import Annotated
+
+from palpate.drivers.roles import SensorNode
+from palpate.instrument.errors import ConfigError, RangeError
+from palpate.instrument.models.curve import RatioCurve, ratio_curve
+from palpate.instrument.models.ratio import Question
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.engine.plan import Plan
+from palpate.procedures.engine.procedure import Finished, Procedure, Report
+from palpate.procedures.engine.settings import Setting
+from palpate.procedures.lab.calibrations import check_nameable, keep, model_path
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.session import Kept
+from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
+from palpate.procedures.measurements.references.reference import Reference, read_reference
+from palpate.procedures.measurements.references.result import ReferencesResult, check_range, evaluate
+from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, ValidDays
+from palpate.procedures.measurements.softness.procedure import SLOW, SoftnessTest, Touching, TouchStep
+from palpate.procedures.measurements.softness.result import SoftnessPoint
+from palpate.procedures.records.record import Recorder
+
+HELP = (
+    "Objects of known modulus, each as 'A: 48 kPa ± 2 %' (standard uncertainty), or 'A: RUN' of palpate test modulus."
+)
+
+
+@dataclass(frozen=True)
+class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
+    """Calibrate a sensor model by references: the constant between its curve and real force ratios, and its spread."""
+
+    name = "calibrate-model"
+    point = SoftnessPoint
+
+    references: Annotated[tuple[Reference, ...], Setting(help=HELP, read=read_reference)]
+    loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    dwell: DwellTime = 1.0
+    frequency: Frequency = 10.0
+    model: Annotated[str, Setting(help="Sensor model that is calibrated.")] = "auto"
+    parameters: Annotated[str, Setting(help="Parameter set of the model.")] = "physical"
+    thickness: Annotated[float, Setting("m", "Thickness of the references.")] = 3e-3
+    valid_days: ValidDays = 365
+
+    def check(self, target: Target) -> None:
+        """Check the settings before anything is sent to a device.
+
+        Raises:
+            RangeError: there is no reference, one is given twice, is outside the range of the model, or comes from a
+                simulated bench and this one is real, or the other way round; the validity is outside its limits; or
+                what `SoftnessTest.check` refuses.
+            UnknownName: there is no such model or parameter set.
+        """
+        if not self.references:
+            raise RangeError("no reference is given; give at least one")
+        for number, each in enumerate(self.references):
+            for other in self.references[:number]:
+                if each.name == other.name or (each.simulated is not None and each.source == other.source):
+                    names = f"references {other.name!r} and {each.name!r}" if each.name != other.name else ""
+                    raise RangeError(
+                        f"{names or f'reference {each.name!r}'}: the same is given twice, which would count it double;"
+                        " give each once"
+                    )
+            if target.model is not None and each.simulated is False:
+                raise RangeError(
+                    f"reference {each.name!r} was measured on hardware, and this bench is simulated; give one that a"
+                    " simulated bench measured, or state its modulus"
+                )
+        if not 1 <= self.valid_days <= LONGEST_VALIDITY:
+            raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
+        question = self._question(target.design)
+        if self.model not in SLOW:
+            curve = _curve(question)
+            for each in self.references:
+                check_range(each, curve)
+        self._touches(target.design).check(target)
+
+    def plan(self, target: Target) -> Plan[TouchStep]:
+        """All points: every load on every reference."""
+        return Plan(self.name, self._touches(target.design).plan(target).steps)
+
+    def begin(self, lab: Lab, record: Recorder) -> Touching:
+        check_nameable(lab.bench, "sensor_node")
+        for each in self.references:
+            if each.simulated is True and not lab.bench.simulated:
+                raise ConfigError(
+                    f"reference {each.name!r} was measured on a simulated bench, and this one is real; measure it here:"
+                    " palpate test modulus"
+                )
+        return Touching(lab, record, self._touches(lab.design))
+
+    def evaluate(self, points: Sequence[SoftnessPoint], lab: Lab) -> ReferencesResult:
+        question = self._question(lab.design)
+        origin = {
+            "thickness_m": self.thickness,
+            "film_calibration": lab.film_hash,
+            "device": lab.bench.role(SensorNode).serial or "unknown",
+            "scene": lab.scene,
+            "simulated": lab.bench.simulated,
+            "source": lab.run,
+            "created": lab.started.isoformat(timespec="seconds"),
+            "expires": (lab.started + timedelta(days=self.valid_days)).date().isoformat(),
+        }
+        return evaluate(points, self.references, lab.design, question, _curve(question), origin)
+
+    def save_calibration(self, done: Finished[ReferencesResult]) -> Kept:
+        c = done.result.calibration
+        path = model_path(c.device, c.design, c.model, c.parameters, c.thickness_m, c.scene)
+        keep(c, done.folder, done.replayed, path)
+        return {"model_calibration_file": str(path)}
+
+    def _question(self, design: Design) -> Question:
+        return Question(design.name, self.model, self.parameters, {"sensed_thickness": self.thickness})
+
+    def _touches(self, design: Design) -> SoftnessTest:
+        """The softness test of the references, which is how they are measured."""
+        objects = tuple(each.object(design, self.thickness) for each in self.references)
+        return SoftnessTest(objects, self.loads, self.dwell, self.frequency, self.model)
+
+    def report(self, result: ReferencesResult, lab: Lab) -> Report:
+        from palpate.procedures.measurements.references.report import plot_references, print_references
+
+        curve = _curve(self._question(lab.design))
+        return Report(partial(print_references, result, lab.films), partial(plot_references, result, curve))
+
+
+def _curve(question: Question) -> RatioCurve:
+    sensor = question.sensor()
+    return ratio_curve(sensor, question.load(sensor.ring.material.modulus), question.model)

@@ -1,0 +1,126 @@
+"""References: objects whose Young modulus is known, by a statement or by a compression test.
+
+read_reference("A: 48 kPa ± 2 %")
+read_reference("A: runs/20261123T101500Z-test-modulus")
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import Any
+
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.config import check
+from palpate.instrument.errors import ConfigError, QuantityError, RangeError, RecordError, UsageError, quoted
+from palpate.instrument.quantity import parse, show
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
+from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, coverage_factor
+from palpate.procedures.lab.store import store
+from palpate.procedures.measurements.modulus.procedure import ModulusTest
+from palpate.procedures.measurements.modulus.result import DisplaysPoint
+from palpate.procedures.measurements.softness.procedure import unknown_object
+from palpate.procedures.records.headers import values_of
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import find_run
+
+STATED = "stated"
+LARGEST = 0.5  # relative standard uncertainty of a reference's modulus; more tells nothing of a model
+EXAMPLE = "write for example 'A: 48 kPa ± 2 %', or 'A: runs/NAME' of a run of palpate test modulus"
+_NAME = re.compile(r"[\w.-]+(?: [\w.-]+)*")
+_BETWEEN = re.compile(r"±|\+/-|\+-")
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """An object of known modulus.
+
+    Attributes:
+        name: name of the object.
+        modulus: Young modulus [Pa].
+        u: relative standard uncertainty of the modulus.
+        source: "stated", or the run that measured it, with its digest.
+        sample: rubber sample that it is; empty: none.
+        simulated: whether a simulated bench measured it; None: it is stated.
+
+    Raises:
+        UsageError: the name has other characters than letters, digits, spaces and ._-, or more than 40.
+        RangeError: the modulus is not above 0 and finite, or the uncertainty is not above 0 or above 50 %.
+    """
+
+    name: str
+    modulus: float
+    u: float
+    source: str = STATED
+    sample: str = ""
+    simulated: bool | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.name) > 40 or not _NAME.fullmatch(self.name):
+            raise UsageError(f"name {quoted(self.name)} of a reference: give letters, digits, single spaces, or ._-")
+        if not 0 < self.modulus < math.inf:
+            raise RangeError(
+                f"modulus {self.modulus:g} Pa of reference {self.name!r} is not above 0 and finite; give a positive one"
+            )
+        if not 0 < self.u <= LARGEST:
+            raise RangeError(
+                f"uncertainty {100 * self.u:.4g} % of reference {self.name!r} is not above 0 and at most"
+                f" {100 * LARGEST:g} %; give the standard uncertainty of its modulus, or another reference"
+            )
+
+    def object(self, design: Design, thickness: float) -> Sample:
+        """What is mounted: on a simulated bench a rubber sample, or an object of the stated modulus."""
+        if self.sample:
+            return replace(get_sample(self.sample), name=self.name)
+        return unknown_object(design, thickness, self.modulus, self.name)
+
+
+def read_reference(text: str) -> Reference:
+    """The reference of a text: its name, and its modulus with a standard uncertainty, or a run that measured it.
+
+    Raises:
+        UsageError: the text is no reference, or the run is no complete test of a modulus.
+        QuantityError, RangeError: modulus or uncertainty are no quantity, or outside their limits.
+        UnknownName: there is no such run. RecordError: it is damaged.
+    """
+    name, _, rest = (part.strip() for part in text.partition(":"))
+    if not name or not rest:
+        raise UsageError(f"{quoted(text)} is no reference; {EXAMPLE}")
+    modulus, *uncertainty = (part.strip() for part in _BETWEEN.split(rest))
+    if len(uncertainty) == 1:
+        return _stated(name, parse(modulus, "Pa", "48 kPa"), uncertainty[0])
+    try:
+        parse(modulus, "Pa")
+    except QuantityError:
+        return _measured(name, rest)
+    raise UsageError(f"{quoted(text)} lacks the standard uncertainty of the modulus; {EXAMPLE}")
+
+
+def _stated(name: str, modulus: float, uncertainty: str) -> Reference:
+    if not modulus > 0:
+        raise RangeError(f"modulus {show(modulus, 'Pa')} of reference {name!r} is not above 0; give a positive one")
+    share = parse(uncertainty, "") if uncertainty.endswith("%") else parse(uncertainty, "Pa", "2 %") / modulus
+    return Reference(name, modulus, share, STATED, name if name in SAMPLES else "")
+
+
+def _measured(name: str, text: str) -> Reference:
+    """The tangent modulus of a compression test. Student's factor for its degrees of freedom widens its uncertainty."""
+    run = Run.open(find_run(text, store()))
+    if run.procedure != ModulusTest.name:
+        raise UsageError(f"{run.folder}: is a run of {run.procedure}, which tells no modulus; {EXAMPLE}")
+    if run.status != "complete":
+        raise UsageError(f"{run.folder}: the run is {run.status}, not complete; resume it, or test the object anew")
+    test, header = ModulusTest.recorded(run), run.header
+    rows: list[Any] = [{k: v for k, v in row.items() if k not in ("id", "bench_ns")} for row in run.points()]
+    points = values_of(DisplaysPoint, rows, f"{run.folder}: its points")
+    given = header.get("calibration")
+    try:
+        calibration = check(given if isinstance(given, dict) else {}, LoadCellCalibration, str(run.folder))
+    except ConfigError as error:
+        raise RecordError(f"{error}; test the object anew") from None
+    found = test.result_of(points, calibration).compression.tangent
+    factor = coverage_factor(found.budget.degrees_of_freedom) / NORMAL_FACTOR
+    source = f"{run.folder.name}, digest {run.digest()[:12]}"
+    return Reference(name, found.value, factor * found.u / found.value, source, test.sample, run.simulated)

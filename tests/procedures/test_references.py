@@ -1,0 +1,161 @@
+"""References are measured, calibrate a model, and later runs of the same sensor use and name the calibration."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from palpate.instrument.calibration.files import read_model_calibration, write_calibration
+from palpate.instrument.errors import QuantityError, RangeError, UsageError
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.references.procedure import ReferenceSeries
+from palpate.procedures.measurements.references.reference import Reference, read_reference
+from palpate.procedures.records.run import Run
+from tests.procedures.conftest import Palpate
+
+QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
+CALIBRATE = ("calibrate", "model", "--reference", "A: 30 kPa ± 2 %", "--reference", "B: 90 kPa +- 3 kPa", *QUICK)
+SOFTNESS = ("softness", "--samples", "1", "--model", "auto", *QUICK, "--json")
+REAL = Target(get_design("single"), 10.0, nodes=1)
+
+
+def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Palpate) -> None:
+    made = palpate(*CALIBRATE, "--json", "--budget").object
+    path = Path(made["model_calibration_file"])
+    found = read_model_calibration(path)
+    assert (found.simulated, found.model, found.scene) == (True, "surface", "thesis_single, experiment, seed 1")
+    assert [(each.name, each.modulus_Pa, each.source) for each in found.references] == [
+        ("A", 30e3, "stated"), ("B", 90e3, "stated"),
+    ]  # fmt: skip
+    assert found.references[1].modulus_u == pytest.approx(1 / 30)
+    assert [each["references"] for each in made["worth"]] == [2, 3, None]
+    assert made["worth"][0]["modulus_u"] > made["worth"][1]["modulus_u"] > made["worth"][2]["modulus_u"]
+    constant = made["budgets"][-1]
+    assert constant["value"] == made["constant"] == pytest.approx(0.24, abs=0.1)
+
+    after = palpate(*SOFTNESS).object
+    (each,) = after["objects"]
+    line = after["validation_line"]
+    assert (line["constant"], line["u"]) == (found.constant, found.line(same_films=True).u)
+    assert found.source in line["source"]
+    assert each["absolute_low_Pa"] < 112.6e3 < each["absolute_high_Pa"]
+    assert each["scale_u"] < each["absolute_u"] < 0.3
+    assert after["calibration_files"]["model"] == found.about()
+    header = Run.open(Path(after["run"])).header
+    assert header["model_calibration"] == json.loads(found.model_dump_json())
+
+    (asked,) = palpate(
+        "model", "modulus", "--force-ratio", "0.31", "--calibration", str(path), "--json"
+    ).object["points"]  # fmt: skip
+    assert asked["absolute_low_Pa"] < 112.6e3 < asked["absolute_high_Pa"]
+
+    write_calibration(path, found.model_copy(update={"expires": "2024-02-29"}))
+    said = palpate(*SOFTNESS)
+    assert said.status == 2
+    assert f"{path}: was made on the simulated bench of thesis_single" in said.complaint
+    assert "expired on 2024-02-29; run palpate calibrate model, or delete it" in said.complaint
+
+
+@pytest.mark.slow
+def test_another_scene_model_or_seed_is_another_sensor(palpate: Palpate) -> None:
+    palpate(*CALIBRATE, "--json")
+    for other in (("--seed", "7"), ("--scene", "ideal"), ("--model", "column")):
+        words = [word for word in SOFTNESS if "--model" not in other or word not in ("--model", "auto")]
+        assert palpate(*words, *other).object["validation_line"]["constant"] == 0.0
+
+
+@pytest.mark.slow
+def test_a_run_that_tested_the_modulus_is_a_reference(palpate: Palpate) -> None:
+    tested = palpate("test", "modulus", "--sample", "4", "--json").object
+    name = Path(tested["run"]).name
+    found = read_reference(f"A: runs/{name}")
+    assert (found.modulus, found.sample, found.simulated) == (tested["tangent_modulus_Pa"], "4", True)
+    assert found.u >= tested["tangent_modulus_u"] / tested["tangent_modulus_Pa"]
+    made = palpate("calibrate", "model", "--reference", f"A: {name}", *QUICK, "--json").object
+    assert made["references"][0]["source"] == f"{name}, digest {Run.open(Path(tested['run'])).digest()[:12]}"
+    twice = ("--reference", f"A: {name}", "--reference", f"B: runs/{name}")
+    assert "references 'A' and 'B': the same is given twice" in palpate("calibrate", "model", *twice).complaint
+    with pytest.raises(UsageError, match="is a run of calibrate-model, which tells no modulus"):
+        read_reference(f"A: {made['run']}")
+
+
+@pytest.mark.slow
+def test_a_calibration_of_a_model_is_replayed_from_its_bus_log(palpate: Palpate) -> None:
+    whole = palpate(*CALIBRATE, "--json", "--log", "log.pcapng").object
+    again = palpate("bus", "replay", "log.pcapng", "--out", "again", "--json").object
+    assert again["references"] == whole["references"]
+    assert Run.open(Path("again")).digest() == Run.open(Path(whole["run"])).digest()
+
+
+def test_people_are_told_what_the_calibration_is_worth(palpate: Palpate) -> None:
+    said = palpate("calibrate", "model", "--reference", "A: 48 kPa ± 2 %", *QUICK).out
+    assert "SIMULATED Calibration of model 'surface' (physical set, single)" in said
+    assert "spread         5.3 % of the ratio (5 degrees of freedom): spread of the thesis' 5.3 %" in said
+    assert "modulus        by 1 reference u " in said
+    assert "another        u " in said
+    assert "films          not calibrated; what their sensitivities are off by is the same" in said
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("A",), "'A' is no reference; write for example 'A: 48 kPa ± 2 %', or 'A: runs/NAME'"),
+        ((": 48 kPa ± 2 %",), "is no reference"),
+        (("A: 48 kPa",), "lacks the standard uncertainty of the modulus"),
+        (("A: 48 ± 2 %",), "'48' has no unit where Pa belongs; write for example '48 kPa'"),
+        (("A: 48 mm ± 2 %",), "is in mm where Pa belongs"),
+        (("A: 48 kPa ± 2",), "'2' has no unit where Pa belongs"),
+        (("A: -48 kPa ± 2 %",), "modulus -48 kPa of reference 'A' is not above 0"),
+        (("A: 48 kPa ± 60 %",), "uncertainty 60 % of reference 'A' is not above 0 and at most 50 %"),
+        (("A: 48 kPa ± 30 kPa",), "uncertainty 62.5 % of reference 'A'"),
+        (("A: 48 kPa ± 0 %",), "uncertainty 0 % of reference 'A' is not above 0"),
+        (("A\x1b[31m: 48 kPa ± 2 %",), "of a reference: give letters, digits"),
+        (("A: runs/nothing",), "unknown run 'runs/nothing'"),
+        (("A: 48 kPa ± 2 %", "A: 90 kPa ± 2 %"), "reference 'A': the same is given twice"),
+        (("A: 48 GPa ± 2 %",), "1 % of the ratio of model 'surface' is more than 30 % of the modulus, so that"),
+    ],
+)
+def test_what_is_no_reference_is_refused_before_anything_moves(
+    palpate: Palpate, given: tuple[str, ...], message: str
+) -> None:
+    said = palpate("calibrate", "model", *(word for each in given for word in ("--reference", each)), *QUICK)
+    assert said.status == 2
+    assert message in said.complaint
+    assert "\x1b" not in said.complaint
+    assert not list(Path("runs").glob("*"))
+
+
+@pytest.mark.parametrize(
+    ("series", "message"),
+    [
+        (
+            ReferenceSeries((Reference("A", 200e3, 0.02),), model="experiment"),
+            "outside the 24.13 kPa to 112.6 kPa that",
+        ),
+        (ReferenceSeries(()), "no reference is given"),
+        (ReferenceSeries((Reference("A", 48e3, 0.02),), valid_days=0), "validity of 0 days"),
+    ],
+)
+def test_settings_that_calibrate_nothing_are_refused(series: ReferenceSeries, message: str) -> None:
+    with pytest.raises(RangeError, match=message):
+        series.check(REAL)
+
+
+def test_a_reference_of_hardware_is_none_of_a_simulated_bench() -> None:
+    series = ReferenceSeries((Reference("A", 48e3, 0.02, "run", "4", simulated=False),))
+    series.check(REAL)
+    simulated = Target(get_design("single"), 10.0, nodes=1, model="experiment")
+    with pytest.raises(RangeError, match="was measured on hardware, and this bench is simulated"):
+        series.check(simulated)
+
+
+def test_a_reference_reads_as_people_write_it() -> None:
+    for text in ("A: 48 kPa ± 2 %", "A:48 kPa +- 2%", "A : 48 kPa +/- 0.96 kPa"):
+        found = read_reference(text)
+        assert (found.name, found.modulus, found.u, found.source) == ("A", 48e3, pytest.approx(0.02), "stated")
+    assert read_reference("4: 48 kPa ± 2 %").sample == "4"
+    with pytest.raises(QuantityError):
+        read_reference("A: 48 kPa ± two")
