@@ -191,14 +191,16 @@ def modulus(
     A finite-element model that has not met this sensor before is set up first; how long that takes is told if it takes
     long. Its answers for all moduli are then kept on disk.
     """
-    from datetime import UTC, datetime
-
     from palpate.instrument.findings import object_modulus as model_modulus
     from palpate.instrument.models.validation import validate
-    from palpate.procedures.lab.calibrations import by_references
 
-    output = Output(as_json, quiet)
-    references = None if calibration is None else by_references(calibration, datetime.now(UTC).date())
+    output, references = Output(as_json, quiet), None
+    if calibration is not None:
+        from datetime import UTC, datetime
+
+        from palpate.procedures.lab.calibrations import by_references
+
+        references = by_references(calibration, datetime.now(UTC).date())
     with output.prices():
         points = model_modulus.estimate(question, force_ratio, uncertainty, references=references)
     models = dict.fromkeys(point["model"] for point in points)

@@ -87,6 +87,8 @@ SIGNATURES = {
     "read": "folder",
     "read_calibration": "path",
     "read_film_calibration": "path",
+    "read_model_calibration": "path",
+    "read_reference": "text",
     "replay": "log out kind progress",
     "response": "design load model tolerance",
     "resume": "run kind bench accept_change progress pause",
