@@ -171,7 +171,9 @@ class ModbusPositioner(Moving, Twin):
         if lifetime := values.get(m.lifetime, 0.0):
             self._heard_of_master(1e-3 * lifetime)
         starts = {name: contract.raw(name, value) for name, value in m.with_target.items()}
-        if m.target in values and all(contract[name].to_raw(values[name]) == raw for name, raw in starts.items()):
+        if m.target in values and all(
+            name in values and contract[name].to_raw(values[name]) == raw for name, raw in starts.items()
+        ):
             self._start()
         for name, value in m.idle.items():  # the device clears its trigger
             self.settings[name] = contract.raw(name, value) * contract[name].scale

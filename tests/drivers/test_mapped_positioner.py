@@ -267,3 +267,11 @@ def test_a_twin_knows_the_objects_of_its_drive_whatever_a_map_calls_them(tmp_pat
         bench.device("stage").home()
         bench.device("stage").move(1e-3)
         assert sim.rig.position == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("kind", ["oriental-motor-blvd-krd", "leadshine-cs2rs"])
+def test_a_target_that_somebody_writes_alone_starts_no_move(kind: str) -> None:
+    with served(kind) as (_sim, twin):
+        target = twin.kind.serves["positioner"].target
+        twin.turn({target: 5.0})
+        assert (twin.settings[target], twin._axis.moving) == (5.0, False)
