@@ -97,14 +97,14 @@ SIGNATURES = {
 }
 ERRORS = "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName UsageError"
 MEMBERS = {  # what a script or a class of its own uses
-    "DynamicLoadWork": "again end held hold measured press set",
+    "DynamicLoadWork": "again end held hold load_set measured press set",
     "Finished": "folder outcome plot procedure replayed result run session",
-    "Lab": "bench calibration design films run started target",
+    "Lab": "bench calibration design film_hash films references run same_films scene started target",
     "OpenBench": "bench chosen lab log runs scene started target today wall_start",
     "Plan": "procedure seconds steps summary",
     "Procedure": (
-        "automated_by begin calibrating check check_result constants dwells enough evaluate manual_work name "
-        "newer_settings pausable plan point recorded report required_loads resumable_on_real_bench "
+        "automated_by begin calibrating check check_result constants dwells enough evaluate manual_work "
+        "model_question name newer_settings pausable plan point recorded report required_loads resumable_on_real_bench "
         "save_calibration"
     ),
     "Recorder": "close create event finish finished point points",
