@@ -27,6 +27,7 @@ from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Floats
 FIRST = 10  # least number of sets whose scatter decides
 REFUTED = 0.01  # probability with which a prior that is true is called refuted
 MOST_FREEDOM = 1e9  # as good as infinitely many
+ROUNDING = 1e-9
 FEWEST_MOUNTINGS = 3  # that tell how much mountings scatter
 
 Ratios = Sequence[Sequence[float]]
@@ -127,6 +128,10 @@ def enough(
 ) -> Verdict:
     """Whether a run has measured enough for a tolerance, and how much it needs in all.
 
+    What is needed follows the sensitivity, which moves with the mean ratio. So the best plan may come to be fewer
+    mountings of more sets than were made. Mountings that are done count as they are: sets of one do not make up for
+    those that another lacks, so that another mounting follows where the last one is full.
+
     Args:
         lines, costs, tolerance: those from which the plan was made.
         plan: what was planned before the run; its dwell holds for all sets.
@@ -151,12 +156,14 @@ def enough(
         of_one = sum(line.u**2 for line in found.lines if line.per is Unit.MOUNTING)
         of_one += sum(line.u**2 for line in _merged(found.lines, plan.dwell) if line.per is Unit.SET) / each
         mountings = max(FEWEST_MOUNTINGS, math.ceil(of_one / free))
-    if len(whole) < mountings:
-        return Verdict(mountings, mountings * each, "")
     reached = answer(lines, plan, sensitivity, ratios)
-    return Verdict(
-        len(done), sum(done), f"{reached.u:.2%} reached with {sum(done)} sets; {tolerance:.2%} was asked for"
-    )
+    fewest = FEWEST_MOUNTINGS if found.mountings_refuted else 1
+    if reached.u <= tolerance * (1 + ROUNDING) and len(done) >= fewest:
+        return Verdict(
+            len(done), sum(done), f"{reached.u:.2%} reached with {sum(done)} sets; {tolerance:.2%} was asked for"
+        )
+    mountings = max(mountings, len(done) + (done[-1] >= each))
+    return Verdict(mountings, mountings * each, "")
 
 
 def answer(

@@ -131,3 +131,19 @@ def test_intervals_of_runs_that_stop_by_themselves_hold_the_truth(name: str) -> 
     covered, achieved, _ = stopped(truth, 0.02, 1000)
     assert covered.met, covered
     assert achieved.met, achieved
+
+
+def test_sets_of_one_mounting_do_not_make_up_for_those_that_others_lack() -> None:
+    """The best plan moves with the ratio: after mountings of fewer sets it may be as many mountings of more."""
+    lines = [Line("gain scatter", 0.152, Unit.SET, 7), Line("mounting", 0.034, Unit.MOUNTING)]
+    planned, scatter = plan(0.02, lines), 0.152 / 3.7
+    first = enough(lines, BENCH, 0.02, planned, 3.7, [sets(first_sets(planned), scatter)])
+    each = first.sets // first.mountings
+    about = 0.3 * np.exp(0.034 / 3.7 * np.random.default_rng(1).standard_normal(first.mountings + 3))
+    done = [sets(each - 4, scatter, seed, ratio) for seed, ratio in enumerate(about[: first.mountings - 1])]
+    done[0][: first_sets(planned)] = sets(first_sets(planned), scatter)
+    done.append(sets(each, scatter, 90, about[first.mountings]))
+    verdict = enough(lines, BENCH, 0.02, planned, 3.7, done)
+    assert (verdict.why, verdict.mountings) == ("", first.mountings + 1)
+    done.append(sets(each, scatter, 91, about[first.mountings + 1]))
+    assert enough(lines, BENCH, 0.02, planned, 3.7, done).why
