@@ -7,7 +7,7 @@ from dataclasses import asdict
 from palpate.drivers.roles import SampleChanger
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.procedure import P, Procedure, R, S
-from palpate.procedures.engine.returned import begun, evaluated, measured, planned, stopping
+from palpate.procedures.engine.returned import begun, evaluated, measured, planned, skipped, stopping
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
@@ -20,8 +20,9 @@ def conduct(
 ) -> R:
     """Carry out the remaining steps of a procedure. Each point is durable on disk before `progress` is called.
 
-    Where the procedure has enough before its plan ends, an event of the record says why. Before a point is stored, the
-    bench's sample changer is asked whether its sample is still mounted.
+    Where the procedure has enough before its plan ends, an event of the record says why; steps of a group that has
+    enough are left out. Before a point is stored, the bench's sample changer is asked whether its sample is still
+    mounted.
 
     Args:
         procedure: the procedure.
@@ -40,19 +41,26 @@ def conduct(
     procedure.check(lab.target)
     steps = planned(procedure, lab.target).steps
     work = begun(procedure, lab, record)
-    points: list[P] = record.finished(procedure.point)
+    finished: list[P] = record.finished(procedure.point)
+    points: list[P] = []
     group: str | None = None
     changer = lab.bench.maybe(SampleChanger)
-    for step in steps[len(points) :]:
-        if why := stopping(procedure, points, lab):
+    for number, step in enumerate(steps):
+        before = len(points) < len(finished)
+        if not before and (why := stopping(procedure, points, lab)):
             record.event(ENOUGH, why, lab.bench.clock.now_ns())
             break
+        if skipped(procedure, step, points, lab):
+            continue
+        if before:
+            points.append(finished[len(points)])
+            continue
         if step.group != group:
             group = step.group
             if group:
-                progress(len(points), len(steps), group)
+                progress(number, len(steps), group)
             work.arrange(step)
-        progress(len(points), len(steps), step.what)
+        progress(number, len(steps), step.what)
         if procedure.pausable:
             pause_here(pause, lab.bench, record)
         found = measured(procedure, work, step)
@@ -60,7 +68,7 @@ def conduct(
             changer.check()
         record.point(asdict(found.point), found.waveforms, lab.bench.clock.now_ns())
         points.append(found.point)
-        progress(len(points), len(steps), step.what)
+        progress(number + 1, len(steps), step.what)
         if found.error is not None:
             raise found.error
     work.end()

@@ -6,7 +6,7 @@ A run carries out the points of its plan; `--dry-run` prints the same plan and s
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -48,23 +48,56 @@ S = TypeVar("S", bound=Step)
 
 
 @dataclass(frozen=True, slots=True)
+class Predicted:
+    """What a run is predicted to take and to give.
+
+    Attributes:
+        seconds: time on hardware, with a quick operator [s].
+        u: relative standard uncertainty of the result; None: the procedure predicts none.
+        told: further values for JSON, by their names.
+        lines: the plan for people, in place of a table of its steps.
+    """
+
+    seconds: float
+    u: float | None
+    told: Mapping[str, Any] = field(default_factory=dict)
+    lines: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Plan(Generic[S]):
-    """The plan of a run: the name of its procedure, and its points in order."""
+    """The plan of a run.
+
+    Attributes:
+        procedure: name of its procedure.
+        steps: its points in order; the most there can be, where the procedure may have enough before (`enough`).
+        likely: what the run is predicted to take and to give, where that does not follow from its steps.
+    """
 
     procedure: str
     steps: Sequence[S]
+    likely: Predicted | None = None
+
+    @property
+    def predicted(self) -> Predicted:
+        """What the run is predicted to take and to give; by its steps, if the procedure does not say."""
+        return self.likely or Predicted(math.fsum(step.seconds for step in self.steps), None)
 
     @property
     def seconds(self) -> float:
         """Expected time on hardware, with a quick operator [s]."""
-        return math.fsum(step.seconds for step in self.steps)
+        return self.predicted.seconds
 
     def summary(self) -> dict[str, Any]:
         """The plan for JSON."""
+        predicted = self.predicted
         return {
             "procedure": self.procedure,
             "dry_run": True,
-            "expected_seconds": self.seconds,
+            "expected_seconds": predicted.seconds,
+            "predicted_seconds": predicted.seconds,
+            "predicted_u": predicted.u,
+            **predicted.told,
             "points": [step.summary() for step in self.steps],
         }
 

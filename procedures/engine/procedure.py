@@ -13,7 +13,8 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
    - `begin` returns the work: `arrange` sets up a group, `take` measures one step, `end` leaves the bench at rest.
      Work under a dynamic load inherits from `DynamicLoadWork` (`measurements/dynamic_load.py`), which has films, servo
      and end;
-   - `enough`, where the points themselves tell when to stop: `plan` then lists the most steps;
+   - `enough`, where the points themselves tell when to stop, and `skips`, where they tell it for a group of steps, such
+     as a mounted sample: `plan` then lists the most steps;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
 5. If the fields do not suffice as options, a command of its own makes the procedure of its options; the decorator
@@ -268,6 +269,14 @@ class Procedure(ABC, Generic[S, P, R]):
         replayed ends where it would have ended.
         """
         return ""
+
+    def skips(self, step: S, points: Sequence[P], lab: Lab) -> bool:
+        """Whether a step is not needed by the points before it, because its group has enough of them.
+
+        The engine asks before each step, also before those whose points a resumed run has: as for `enough`, the answer
+        must follow from the points.
+        """
+        return False
 
     @abstractmethod
     def evaluate(self, points: Sequence[P], lab: Lab) -> R:

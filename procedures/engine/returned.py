@@ -53,6 +53,14 @@ def stopping(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> st
     return why
 
 
+def skipped(procedure: Procedure[S, P, R], step: S, points: Sequence[P], lab: Lab) -> bool:
+    """Whether a step is not needed. Raises ConfigError: `skips` returned neither True nor False."""
+    found = procedure.skips(step, points, lab)
+    if not isinstance(found, bool):
+        raise _wrong(procedure, f"skips returned {quoted(found)}", "it must return True or False")
+    return found
+
+
 def evaluated(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> R:
     """The result of the points.
 

@@ -10,7 +10,10 @@ OWN = tuple(Step.__dataclass_fields__)
 
 
 def print_plan(plan: Plan[S]) -> None:
-    """Print every point with its dwell, time and expected uncertainty, and the total time."""
+    """Print every point with its dwell, time and expected uncertainty, or the plan's own lines, and the total time."""
+    if plan.predicted.lines:
+        print_all(*plan.predicted.lines, _total(plan, ""))
+        return
     rows = [step.summary() for step in plan.steps]
     asked = [name for name in rows[0] if name not in OWN]
     table = new_table(
@@ -24,8 +27,11 @@ def print_plan(plan: Plan[S]) -> None:
             f"{row['seconds']:z.0f}",
             "-" if u is None else f"{100 * u:z.1f} %",
         )
-    points = counted(len(rows), "point")
-    print_all(table, f"{plan.procedure}: {points}, about {duration(plan.seconds)} on hardware; nothing was sent")
+    print_all(table, _total(plan, f"{counted(len(rows), 'point')}, "))
+
+
+def _total(plan: Plan[S], points: str) -> str:
+    return f"{plan.procedure}: {points}about {duration(plan.seconds)} on hardware; nothing was sent"
 
 
 def duration(seconds: float) -> str:

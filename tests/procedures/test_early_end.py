@@ -107,3 +107,39 @@ def test_a_replay_ends_where_the_run_did(tmp_path: Path) -> None:
     again = palpate.replay(log, tmp_path / "again", Waiting)
     assert again.run.digest() == first.run.digest()
     assert [e["kind"] for e in again.run.events()] == ["enough"]
+
+
+@dataclass(frozen=True)
+class Grouped(Waiting):
+    """Reads three times in each of two groups, or as often as the group needs."""
+
+    name = "grouped"
+    first_needs: int = 1
+
+    def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:
+        steps = [palpate.Step(None, SECONDS, None, what=f"{g} {i}", group=g) for g in ("a", "b") for i in range(3)]
+        return palpate.Plan(self.name, steps)
+
+    def enough(self, points: Sequence[Reading], lab: palpate.Lab) -> str:
+        return ""
+
+    def skips(self, step: palpate.Step, points: Sequence[Reading], lab: palpate.Lab) -> bool:
+        return step.group == "a" and len(points) >= self.first_needs
+
+
+def test_steps_of_a_group_that_has_enough_are_left_out_also_when_the_run_is_resumed(tmp_path: Path) -> None:
+    shown: list[tuple[int, str]] = []
+
+    def stop(done: int, _all: int, what: str) -> None:
+        shown.append((done, what))
+        if len(shown) == 6:
+            raise KeyboardInterrupt
+
+    with palpate.open_bench(scene="ideal") as bench:
+        whole = palpate.run(Grouped(), bench, out=tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
+        palpate.run(Grouped(), bench, out=tmp_path / "cut", progress=stop)
+    assert shown == [(0, "a"), (0, "a 0"), (1, "a 0"), (3, "b"), (3, "b 0"), (4, "b 0")]
+    done = palpate.resume(tmp_path / "cut", Grouped)
+    assert len(whole.result.points) == len(done.result.points) == 4
+    assert done.run.digest() == whole.run.digest()

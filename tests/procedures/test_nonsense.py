@@ -55,6 +55,9 @@ class Nonsense(palpate.Procedure[Any, Any, Any]):
     def enough(self, points: Any, lab: palpate.Lab) -> Any:
         return self._get("enough", "")
 
+    def skips(self, step: Any, points: Any, lab: palpate.Lab) -> Any:
+        return self._get("skips", False)
+
     def evaluate(self, points: Any, lab: palpate.Lab) -> Any:
         return self._get("evaluate", palpate.SimpleResult(points))
 
@@ -80,6 +83,7 @@ LATE = (palpate.Step(None, 1.0, None) for _ in range(2))
         ({"plan": palpate.Plan("nonsense", LATE)}, "plan returned steps <generator.*; they must be a list"),  # type: ignore[arg-type]
         ({"begin": None}, "begin returned None; it must return the work, with arrange, take and end"),
         ({"enough": None}, "enough returned None; it must return a text, empty to go on"),
+        ({"skips": 1}, "skips returned 1; it must return True or False"),
         ({"take": None}, "take returned None; it must return a Measurement"),
         ({"take": palpate.Measurement(Other(1.0))}, r"take returned the point .*Other\(x=1.0\); it must be a Point"),
         ({"take": palpate.Measurement({"x": 1})}, r"take returned the point {'x': 1}; it must be a Point"),  # type: ignore[type-var]

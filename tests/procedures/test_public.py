@@ -61,7 +61,7 @@ SIGNATURES = {
     ),
     "ModulusTest": "sample strain steps extrapolate",
     "OpenBench": "bench chosen today started wall_start log runs",
-    "Plan": "procedure steps",
+    "Plan": "procedure steps likely",
     "PositionSweep": "positions sample load dwell frequency extrapolate",
     "Procedure": "",
     "Recorder": "folder header",
@@ -101,11 +101,11 @@ MEMBERS = {  # what a script or a class of its own uses
     "Finished": "folder outcome plot procedure replayed result run session",
     "Lab": "bench calibration design film_hash films references run same_films scene started target",
     "OpenBench": "bench chosen lab log runs scene started target today wall_start",
-    "Plan": "procedure seconds steps summary",
+    "Plan": "likely predicted procedure seconds steps summary",
     "Procedure": (
         "automated_by begin calibrating check check_result constants dwells enough evaluate manual_work "
         "model_question name newer_settings pausable plan point recorded report required_loads resumable_on_real_bench "
-        "save_calibration"
+        "save_calibration skips"
     ),
     "Recorder": "close create event finish finished point points",
     "Run": (
