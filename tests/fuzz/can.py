@@ -50,7 +50,7 @@ class Transfers:
     """Reads of each object, writes of those that can be written, and the device name."""
 
     def __init__(self) -> None:
-        self.link = CanLink(CanBus(interface="virtual", channel="fuzz", nodes=(NODE,), timeout="1 ns"))
+        self.link = CanLink(CanBus(interface="virtual", channel="fuzz", nodes=(NODE,), timeout="1 ms"))
         self.link.open()
         self.node = SensorNode(self.link, NODE, WallClock())
         self.node._node = self.link.add_node(NODE)

@@ -28,7 +28,7 @@ TARGET = palpate.Target(get_design("single"), 10.0, 1)
     "procedure",
     [
         palpate.LoadSweep(loads=("x",) * 1000),  # type: ignore[arg-type]
-        palpate.LoadSweep(loads=(2.0,) * MANY),
+        palpate.LoadSweep(loads=(3.0, 2.0) * MANY),
         palpate.LoadSweep(samples=("1",) * MANY),
         palpate.LoadSweep(samples=("x" * MANY,)),
         palpate.ModulusTest("1", strain="x" * MANY),  # type: ignore[arg-type]

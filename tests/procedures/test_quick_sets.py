@@ -89,7 +89,7 @@ def test_a_load_that_has_drifted_is_set_by_the_load_cell_anew(first: Set) -> Non
 
 def test_an_open_bridge_stops_a_set_that_is_made_again(first: Set, monkeypatch: pytest.MonkeyPatch) -> None:
     open_bridge(first.sim, monkeypatch)
-    with pytest.raises(DeviceError, match="no valid reading while driving; outputs are off"):
+    with pytest.raises(DeviceError, match="no valid reading while driving: bridge open; outputs are off"):
         first.work.again(LOAD, "again", 0.1)
     assert outputs(first.sim) == OFF
 

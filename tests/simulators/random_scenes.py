@@ -177,6 +177,7 @@ def _nothing(chance: np.random.Generator) -> None:
 
 _SPECIAL: dict[tuple[str, str], Callable[[np.random.Generator], Any]] = {
     ("glue_clamping", "films"): _films,
+    ("gain_scatter", "redrawn"): _nothing,  # when gains are drawn anew changes no bound
     ("hysteresis", "weights"): _nothing,
     ("hysteresis", "radii"): _nothing,
     ("viscoelastic", "material"): _nothing,

@@ -28,13 +28,13 @@ def print_references(result: ReferencesResult, films: FilmCalibration | None, ou
         table.add_row(
             each.name, show(each.modulus_Pa, "Pa", 4), f"{100 * each.modulus_u:.2g}", number(each.force_ratio),
             f"{100 * math.hypot(each.force_ratio_u, each.films_u, each.pickup_u):.2g}", number(each.model_force_ratio),
-            f"{math.exp(each.ln_error):.4f}", f"{100 * each.ln_error_u:.2g}", each.source,
+            f"{math.exp(each.ln_error):z.4f}", f"{100 * each.ln_error_u:.2g}", each.source,
         )  # fmt: skip
     spread = "not known" if c.spread is None else f"{100 * c.spread:.2g} % of the ratio"
     freedom = "" if c.spread_degrees_of_freedom is None else f" ({c.spread_degrees_of_freedom:g} degrees of freedom)"
     print_all(
         table,
-        f"constant       {math.exp(c.constant):.4f}, by which the model's ratios are divided",
+        f"constant       {math.exp(c.constant):z.4f}, by which the model's ratios are divided",
         f"spread         {spread}{freedom}: {c.prior}",
         moduli.absolute_line(result.line),
         f"films          {_told(films)}",
