@@ -18,9 +18,8 @@ from pydantic import ConfigDict, Field
 
 from palpate.instrument.config import Config, Hashed, IsoDate, Name, NotNegative, Positive
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.models.validation_line import REFERENCES, ValidationLine
+from palpate.instrument.models.validation_line import ValidationLine, remedy
 from palpate.instrument.quantity import counted, show
-from palpate.instrument.uncertainty.budget import coverage_factor
 
 if TYPE_CHECKING:
     from palpate.instrument.models.ratio import Question
@@ -98,7 +97,7 @@ class ModelCalibration(Hashed):
         told = f"{counted(len(self.references), 'reference')} of {self.source}{self.marks()}"
         if self.spread is None or self.spread_degrees_of_freedom is None:
             why = f"{told} gives a constant, and nothing tells the spread about it"
-            return ValidationLine(self.constant, None, math.inf, f"not known: {why}; {REFERENCES} with two or more")
+            return ValidationLine(self.constant, None, math.inf, f"not known: {why}; {remedy(self.model)}, two or more")
         films = 0.0 if same_films else self.films_u
         spread = self.spread * math.sqrt(1 + self.weight)
         u = math.hypot(spread, self.constant_u, self.pickup_u, films)
@@ -113,7 +112,7 @@ class ModelCalibration(Hashed):
         spread = self.spread * math.sqrt(1 + 1 / references)
         one = math.fsum(each.ln_error_u**2 for each in self.references) / count if self.constant_u else 0.0
         u = math.hypot(spread, math.sqrt(one / references), self.pickup_u)
-        freedom = self.spread_degrees_of_freedom + references - count
+        freedom = self.spread_degrees_of_freedom + (references - count) * telling(self.spread, one)
         known = u**4 * freedom / spread**4 if spread > 0 else math.inf
         return ValidationLine(self.constant, u, known, counted(references, "reference"))
 
@@ -176,6 +175,9 @@ class ModelCalibration(Hashed):
             )
 
 
-def half_width(line: ValidationLine, sensitivity: float) -> float | None:
-    """Half of the 95 % interval of ln of a modulus by this line alone; None: not known."""
-    return None if line.u is None else coverage_factor(line.degrees_of_freedom) * sensitivity * line.u
+def telling(spread: float, variance: float) -> float:
+    """Degrees of freedom that one more reference of some variance of its own gives a spread: 1 if it has none.
+
+    The variance of an estimate of spread² grows with (spread² + variance)².
+    """
+    return (spread**2 / (spread**2 + variance)) ** 2

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from palpate.instrument.calibration.model_calibration import ModelCalibration
+from palpate.instrument.calibration.model_calibration import ModelCalibration, telling
 from palpate.instrument.config import check
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.validation import Validation
@@ -80,7 +80,7 @@ def fit_model(
     errors, variances = [r.ln_error for r in references], [r.ln_error_u**2 for r in references]
     _check_curve(references, known)
     _check_each_other(references, known)
-    found = _spread(errors, variances, known)
+    found = _spread(references, known)
     spread = found.u or 0.0
     weights = [1 / (spread**2 + (0.0 if found.holds_all else each)) for each in variances]
     shares = [each / math.fsum(weights) for each in weights]
@@ -120,12 +120,13 @@ class _Spread:
     holds_all: bool = False
 
 
-def _spread(errors: Sequence[float], variances: Sequence[float], known: Validation) -> _Spread:
+def _spread(references: Sequence[MeasuredReference], known: Validation) -> _Spread:
     """The spread of references and thesis, pooled as variances.
 
     What the references' own uncertainties explain is taken off. Where nothing else tells the spread, it stays in: then
     Student's factor for the few references holds for all of it.
     """
+    errors, variances = [r.ln_error for r in references], [r.ln_error_u**2 for r in references]
     count, more = len(errors), len(errors) - 1
     explained = math.fsum(variances) / count
     own = math.fsum((each - math.fsum(errors) / count) ** 2 for each in errors) / more if more else 0.0
@@ -135,10 +136,14 @@ def _spread(errors: Sequence[float], variances: Sequence[float], known: Validati
         return _Spread(whole, more, "their own spread", True) if more else _Spread(None, None, "no spread is known")
     freedom = len(known.percent) - 1
     told = f"the thesis' {100 * prior:.2g} % ({freedom} degrees of freedom)"
-    if more and _chi2(errors, [prior**2 + each for each in variances]) > _quantile(REFUTED, more):
-        return _Spread(whole, more, f"their own spread, which refutes {told}", True)
-    pooled = math.sqrt((freedom * prior**2 + more * max(own - explained, 0.0)) / (freedom + more))
-    return _Spread(pooled, freedom + more, f"spread pooled with {told}" if more else f"spread of {told}")
+    by_thesis = [prior**2 + each for each in variances]
+    if more and _chi2(errors, by_thesis) > _quantile(REFUTED, more):
+        worst = _farthest(references, by_thesis)
+        which = f"; {worst!r} lies farthest from the others" if worst else ""
+        return _Spread(whole, more, f"their own spread, which refutes {told}{which}", True)
+    tell = more * telling(prior, explained)
+    pooled = math.sqrt((freedom * prior**2 + tell * max(own - explained, 0.0)) / (freedom + tell))
+    return _Spread(pooled, freedom + tell, f"spread pooled with {told}" if more else f"spread of {told}")
 
 
 def _check_curve(references: Sequence[MeasuredReference], known: Validation) -> None:
@@ -162,18 +167,27 @@ def _check_each_other(references: Sequence[MeasuredReference], known: Validation
     ):
         return
 
-    def without(left_out: int) -> float:
-        return _chi2(*([v for i, v in enumerate(values) if i != left_out] for values in (errors, variances)))
-
-    both = f"{references[0].name!r} and {references[1].name!r}"
-    worst = references[min(range(len(references)), key=without)].name
-    who = f"references {both}" if len(references) == 2 else f"reference {worst!r} and the others"
-    which = "one of them" if len(references) == 2 else f"{worst!r}"
+    worst = _farthest(references, variances)
+    both = " and ".join(repr(r.name) for r in references)
+    who = f"reference {worst!r} and the others" if worst else f"references {both}"
+    which = f"{worst!r}" if worst else "one of them"
     lines = ", ".join(f"{r.name}: {math.exp(r.ln_error):.3f}" for r in references)
     raise EstimateError(
         f"{who} contradict each other: the model's ratio over the measured one is {lines}; chi2 {chi2:.1f} is above"
         f" {limit:.1f}. Measure {which} again or leave it out, or take another model"
     )
+
+
+def _farthest(references: Sequence[MeasuredReference], variances: Sequence[float]) -> str:
+    """Name of the reference without which the others agree best; empty for two, which differ alike."""
+    if len(references) < 3:
+        return ""
+
+    def without(left_out: int) -> float:
+        left = [(r.ln_error, v) for i, (r, v) in enumerate(zip(references, variances, strict=True)) if i != left_out]
+        return _chi2(*zip(*left, strict=True))
+
+    return references[min(range(len(references)), key=without)].name
 
 
 def _greatest_spread(known: Validation) -> float:

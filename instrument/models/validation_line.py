@@ -15,7 +15,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
-REFERENCES = "measure references: palpate calibrate model"
+
+def remedy(model: str) -> str:
+    """What would tell the validation error of a model."""
+    return f"measure references: palpate calibrate model --model {model}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,20 +73,21 @@ def validation_u(
     if calibration is not None:
         return calibration.line(same_films)
     if changed:
-        return _unknown(f"the thesis has no experiment with other values of {', '.join(changed)}")
+        return _unknown(model, f"the thesis has no experiment with other values of {', '.join(changed)}")
     from palpate.instrument.models.validation import validate
 
     found = validate(design, parameters, model)
     if found.kind == "input":
         return _unknown(
+            model,
             f"model {model!r} is the thesis' measurement itself, and moduli of its samples are known by catalogue"
-            " ranges alone"
+            " ranges alone",
         )
     if found.ln_rms is None:
-        return _unknown(found.why)
+        return _unknown(model, found.why)
     count = len(found.percent)
     return ValidationLine(0.0, found.ln_rms, count, f"rms distance from {count} samples of the thesis")
 
 
-def _unknown(why: str) -> ValidationLine:
-    return ValidationLine(0.0, None, math.inf, f"not known: {why}; {REFERENCES}")
+def _unknown(model: str, why: str) -> ValidationLine:
+    return ValidationLine(0.0, None, math.inf, f"not known: {why}; {remedy(model)}")

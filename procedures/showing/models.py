@@ -74,7 +74,13 @@ def print_moduli(
             *moduli.cells(p["modulus_Pa"], p["scale_u"], scale, p["absolute_u"], absolute), number(p["sensitivity"]),
             p["note"],
         )  # fmt: skip
-    print_all(table, *legend(table, marks=NO_VALUE), moduli.absolute_line(line), *lines(compared, changed))
+    print_all(
+        table,
+        *legend(table, marks=NO_VALUE),
+        moduli.absolute_line(line),
+        *moduli.bound_line(p["modulus_Pa"] is not None for p in points),
+        *lines(compared, changed),
+    )
 
 
 def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None) -> None:

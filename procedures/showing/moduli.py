@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from palpate.instrument.findings.modulus_of_ratio import AT_LEAST, AT_MOST, INTERVAL
 from palpate.instrument.models.validation_line import ValidationLine
 from palpate.instrument.quantity import show
@@ -46,4 +48,19 @@ def absolute_line(line: ValidationLine) -> str:
     if line.u is None:
         return f"absolute       {line.source}"
     told = f"absolute       validation error {100 * line.u:.2g} % of the ratio"
-    return f"{told} ({line.degrees_of_freedom:.3g} degrees of freedom): {line.source}"
+    return f"{told} ({degrees(line.degrees_of_freedom)}): {line.source}"
+
+
+def degrees(freedom: float) -> str:
+    """Degrees of freedom as text."""
+    return f"{freedom:.3g} degree{'' if freedom == 1 else 's'} of freedom"
+
+
+def bound_line(modulus_known: Iterable[bool]) -> list[str]:
+    """What would tell more of objects of which only a bound is known; nothing if all moduli are known."""
+    if all(modulus_known):
+        return []
+    return [
+        "only a bound   palpate test modulus tells more of such an object, or a sensor whose ring is nearer to its"
+        " stiffness"
+    ]

@@ -17,7 +17,7 @@ from palpate.instrument.findings.object_modulus import ByReferences, estimate
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import Validation, validate
 from palpate.instrument.models.validation_line import validation_u
-from palpate.instrument.uncertainty.budget import coverage_factor
+from tests.benchmarks.references import covered
 
 ORIGIN = {
     "design": "single", "model": "surface", "parameters": "physical", "thickness_m": 3e-3, "film_calibration": None,
@@ -52,12 +52,14 @@ def test_equal_references_leave_spread_and_their_own_uncertainty_over_their_numb
     found, prior = fitted(*errors), SURFACE.ln_spread
     assert prior is not None
     own = 0.01**2 + SCATTER**2
-    spread = math.sqrt((5 * prior**2 + 2 * (np.var(errors, ddof=1) - own)) / 7)
-    assert (found.spread, found.spread_degrees_of_freedom) == (pytest.approx(spread), 7)
+    freedom = 2 * (prior**2 / (prior**2 + own)) ** 2  # noise takes some of the two
+    assert 1.3 < freedom < 2
+    spread = math.sqrt((5 * prior**2 + freedom * (np.var(errors, ddof=1) - own)) / (5 + freedom))
+    assert (found.spread, found.spread_degrees_of_freedom) == (pytest.approx(spread), pytest.approx(5 + freedom))
     line = found.line(same_films=True)
     assert line.constant == pytest.approx(np.mean(errors))
     assert line.u == pytest.approx(math.sqrt(spread**2 * (1 + 1 / 3) + own / 3))
-    assert line.degrees_of_freedom == pytest.approx(line.u**4 / (spread**2 * (1 + 1 / 3)) ** 2 * 7)
+    assert line.degrees_of_freedom == pytest.approx(line.u**4 / (spread**2 * (1 + 1 / 3)) ** 2 * (5 + freedom))
 
 
 def test_a_better_known_reference_counts_more() -> None:
@@ -84,7 +86,8 @@ def test_the_films_calibration_that_references_and_object_share_cancels_in_both(
 def test_references_that_scatter_more_than_the_thesis_samples_drop_them() -> None:
     errors = (0.05, 0.25, 0.45, 0.15, 0.38)
     found = fitted(*errors)
-    assert "refutes the thesis'" in found.prior
+    assert found.prior.startswith("their own spread, which refutes the thesis' 5.3 % (5 degrees of freedom)")
+    assert found.prior.endswith("; 'R0' lies farthest from the others")
     assert found.spread_degrees_of_freedom == 4
     assert found.spread == pytest.approx(np.std(errors, ddof=1))
     assert found.line(True).u == pytest.approx(np.std(errors, ddof=1) * math.sqrt(1 + 1 / 5))  # it holds their own
@@ -94,7 +97,7 @@ def test_one_reference_takes_the_spread_of_the_thesis_or_tells_none() -> None:
     assert fitted(0.24).spread == SURFACE.ln_spread
     alone = fitted(0.24, known=UNTOLD).line(True)
     assert (alone.constant, alone.u) == (pytest.approx(0.24), None)
-    assert "palpate calibrate model with two or more" in alone.source
+    assert "palpate calibrate model --model surface, two or more" in alone.source
     two = fitted(0.24, 0.30, known=UNTOLD).line(True)
     assert (two.u, two.degrees_of_freedom) == (pytest.approx(0.03 * math.sqrt(2) * math.sqrt(1.5)), 1)
 
@@ -105,7 +108,8 @@ def test_another_reference_is_worth_what_it_then_brings() -> None:
     assert told is not None and told.u is not None and found.spread is not None
     own = 0.01**2 + SCATTER**2
     assert told.u == pytest.approx(math.sqrt(found.spread**2 * 1.25 + own / 4))
-    assert told.degrees_of_freedom == pytest.approx(told.u**4 / (found.spread**2 * 1.25) ** 2 * 8)
+    freedom = (found.spread_degrees_of_freedom or 0.0) + (found.spread**2 / (found.spread**2 + own)) ** 2
+    assert told.degrees_of_freedom == pytest.approx(told.u**4 / (found.spread**2 * 1.25) ** 2 * freedom)
     assert fitted(0.2, known=UNTOLD).with_more(2) is None
 
 
@@ -190,39 +194,16 @@ def test_a_calibration_is_not_used_for_another_question(question: Question) -> N
         fitted(0.2).check_question(question, model)
 
 
-def covered(times: int, count: int, spread: float, known: Validation | None) -> tuple[float, float]:
-    """How often the 95 % interval holds an object's constant, and the standard deviation of errors over the mean u.
-
-    Without `known` the thesis' samples are drawn, too, with the same spread.
-    """
-    rng = np.random.default_rng(20)
-    held, errors, uncertainties = 0, [], []
-    for _ in range(times):
-        told = 0.24 + spread * rng.standard_normal(6)
-        drawn = Validation(
-            "single", "physical", "surface", "compared", "", dict(zip("123456", 100 * np.expm1(told), strict=True))
-        )
-        truth = 0.2 + spread * rng.standard_normal(count + 1)
-        noise = math.hypot(0.01, SCATTER) * rng.standard_normal(count)
-        line = fitted(*(truth[:-1] + noise), known=known or drawn).line(True)
-        assert line.u is not None
-        error = truth[-1] - line.constant
-        held += abs(error) <= coverage_factor(line.degrees_of_freedom) * line.u
-        errors.append(error)
-        uncertainties.append(line.u)
-    return held / times, float(np.std(errors) / np.mean(uncertainties))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 3, 6])
 @pytest.mark.parametrize("spread", [0.02, 0.053])
 def test_intervals_by_references_hold_as_often_as_they_say(count: int, spread: float) -> None:
-    share, over = covered(800, count, spread, None)
+    share, over = covered(800, count, spread, told=True)
     assert 0.925 < share < 0.975
     assert 0.9 < over < 1.1
 
 
 @pytest.mark.slow
 def test_without_the_thesis_the_references_own_spread_suffices() -> None:
-    share, _ = covered(800, 3, 0.05, UNTOLD)
+    share, _ = covered(800, 3, 0.05, told=False)
     assert share > 0.93

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.instrument.calibration.films import FilmCalibration
+from palpate.instrument.calibration.model_calibration import REACH
 from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.lab.session import Outcome
@@ -31,7 +32,7 @@ def print_references(result: ReferencesResult, films: FilmCalibration | None, ou
             f"{math.exp(each.ln_error):z.4f}", f"{100 * each.ln_error_u:.2g}", each.source,
         )  # fmt: skip
     spread = "not known" if c.spread is None else f"{100 * c.spread:.2g} % of the ratio"
-    freedom = "" if c.spread_degrees_of_freedom is None else f" ({c.spread_degrees_of_freedom:g} degrees of freedom)"
+    freedom = "" if c.spread_degrees_of_freedom is None else f" ({moduli.degrees(c.spread_degrees_of_freedom)})"
     print_all(
         table,
         f"constant       {math.exp(c.constant):z.4f}, by which the model's ratios are divided",
@@ -73,7 +74,7 @@ def plot_references(result: ReferencesResult, curve: RatioCurve, folder: Path) -
     given = np.array([each.modulus_Pa for each in c.references])
     ratios = np.array([each.force_ratio for each in c.references])
     least, most = curve.moduli
-    moduli_Pa = np.geomspace(max(given.min() / 3, least), min(given.max() * 3, most), 200)
+    moduli_Pa = np.geomspace(max(given.min() / REACH, least), min(given.max() * REACH, most), 200)
     own = curve.force_ratio(np.clip(moduli_Pa, least, most))
     left.plot(1e-3 * moduli_Pa, own, "--", color="0.5", lw=1, label="model")
     corrected = own * math.exp(-c.constant)
@@ -87,6 +88,8 @@ def plot_references(result: ReferencesResult, curve: RatioCurve, folder: Path) -
         label="references, u",
     )  # fmt: skip
     left.set(xscale="log", xlabel="modulus (kPa)", ylabel="force ratio")
+    for axis in (left.xaxis.set_major_formatter, left.xaxis.set_minor_formatter):
+        axis("{x:g}")
     left.legend(fontsize=7)
     places, errors = range(len(c.references)), [100 * each.ln_error for each in c.references]
     right.errorbar(places, errors, [100 * each.ln_error_u for each in c.references], fmt="o", capsize=2)

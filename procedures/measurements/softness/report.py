@@ -56,6 +56,7 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}",
         *([f"cannot be told apart at 95 %: {alike}"] if alike else []),
         moduli.absolute_line(result.validation),
+        *moduli.bound_line(each.modulus_Pa is not None for each in result.objects if each.valid_points),
         f"price          {result.price}",
         *where(outcome, plot),
     )
