@@ -98,11 +98,18 @@ class ModelCalibration(Hashed):
         if self.spread is None or self.spread_degrees_of_freedom is None:
             why = f"{told} gives a constant, and nothing tells the spread about it"
             return ValidationLine(self.constant, None, math.inf, f"not known: {why}; {remedy(self.model)}, two or more")
+        told = f"{told}, {self.prior}"
+        if self.film_calibration is not None:
+            told += (
+                "; the films' calibration is the same and cancels"
+                if same_films
+                else "; their films' calibration counts"
+            )
         films = 0.0 if same_films else self.films_u
         spread = self.spread * math.sqrt(1 + self.weight)
         u = math.hypot(spread, self.constant_u, self.pickup_u, films)
         spent = spread**4 / self.spread_degrees_of_freedom + films**4 / (self.films_degrees_of_freedom or math.inf)
-        return ValidationLine(self.constant, u, u**4 / spent if spent > 0 else math.inf, f"{told}, {self.prior}")
+        return ValidationLine(self.constant, u, u**4 / spent if spent > 0 else math.inf, told)
 
     def with_more(self, references: int) -> ValidationLine | None:
         """The line if there were so many references, like the present ones and of the same spread; None: not known."""

@@ -221,6 +221,10 @@ def modulus(
         from palpate.procedures.showing.models import print_moduli
 
         print_moduli(question.design, points, compared, question.changed, line)
+        if calibration is None:
+            of = f"model-*-{question.design}-{points[0]['model']}-{question.parameters}-*.toml"
+            for file in sorted((store() / "calibrations").glob(of)):
+                output.line(f"stored         {file}: give it by --calibration if its sensor measured these ratios")
 
 
 @model.command(

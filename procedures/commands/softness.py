@@ -49,11 +49,13 @@ def softness(
     choice: options.Choice,
     output: options.Output,
 ) -> None:
-    """Measure the softness of objects: the Young modulus with an interval, and their order.
+    """Measure the softness of objects: the Young modulus with two uncertainties, and their order.
 
     On a real bench, without --samples and --modulus, one unknown object is mounted. If the ratio says little about the
     modulus (above 0.97, or outside the model's range), the answer is only a bound. The result names the model that
-    turns ratios into moduli, and its error; "experiment" interpolates the measurements on the six samples.
+    turns ratios into moduli, and its error; "experiment" interpolates the measurements on the six samples. The
+    uncertainty on the model's scale is for comparing objects; the absolute one holds the model's validation error, by
+    references (palpate calibrate model) or by the thesis' experiments.
     """
     from palpate.procedures.commands.procedures import chosen_by, measure
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model

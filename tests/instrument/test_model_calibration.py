@@ -69,9 +69,11 @@ def test_a_better_known_reference_counts_more() -> None:
 
 def test_the_films_calibration_that_references_and_object_share_cancels_in_both() -> None:
     films_u = 0.0146
-    found = fitted(0.2, 0.25, 0.22, films_u=films_u)
+    found = fitted(0.2, 0.25, 0.22, films_u=films_u).model_copy(update={"film_calibration": "ab12"})
     shared, apart = found.line(same_films=True), found.line(same_films=False)
     assert shared.u is not None and apart.u is not None
+    assert shared.source.endswith("the films' calibration is the same and cancels")
+    assert apart.source.endswith("their films' calibration counts")
     assert apart.u**2 - shared.u**2 == pytest.approx(films_u**2)  # it does not average out
     question, ratio, u = Question("single", "surface"), 0.2, 0.2 * math.hypot(films_u, SCATTER)
     (cancelled,) = estimate(question, [ratio], u, references=ByReferences(found, True, films_u * ratio))
