@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from palpate.instrument.errors import ConfigError, quoted
 from palpate.procedures.engine.plan import Plan, Step
@@ -10,6 +11,10 @@ from palpate.procedures.engine.procedure import Finished, Measurement, P, Proced
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept, reserved
 from palpate.procedures.records.record import Recorder
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.sensor.design import Design
 
 
 def planned(procedure: Procedure[S, P, R], target: Target) -> Plan[S]:
@@ -23,6 +28,18 @@ def planned(procedure: Procedure[S, P, R], target: Target) -> Plan[S]:
         if not isinstance(step, Step):
             raise _wrong(procedure, f"plan returned {quoted(step)} as a step", "it must be a Step")
     return plan
+
+
+def asked(procedure: Procedure[S, P, R], design: Design) -> Question | None:
+    """What it asks a sensor model. Raises ConfigError: `model_question` returned something else."""
+    found = procedure.model_question(design)
+    if found is None:
+        return None
+    from palpate.instrument.models.ratio import Question
+
+    if not isinstance(found, Question):
+        raise _wrong(procedure, f"model_question returned {quoted(found)}", "it must return a Question or None")
+    return found
 
 
 def begun(procedure: Procedure[S, P, R], lab: Lab, record: Recorder) -> Work[S, P]:

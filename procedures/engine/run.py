@@ -13,7 +13,7 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.known import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.returned import calibration_saved, planned
+from palpate.procedures.engine.returned import asked, calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.chosen import Chosen
@@ -129,7 +129,7 @@ def record_run(
             {**asdict(procedure), **procedure.constants},
             folder,
             calibrating=procedure.calibrating,
-            question=procedure.model_question(bench.target.design),
+            question=asked(procedure, bench.target.design),
             manual_work=procedure.manual_work,
             automated_by=procedure.automated_by,
             outside=outside(type(procedure)),

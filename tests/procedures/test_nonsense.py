@@ -16,6 +16,7 @@ import palpate
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.procedures.commands.options import Output
 from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.engine.returned import asked
 from palpate.procedures.lab.session import reserved
 from palpate.procedures.records.record import Recorder
 from tests.procedures.conftest import HEADER
@@ -58,6 +59,9 @@ class Nonsense(palpate.Procedure[Any, Any, Any]):
     def skips(self, step: Any, points: Any, lab: palpate.Lab) -> Any:
         return self._get("skips", False)
 
+    def model_question(self, design: Any) -> Any:
+        return self._get("model_question", None)
+
     def evaluate(self, points: Any, lab: palpate.Lab) -> Any:
         return self._get("evaluate", palpate.SimpleResult(points))
 
@@ -96,6 +100,12 @@ def test_what_a_procedure_must_not_return_is_named(
     with Recorder.create(tmp_path, HEADER) as record, pytest.raises(ConfigError, match=message):
         conduct(Nonsense(**returned), lab, record)
     assert record.points == (1 if "evaluate" in returned else 0)
+
+
+def test_what_a_procedure_asks_a_model_is_a_question(lab: palpate.Lab) -> None:
+    assert asked(Nonsense(), lab.design) is None
+    with pytest.raises(ConfigError, match="model_question returned 'surface'; it must return a Question or None"):
+        asked(Nonsense(model_question="surface"), lab.design)
 
 
 @pytest.mark.parametrize("name", ["simulated", "run", "seed", "mounting", "points", "plot", "bench_seconds"])

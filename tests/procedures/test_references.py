@@ -90,6 +90,7 @@ def test_a_calibration_of_a_model_is_replayed_from_its_bus_log(palpate: Palpate)
     assert Run.open(Path("again")).digest() == Run.open(Path(whole["run"])).digest()
 
 
+@pytest.mark.slow
 def test_people_are_told_what_the_calibration_is_worth(palpate: Palpate) -> None:
     said = palpate("calibrate", "model", "--reference", "A: 48 kPa ± 2 %", *QUICK).out
     assert "SIMULATED Calibration of model 'surface' (physical set, single)" in said
