@@ -65,7 +65,7 @@ SIGNATURES = {
     "PositionSweep": "positions sample load dwell frequency extrapolate",
     "Procedure": "",
     "Recorder": "folder header",
-    "Reference": "name modulus u source sample simulated",
+    "Reference": "name modulus u source digest sample simulated",
     "ReferenceSeries": "references loads dwell frequency model parameters thickness valid_days",
     "Report": "show draw",
     "RequiredLoads": "values extrapolate",

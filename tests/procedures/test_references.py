@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -76,7 +77,8 @@ def test_a_run_that_tested_the_modulus_is_a_reference(palpate: Palpate) -> None:
     assert found.u >= tested["tangent_modulus_u"] / tested["tangent_modulus_Pa"]
     made = palpate("calibrate", "model", "--reference", f"A: {name}", *QUICK, "--json").object
     assert made["references"][0]["source"] == f"{name}, digest {Run.open(Path(tested['run'])).digest()[:12]}"
-    twice = ("--reference", f"A: {name}", "--reference", f"B: runs/{name}")
+    shutil.copytree(tested["run"], "copy")
+    twice = ("--reference", f"A: {name}", "--reference", "B: copy")
     assert "references 'A' and 'B': the same is given twice" in palpate("calibrate", "model", *twice).complaint
     with pytest.raises(UsageError, match="is a run of calibrate-model, which tells no modulus"):
         read_reference(f"A: {made['run']}")
@@ -109,6 +111,7 @@ def test_people_are_told_what_the_calibration_is_worth(palpate: Palpate) -> None
         (("A: 48 ± 2 %",), "'48' has no unit where Pa belongs; write for example '48 kPa'"),
         (("A: 48 mm ± 2 %",), "is in mm where Pa belongs"),
         (("A: 48 kPa ± 2",), "'2' has no unit where Pa belongs"),
+        (("A: 48 kPa ± nan %",), "'nan %' is not a quantity; write for example '2 %'"),
         (("A: -48 kPa ± 2 %",), "modulus -48 kPa of reference 'A' is not above 0"),
         (("A: 48 kPa ± 60 %",), "uncertainty 60 % of reference 'A' is not above 0 and at most 50 %"),
         (("A: 48 kPa ± 30 kPa",), "uncertainty 62.5 % of reference 'A'"),
@@ -146,7 +149,7 @@ def test_settings_that_calibrate_nothing_are_refused(series: ReferenceSeries, me
 
 
 def test_a_reference_of_hardware_is_none_of_a_simulated_bench() -> None:
-    series = ReferenceSeries((Reference("A", 48e3, 0.02, "run", "4", simulated=False),))
+    series = ReferenceSeries((Reference("A", 48e3, 0.02, "run", "ab", "4", simulated=False),))
     series.check(REAL)
     simulated = Target(get_design("single"), 10.0, nodes=1, model="experiment")
     with pytest.raises(RangeError, match="was measured on hardware, and this bench is simulated"):

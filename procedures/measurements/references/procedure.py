@@ -61,7 +61,7 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
             raise RangeError("no reference is given; give at least one")
         for number, each in enumerate(self.references):
             for other in self.references[:number]:
-                if each.name == other.name or (each.simulated is not None and each.source == other.source):
+                if each.name == other.name or (each.digest and each.digest == other.digest):
                     names = f"references {other.name!r} and {each.name!r}" if each.name != other.name else ""
                     raise RangeError(
                         f"{names or f'reference {each.name!r}'}: the same is given twice, which would count it double;"

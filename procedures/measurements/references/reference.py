@@ -41,7 +41,8 @@ class Reference:
         name: name of the object.
         modulus: Young modulus [Pa].
         u: relative standard uncertainty of the modulus.
-        source: "stated", or the run that measured it, with its digest.
+        source: "stated", or the name of the run that measured it.
+        digest: digest of that run; empty: it is stated.
         sample: rubber sample that it is; empty: none.
         simulated: whether a simulated bench measured it; None: it is stated.
 
@@ -54,6 +55,7 @@ class Reference:
     modulus: float
     u: float
     source: str = STATED
+    digest: str = ""
     sample: str = ""
     simulated: bool | None = None
 
@@ -69,6 +71,11 @@ class Reference:
                 f"uncertainty {100 * self.u:.4g} % of reference {self.name!r} is not above 0 and at most"
                 f" {100 * LARGEST:g} %; give the standard uncertainty of its modulus, or another reference"
             )
+
+    @property
+    def told(self) -> str:
+        """Where the modulus comes from, for people and the file."""
+        return f"{self.source}, digest {self.digest[:12]}" if self.digest else self.source
 
     def object(self, design: Design, thickness: float) -> Sample:
         """What is mounted: on a simulated bench a rubber sample, or an object of the stated modulus."""
@@ -101,8 +108,8 @@ def read_reference(text: str) -> Reference:
 def _stated(name: str, modulus: float, uncertainty: str) -> Reference:
     if not modulus > 0:
         raise RangeError(f"modulus {show(modulus, 'Pa')} of reference {name!r} is not above 0; give a positive one")
-    share = parse(uncertainty, "") if uncertainty.endswith("%") else parse(uncertainty, "Pa", "2 %") / modulus
-    return Reference(name, modulus, share, STATED, name if name in SAMPLES else "")
+    share = parse(uncertainty, "", "2 %") if uncertainty.endswith("%") else parse(uncertainty, "Pa", "2 %") / modulus
+    return Reference(name, modulus, share, sample=name if name in SAMPLES else "")
 
 
 def _measured(name: str, text: str) -> Reference:
@@ -122,5 +129,5 @@ def _measured(name: str, text: str) -> Reference:
         raise RecordError(f"{error}; test the object anew") from None
     found = test.result_of(points, calibration).compression.tangent
     factor = coverage_factor(found.budget.degrees_of_freedom) / NORMAL_FACTOR
-    source = f"{run.folder.name}, digest {run.digest()[:12]}"
-    return Reference(name, found.value, factor * found.u / found.value, source, test.sample, run.simulated)
+    u = factor * found.u / found.value
+    return Reference(name, found.value, u, run.folder.name, run.digest(), test.sample, run.simulated)

@@ -133,7 +133,7 @@ def evaluate(
                 each.name,
                 each.modulus,
                 each.u,
-                each.source,
+                each.told,
                 mean.value,
                 math.hypot(part[SCATTER], part[NOISE]) / mean.value,
                 part[CALIBRATION] / mean.value,
