@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.designs import get_design
     from palpate.instrument.sensor.load import Load
     from palpate.instrument.sensor.sample import get_sample
-    from palpate.procedures.engine.plan import Plan, Step
+    from palpate.procedures.engine.plan import Plan, Predicted, Step
     from palpate.procedures.engine.procedure import (
         Finished,
         Measurement,
@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
     from palpate.procedures.measurements.loads.procedure import LoadSweep
     from palpate.procedures.measurements.modulus.procedure import ModulusTest
+    from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
     from palpate.procedures.measurements.position.procedure import PositionSweep
     from palpate.procedures.measurements.references.procedure import ReferenceSeries
     from palpate.procedures.measurements.references.reference import Reference, read_reference
@@ -82,7 +83,7 @@ _PLACES = {
     "instrument.sensor.designs": "get_design",
     "instrument.sensor.load": "Load",
     "instrument.sensor.sample": "get_sample",
-    "procedures.engine.plan": "Plan Step",
+    "procedures.engine.plan": "Plan Predicted Step",
     "procedures.engine.procedure": "Finished Measurement Procedure Report RequiredLoads SimpleResult Work",
     "procedures.engine.replay": "replay",
     "procedures.engine.resume": "resume",
@@ -97,6 +98,7 @@ _PLACES = {
     "procedures.measurements.load_cell.procedure": "LoadCellSeries",
     "procedures.measurements.loads.procedure": "LoadSweep",
     "procedures.measurements.modulus.procedure": "ModulusTest",
+    "procedures.measurements.object_modulus.procedure": "ObjectModulus",
     "procedures.measurements.position.procedure": "PositionSweep",
     "procedures.measurements.references.procedure": "ReferenceSeries",
     "procedures.measurements.references.reference": "Reference read_reference",
@@ -126,10 +128,12 @@ __all__ = [
     "Measurement",
     "ModelCalibration",
     "ModulusTest",
+    "ObjectModulus",
     "OpenBench",
     "PalpateError",
     "Plan",
     "PositionSweep",
+    "Predicted",
     "Procedure",
     "RangeError",
     "RecordError",

@@ -21,6 +21,8 @@ from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.measurements.modulus.result import NAMES
+from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+from palpate.procedures.measurements.object_modulus.result import ModulusPoint
 from palpate.procedures.measurements.position.procedure import PositionSweep
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.measurements.softness.result import SoftnessPoint
@@ -49,7 +51,7 @@ Found = dict[str, Value]
 
 
 def _ratios(
-    points: Sequence[LoadPoint | SoftnessPoint | TemperaturePoint],
+    points: Sequence[LoadPoint | SoftnessPoint | ModulusPoint | TemperaturePoint],
 ) -> Found:
     return {f"ratio {i}": Value(p.force_ratio, p.force_ratio_u, p.valid) for i, p in enumerate(points)}
 
@@ -121,6 +123,15 @@ def _softness(bench: Bench, record: Recorder) -> Found:
     return found
 
 
+def _measure_modulus(bench: Bench, record: Recorder) -> Found:
+    wanted = ObjectModulus(get_sample(SAMPLE), tolerance=0.2, relative_to_model=True, frequency=FREQUENCY)
+    result = conduct(wanted, _lab(bench), record)
+    found = _ratios(result.points)
+    if result.answer is not None:
+        found["ratio"] = Value(result.answer.ratio.value, APART * result.answer.ratio.u)
+    return found
+
+
 def _characterise(bench: Bench, record: Recorder) -> Found:
     result = conduct(Characterisation(SAMPLE, LOADS, DWELL, FREQUENCY, 2.0), _lab(bench), record)
     found = {f"{row.film} {row.quantity}": Value(row.value, APART * row.u) for row in result.rows}
@@ -139,6 +150,7 @@ PROCEDURES: dict[str, Callable[[Bench, Recorder], Found]] = {
     "calibrate films": _calibrate_films,
     "test modulus": _test_modulus,
     "softness": _softness,
+    "measure modulus": _measure_modulus,
     "characterise": _characterise,
 }
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate.instrument.errors import ConfigError, PalpateError, UsageError
+from palpate.procedures.commands.measure_modulus import modulus
 from palpate.procedures.commands.options import (
     DRY_RUN,
     LONGEST,
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from palpate.procedures.engine.settings import Asked
 
 FIELD = "field_"  # prefix of a parameter for a field, so that no other parameter of the command has the same name
+OWN = {"modulus": modulus}  # commands with other options than the settings of their procedure
+SERVED = frozenset({"measure-modulus"})  # procedures of these commands, which the list does not have twice
 PLAIN = {float: "NUMBER", int: "INTEGER", str: "TEXT"}
 EXAMPLES = "Examples:\n\n  palpate measure {0}{1}\n\n  palpate measure {0}{1} --scene ideal --dry-run"
 
@@ -34,11 +37,11 @@ class Known(Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         from palpate.procedures.engine.known import names
 
-        return names()
+        return [*OWN, *(name for name in names() if name not in SERVED)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         try:
-            return command_of(cmd_name)
+            return OWN.get(cmd_name) or command_of(cmd_name)
         except PalpateError:
             if ctx.resilient_parsing:  # a shell completes a line
                 return None
@@ -49,7 +52,8 @@ class Known(Group):
         rows = []
         for name in self.list_commands(ctx):
             try:
-                rows.append((name, command_of(name).get_short_help_str(LONGEST)))
+                found = OWN.get(name) or command_of(name)
+                rows.append((name, found.get_short_help_str(LONGEST)))
             except ConfigError as error:
                 rows.append((name, f"Cannot be used: {error}."))
         with formatter.section("Commands"):

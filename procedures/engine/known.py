@@ -25,6 +25,7 @@ SHIPPED = {
     "calibrate-films": "palpate.procedures.measurements.films.procedure:FilmSeries",
     "calibrate-model": "palpate.procedures.measurements.references.procedure:ReferenceSeries",
     "test-modulus": "palpate.procedures.measurements.modulus.procedure:ModulusTest",
+    "measure-modulus": "palpate.procedures.measurements.object_modulus.procedure:ObjectModulus",
     "softness": "palpate.procedures.measurements.softness.procedure:SoftnessTest",
     "characterise": "palpate.procedures.measurements.characterise.procedure:Characterisation",
 }

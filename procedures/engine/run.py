@@ -19,7 +19,7 @@ from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.open import OpenBench, one_run, opened
-from palpate.procedures.lab.session import places, recording
+from palpate.procedures.lab.session import Outcome, Promise, Session, places, recording
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
@@ -138,7 +138,23 @@ def record_run(
     ):
         if resumed is not None:
             pause = PausedAgain(resumed, session.lab.bench, pause)
+        began_ns = session.lab.bench.clock.now_ns()
         result = conduct(procedure, session.lab, session.record, progress, pause)
-        outcome = session.outcome()
-        session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
+        promise = _promise(procedure, session, began_ns, result, resumed)
+        outcome: Outcome = {**session.outcome(), **promise}
+        session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"], **promise})
     return Finished(procedure, result, session, outcome)
+
+
+def _promise(
+    procedure: Procedure[S, P, R], session: Session, began_ns: int, result: R, resumed: Resumed | None
+) -> Promise:
+    """What was predicted of a run, and what it took and gave. `began_ns`: bench time at its begin [ns]."""
+    predicted = planned(procedure, session.lab.target).predicted
+    continued = resumed is not None and resumed.run.header["scene"] is None  # nobody knows what lay between
+    return {
+        "predicted_seconds": predicted.seconds,
+        "predicted_u": predicted.u,
+        "achieved_seconds": None if continued else 1e-9 * (session.lab.bench.clock.now_ns() - began_ns),
+        "achieved_u": getattr(result, "achieved_u", None),  # results of packages need not have it
+    }

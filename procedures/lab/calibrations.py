@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -189,6 +190,26 @@ def model_of(
         calibration.check_films(None if films is None else films.sha256())
 
     return _checked(path, read_model_calibration(path), check)
+
+
+def probable_references(question: Question, simulated: bool) -> ByReferences | None:
+    """The newest stored calibration of the model that answers a question, before it is known which bench will answer.
+
+    A damaged or expired one does not count: the bench will tell of it when it is open.
+    """
+    from palpate.instrument.findings.object_modulus import ByReferences, answering
+
+    thickness = question.load(question.sensor().ring.material.modulus).sensed.thickness
+    path = model_path("*", question.design, answering(question), question.parameters, thickness, None)
+    found = []
+    for each in path.parent.glob(f"{path.stem.replace('model---', 'model-*-', 1)}*.toml"):
+        with suppress(PalpateError):
+            found.append(read_model_calibration(each))
+    found = [each for each in found if each.simulated == simulated or not simulated]
+    if not found:
+        return None
+    newest = max(found, key=lambda each: each.created)
+    return ByReferences(newest, newest.film_calibration is None)
 
 
 def by_references(path: Path, today: date) -> ByReferences:

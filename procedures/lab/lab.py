@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
@@ -14,6 +15,9 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
+
+if TYPE_CHECKING:
+    from palpate.instrument.findings.object_modulus import ByReferences
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +34,10 @@ class Target:
         travel: lowest position to which the positioner may go [m]; None: unknown.
         drivable: called with the frequency of a load [Hz]; raises RangeError or BenchError if the bench file tells that
             the bench cannot have such a load.
+        calibrated: least and greatest load that the load cell is calibrated for, peak to peak [N]; None: the bench is
+            not open yet.
+        references: calibration by references of the model that the procedure asks; None: there is none, or the bench is
+            not open yet.
     """
 
     design: Design
@@ -40,6 +48,8 @@ class Target:
     frequency_step: float | None = None
     travel: float | None = None
     drivable: Callable[[float], object] = lambda _frequency: None
+    calibrated: tuple[float, float] | None = None
+    references: ByReferences | None = None
 
 
 def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> Target:
@@ -91,5 +101,13 @@ class Lab:
         """The limits against which procedures check their settings."""
         nodes = self.bench.all(SensorNode)
         channels = self.bench.named(nodes[0]).kind.channels if nodes else CHANNELS
-        target = Target(self.design, self.bench.force_limit, len(nodes), channels=channels)
-        return with_kinds(target, self.bench.description.kind_in)
+        covered = self.calibration.least_N, self.calibration.greatest_N
+        target = Target(self.design, self.bench.force_limit, len(nodes), channels=channels, calibrated=covered)
+        return with_kinds(replace(target, references=self._by_references()), self.bench.description.kind_in)
+
+    def _by_references(self) -> ByReferences | None:
+        if self.references is None:
+            return None
+        from palpate.instrument.findings.object_modulus import ByReferences
+
+        return ByReferences(self.references, self.same_films)

@@ -36,7 +36,16 @@ if TYPE_CHECKING:
 RUNS_BEFORE = "runs_before"  # header key: number of earlier runs on the same open simulated bench
 
 
-class Outcome(TypedDict):
+class Promise(TypedDict):
+    """What a run was predicted to take and to give, and what it took and gave; None: not known."""
+
+    predicted_seconds: float | None
+    predicted_u: float | None
+    achieved_seconds: float | None
+    achieved_u: float | None
+
+
+class Outcome(Promise):
     """Keys that every result in JSON has: where it comes from and what it was computed with."""
 
     simulated: bool
@@ -121,6 +130,10 @@ class Session:
             "mounting": self.mounting,
             "bench_seconds": lab.bench.clock.now_ns() / 1e9,
             "wall_seconds": time.monotonic() - self.opened.wall_start,
+            "predicted_seconds": None,
+            "predicted_u": None,
+            "achieved_seconds": None,
+            "achieved_u": None,
         }
         return {**found, **_reduced(scene)}
 

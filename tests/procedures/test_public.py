@@ -61,7 +61,9 @@ SIGNATURES = {
     ),
     "ModulusTest": "sample strain steps extrapolate",
     "OpenBench": "bench chosen today started wall_start log runs",
+    "ObjectModulus": ("object tolerance time relative_to_model model load frequency mountings mounting_scatter"),
     "Plan": "procedure steps likely",
+    "Predicted": "seconds u told lines",
     "PositionSweep": "positions sample load dwell frequency extrapolate",
     "Procedure": "",
     "Recorder": "folder header",
@@ -76,7 +78,7 @@ SIGNATURES = {
     "SoftnessTest": "objects loads dwell frequency model",
     "StaticLoadWork": "lab sample force",
     "Step": "dwell_s seconds force_ratio_u what group",
-    "Target": "design force_limit nodes model channels frequency_step travel drivable",
+    "Target": "design force_limit nodes model channels frequency_step travel drivable calibrated references",
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
     "as_dataset": "run",
@@ -113,7 +115,7 @@ MEMBERS = {  # what a script or a class of its own uses
         "waveform waveform_names waveforms"
     ),
     "StaticLoadWork": "arrange end load",
-    "Target": "channels design drivable force_limit frequency_step model nodes travel",
+    "Target": "calibrated channels design drivable force_limit frequency_step model nodes references travel",
     "Work": "arrange end take",
 }
 

@@ -1,0 +1,91 @@
+"""The command palpate measure modulus."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from palpate.procedures.commands import options, texts
+from palpate.procedures.commands.options import option
+
+if TYPE_CHECKING:
+    from palpate.instrument.sensor.design import Design
+    from palpate.instrument.sensor.sample import Sample
+
+
+@click.command(
+    "modulus",
+    cls=options.Command,
+    epilog="Examples:\n\n  palpate measure modulus --sample 4 --tolerance '5 %' --relative-to-model"
+    "\n\n  palpate measure modulus --modulus '60 kPa' --time '2 min' --json"
+    "\n\n  palpate measure modulus --bench lab.toml --tolerance '20 %' --dry-run",
+)
+@option("--tolerance", callback=texts.share, help="Relative standard uncertainty of the modulus, absolute.")
+@option("--time", callback=texts.quantity("s"), help="Bench time that is not exceeded, a person's 60 s included.")
+@option("--relative-to-model", is_flag=True, help="The tolerance is about the model's scale, not absolute.")
+@option("--sample", help="Rubber sample.")
+@option("--modulus", callback=texts.quantity("Pa"), help="Young modulus of an unknown object; on a real bench a guess.")
+@option("--thickness", callback=texts.quantity("m"), default="3 mm", help="Thickness of an unknown object.")
+@option("--model", metavar="NAME", default="auto", help="Sensor model that turns the ratio into the modulus.")
+@option("--load", callback=texts.quantity("N"), help="Load, peak to peak (default: the plan chooses it).")
+@options.frequency_option
+@option("--mountings", type=click.INT, help="How often the object is mounted (default: the plan chooses it).")
+@option(
+    "--mounting-scatter",
+    callback=texts.quantity(""),
+    help="Relative standard deviation of the ratio from mounting to mounting, if it is known.",
+)
+@options.DRY_RUN
+@options.bench_options
+@options.budget_option
+def modulus(
+    tolerance: float | None,
+    time: float | None,
+    relative_to_model: bool,
+    sample: str | None,
+    modulus: float | None,
+    thickness: float,
+    model: str,
+    load: float | None,
+    frequency: float,
+    mountings: int | None,
+    mounting_scatter: float | None,
+    dry_run: bool,
+    choice: options.Choice,
+    output: options.Output,
+) -> None:
+    """Measure the Young modulus of one object to a tolerance, or as well as a time allows.
+
+    Before anything moves, a plan says how often the object is mounted, how many load sets there are, under which load
+    and for how long, what that takes and what it is expected to give. A tolerance that no time reaches is refused, with
+    the line that binds and other ways. Without --sample and --modulus, 50 kPa are expected of the object.
+    """
+    from palpate.instrument.additions import check_ours
+    from palpate.procedures.commands.procedures import chosen_by, measure, plan
+    from palpate.procedures.engine.known import GROUP, WHAT
+    from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+
+    check_ours(GROUP, WHAT, ["modulus"])  # the command's name is reserved
+    design = chosen_by(choice).target.design
+    touched = _object(design, sample, modulus, thickness, real=choice.bench is not None)
+    procedure = ObjectModulus(
+        touched, tolerance, time, relative_to_model, model, load, frequency, mountings, mounting_scatter
+    )
+    (plan if dry_run else measure)(procedure, choice, output)
+
+
+def _object(design: Design, sample: str | None, modulus: float | None, thickness: float, real: bool) -> Sample:
+    """The object to mount. Raises UsageError: sample and modulus are both given, or neither for a simulated bench."""
+    from palpate.instrument.errors import UsageError
+    from palpate.instrument.sensor.sample import get_sample
+    from palpate.procedures.measurements.object_modulus.procedure import UNKNOWN
+    from palpate.procedures.measurements.softness.procedure import unknown_object
+
+    if sample is not None and modulus is not None:
+        raise UsageError("--sample and --modulus: give either a sample or the modulus of an unknown object, not both")
+    if sample is not None:
+        return get_sample(sample)
+    if modulus is None and not real:
+        raise UsageError("--sample or --modulus is missing: name the object that the simulated bench touches")
+    return unknown_object(design, thickness, UNKNOWN if modulus is None else modulus, "unknown" if real else None)

@@ -1,0 +1,190 @@
+"""The course of a measurement: whether the sets so far are enough, and when the object is mounted again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from palpate.instrument.allocation.allocate import BelowFloor
+from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.stopping import FIRST, Ratios, Verdict, answer, enough, first_sets, pooled
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.curve import RatioCurve
+from palpate.instrument.models.ratio import Question
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.measurements.object_modulus.prospect import (
+    BOUND_SETS,
+    CURVE,
+    MOUNTED,
+    PRIOR_FREEDOM,
+    Prospect,
+    Wanted,
+    costs_of,
+    end_seconds,
+    lines_of,
+    sensitivity_at,
+)
+from palpate.procedures.measurements.object_modulus.result import (
+    LEAST_MOUNTINGS,
+    Answer,
+    ModulusPoint,
+    answered,
+    ratios_of,
+)
+
+RESERVE = 1.0  # s, for what takes longer than usual
+IN_A_ROW = 5  # sets that are not valid, after which the measurement ends
+TOO_ALIKE = 0.001  # probability that sets repeat so well by chance, if their gains scatter as the design's do
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """The course of a measurement by its plan.
+
+    Attributes:
+        design: the sensor.
+        question: the model that turns a ratio into a modulus, and the thickness of the object.
+        curve: the curve of that model, corrected by references.
+        wanted: what is asked for.
+        prospect: the plan.
+    """
+
+    design: Design
+    question: Question
+    curve: RatioCurve
+    wanted: Wanted
+    prospect: Prospect
+
+    @property
+    def costs(self) -> Costs:
+        """Bench times, by which further mountings and sets are chosen."""
+        return costs_of(self.prospect.load, self.wanted.frequency)
+
+    def verdict(self, points: Sequence[ModulusPoint]) -> Verdict:
+        """Whether the points are enough, and how many mountings and sets there will be in all."""
+        plan, ratios = self.prospect.allocation, ratios_of(points)
+        found = Verdict(plan.mountings, plan.sets, _unusable(points))
+        if found.why or not ratios:
+            return found
+        slope = self._sensitivity(ratios)
+        if slope is None:
+            why = "the ratio is only good for a bound, however many sets there are"
+            return replace(found, why=why) if sum(map(len, ratios)) >= BOUND_SETS else found
+        if self.wanted.tolerance is not None:
+            found = self._for_tolerance(self.wanted.tolerance, slope, ratios)
+        return found if found.why else self._within_time(points, found)
+
+    def _for_tolerance(self, tolerance: float, slope: float, ratios: Ratios) -> Verdict:
+        plan = self.prospect.allocation
+        lines = self._lines(ratios, slope, absolute=not self.wanted.relative)
+        try:
+            found = enough(lines, self.costs, tolerance, plan, slope, ratios)
+        except BelowFloor as error:
+            return Verdict(plan.mountings, plan.sets, f"{error.line} leaves {error.floor:.2%}, which no set lowers")
+        except RangeError:
+            return Verdict(plan.mountings, plan.sets, "by the scatter that was found no time on the bench is enough")
+        asked, each = plan.mountings, plan.sets // plan.mountings
+        if self.wanted.mountings is None or sum(len(sets) >= each for sets in ratios) >= asked:
+            return found
+        if not found.why and found.mountings >= asked:
+            return found
+        each = each if found.why else max(each, math.ceil(found.sets / asked))
+        return Verdict(asked, asked * each, "")
+
+    def _within_time(self, points: Sequence[ModulusPoint], found: Verdict) -> Verdict:
+        """The verdict; the given time ends the measurement before a set that would not fit into it."""
+        if self.wanted.time is None:
+            return found
+        costs, taken = self.costs, math.fsum(point.seconds for point in points)
+        following = costs.set + self.prospect.allocation.dwell
+        following += costs.mounting if _remounts(points, found) else 0.0
+        if taken + following + end_seconds(self.prospect.load) + RESERVE <= self.wanted.time:
+            return found
+        return replace(found, why=f"another set would not end within {self.wanted.time:g} s")
+
+    def remounts(self, points: Sequence[ModulusPoint]) -> bool:
+        """Whether the object is mounted again before the next set."""
+        return _remounts(points, self.verdict(points))
+
+    def answer(self, points: Sequence[ModulusPoint]) -> Answer | None:
+        """The modulus by the valid points; None: there is none. Raises EstimateError."""
+        ratios = ratios_of(points)
+        if not ratios:
+            return None
+        lines = [line for line in self._lines(ratios, 1.0, absolute=False) if line.name != CURVE]
+        by_time = self.wanted.tolerance is None or not self._for_tolerance_ended(ratios)
+        found = answer(lines, self.prospect.allocation, 1.0, ratios, by_time=by_time)
+        return answered(found.ratio, found.budget, self.question, self.prospect.found)
+
+    def notes(self, points: Sequence[ModulusPoint]) -> tuple[str, ...]:
+        """What else to know of the answer, for people."""
+        ratios, found = ratios_of(points), []
+        slope = self._sensitivity(ratios) if ratios else None
+        if ratios and slope is None:
+            low, high = (show(end, "Pa", 2) for end in self.curve.moduli)
+            found.append(
+                f"the ratio is at an end of what model {self.prospect.found.model!r} tells ({low} to {high}): a sensor "
+                "with a ring more like the object, or palpate test modulus, would do better"
+            )
+        if self.wanted.mounted is None and slope is not None and len(ratios) < LEAST_MOUNTINGS:
+            found.append(
+                "the scatter of mountings was never measured and counts as none; each 1 % of it would add "
+                f"{100 * 0.01 * slope / math.sqrt(len(ratios)):.2g} %; --mountings 3 measures it"
+            )
+        if ratios and self.too_alike(ratios):
+            found.append(
+                "the sets repeat far better than gains are known to scatter from set to set, so that this scatter "
+                "counts for mountings"
+            )
+        return tuple(found)
+
+    def _for_tolerance_ended(self, ratios: Ratios) -> bool:
+        """Whether the number of sets follows from the scatter of the first ones."""
+        return len(ratios[0]) >= first_sets(self.prospect.allocation)
+
+    def too_alike(self, ratios: Ratios) -> bool:
+        """Whether the sets repeat far better than gains are known to scatter from set to set.
+
+        Then that scatter may come with the mounting instead, and sets do not lower it.
+        """
+        freedom = sum(len(each) - 1 for each in ratios)
+        if freedom < FIRST - 1:
+            return False
+        from scipy.special import chdtr
+
+        scatter = pooled(0.0, 0.0, *ratios).u
+        return float(chdtr(freedom, freedom * (scatter / self.design.ratio_scatter) ** 2)) < TOO_ALIKE
+
+    def _sensitivity(self, ratios: Ratios) -> float | None:
+        return sensitivity_at(self.curve, _mean(ratios))
+
+    def _lines(self, ratios: Ratios, slope: float, *, absolute: bool) -> list[Line]:
+        """The lines of the plan at the measured ratio; a scatter that sets do not show counts for mountings."""
+        found = replace(self.prospect.found, ratio=_mean(ratios), sensitivity=slope)
+        lines = lines_of(self.design, found, self.prospect.load, self.wanted, absolute)
+        if not self.too_alike(ratios):
+            return list(lines)
+        mounted = math.hypot(self.design.ratio_scatter, self.wanted.mounted or 0.0)
+        kept = [line for line in lines if line.name != MOUNTED]
+        return [*kept, Line(MOUNTED, slope * mounted, Unit.MOUNTING, PRIOR_FREEDOM)]
+
+
+def _remounts(points: Sequence[ModulusPoint], verdict: Verdict) -> bool:
+    ratios = ratios_of(points)
+    each = max(1, verdict.sets // verdict.mountings)
+    return bool(ratios) and len(ratios) < verdict.mountings and len(ratios[-1]) >= each
+
+
+def _mean(ratios: Ratios) -> float:
+    """Geometric mean of the geometric means of the mountings."""
+    means = [math.fsum(map(math.log, each)) / len(each) for each in ratios]
+    return math.exp(math.fsum(means) / len(means))
+
+
+def _unusable(points: Sequence[ModulusPoint]) -> str:
+    last = points[-IN_A_ROW:]
+    if len(last) == IN_A_ROW and not any(point.valid for point in last):
+        return f"the last {IN_A_ROW} sets are not valid: {', '.join(last[-1].flags)}"
+    return ""

@@ -1,0 +1,103 @@
+"""A target that cannot be reached: which line binds, the best there is, and other ways there."""
+
+from __future__ import annotations
+
+import math
+
+from palpate.instrument.allocation.allocate import BelowFloor, allocate
+from palpate.instrument.errors import PalpateError, RangeError, UsageError
+from palpate.instrument.findings.mean_ratio import CALIBRATION, PICKUP
+from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.validation import validate
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.measurements.object_modulus.prospect import (
+    CURVE,
+    VALIDATION,
+    Expected,
+    Wanted,
+    costs_of,
+    lines_of,
+)
+from palpate.procedures.showing.plan import duration
+
+NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
+REFERENCES, REFERENCE_U, REFERENCE_SECONDS = 6, 0.02, 400.0  # as many as pay; u of the modulus of each; each once [M]
+COMPRESSION = "2 to 4 % in 272 s, where the object can be taken off: palpate test modulus"
+"""The compression test of this bench [M]."""
+REMEDIES = {
+    CALIBRATION: "calibrate the films at more points: palpate calibrate films",
+    PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
+    CURVE: "ask a finer model, such as --model auto",
+}
+
+
+def below_floor(wanted: Wanted, question: Question, found: Expected, design: Design, error: BelowFloor) -> RangeError:
+    """The refusal of a tolerance below the floor."""
+    share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
+    if error.line != VALIDATION:
+        remedy = REMEDIES.get(error.line, "lower that line")
+        return RangeError(
+            f"--tolerance {share} cannot be reached: {error.line} leaves {100 * error.floor:.2g} %, which no time on"
+            f" the bench lowers\n  best now  {100 * error.floor:.2g} %\n  or        {remedy}\n  or        {COMPRESSION}"
+        )
+    factor = math.exp((found.sensitivity or 1.0) * (found.validation.u or 0.0))
+    lines = [
+        f"--tolerance {share} absolute cannot be reached: the model binds: {error.line} of {found.model!r} leaves"
+        f" {100 * error.floor:.2g} %, a factor of {factor:.2g} ({found.validation.source})",
+        f"best now  {100 * error.floor:.2g} %",
+        *_with_references(question, found),
+        f"or        {COMPRESSION}",
+        *_on_scale(wanted, found, design),
+    ]
+    return RangeError("\n  ".join(lines))
+
+
+def not_known(wanted: Wanted, found: Expected, design: Design) -> RangeError:
+    """The refusal of an absolute tolerance where the model's validation error is not known."""
+    share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
+    lines = [
+        f"--tolerance {share} absolute cannot be promised: the validation error of {found.model!r} is"
+        f" {found.validation.source}",
+        f"or        {COMPRESSION}",
+        *_on_scale(wanted, found, design),
+    ]
+    return RangeError("\n  ".join(lines))
+
+
+def check_mountings(wanted: Wanted, found: Expected, tolerance: float) -> None:
+    """Refuse a tolerance that needs the scatter of mountings where that was never measured. Raises UsageError."""
+    if tolerance >= NEEDS_MOUNTINGS or wanted.mounted is not None or (wanted.mountings or 1) >= 3:
+        return
+    percent = (found.sensitivity or 1.0) * 0.01
+    raise UsageError(
+        f"--tolerance {100 * tolerance:.3g} % needs the scatter of the ratio from mounting to mounting, which was never"
+        f" measured: 1 % of it alone makes {100 * percent:.2g} % of the modulus with one mounting\n"
+        "  either  --mountings 3, which measures it; the interval is then about twice as wide as with a known scatter\n"
+        "  or      --mounting-scatter '1 %', if an earlier measurement told it; '0 %' takes none for granted"
+    )
+
+
+def _with_references(question: Question, found: Expected) -> list[str]:
+    """What references would leave, by the spread of the thesis' samples about their mean; empty: not known."""
+    try:
+        spread = validate(question.design, question.parameters, found.model).ln_spread
+    except PalpateError:
+        return []
+    if spread is None or found.sensitivity is None:
+        return []
+    left = math.hypot(found.sensitivity * spread * math.sqrt(1 + 1 / REFERENCES), REFERENCE_U / math.sqrt(REFERENCES))
+    seconds = duration(REFERENCES * REFERENCE_SECONDS)
+    return [f"or        {100 * left:.2g} % with {REFERENCES} references ({seconds}, once): palpate calibrate model"]
+
+
+def _on_scale(wanted: Wanted, found: Expected, design: Design) -> list[str]:
+    """What the tolerance costs on the model's scale; empty: it is not reached there either."""
+    load = 2.0
+    lines = lines_of(design, found, load, wanted, absolute=False)
+    try:
+        plan = allocate(lines, costs_of(load, wanted.frequency), wanted.tolerance or 0.0)
+    except RangeError:
+        return []
+    share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
+    seconds = duration(plan.seconds)
+    return [f"or        {share} on the scale of {found.model!r}, about {seconds}: --relative-to-model"]

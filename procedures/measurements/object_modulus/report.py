@@ -1,0 +1,79 @@
+"""Prints and draws the modulus of an object, what was predicted and what was reached."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from palpate.instrument.models.validation_line import ValidationLine
+from palpate.instrument.quantity import counted, show
+from palpate.procedures.lab.session import Outcome
+from palpate.procedures.measurements.object_modulus.result import ObjectModulusResult, ratios_of
+from palpate.procedures.measurements.object_modulus.telling import planned_lines, share
+from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.moduli import between
+from palpate.procedures.showing.text import print_all, stamped, where
+
+
+def print_modulus(result: ObjectModulusResult, outcome: Outcome, plot: Path) -> None:
+    """Print what was wanted, planned, measured and reached."""
+    shares, groups = result.shares, ratios_of(result.points)
+    print_all(
+        stamped(outcome["simulated"], "Young modulus of one object"),
+        *planned_lines(result.wanted, result.prospect),
+        *_measured(result),
+        f"stopped        {result.stopped}; {counted(sum(map(len, groups)), 'set')} in "
+        f"{counted(len(groups), 'mounting')}, {_seconds(outcome)}",
+        *([] if not shares else [_binds(shares)]),
+        *(f"note           {note}" for note in result.notes),
+        *where(outcome, plot),
+    )
+
+
+def _seconds(outcome: Outcome) -> str:
+    achieved, predicted = outcome["achieved_seconds"], outcome["predicted_seconds"]
+    return f"predicted {predicted:.0f} s" if achieved is None else f"{achieved:.0f} s (predicted {predicted:.0f})"
+
+
+def _binds(shares: Mapping[str, float]) -> str:
+    name = max(shares, key=lambda each: shares[each])
+    return f"binds          {name}, {shares[name]:.0%} of the variance"
+
+
+def _measured(result: ObjectModulusResult) -> list[str]:
+    """The modulus with both intervals, and both relative uncertainties."""
+    if result.answer is None:
+        return ["measured       nothing: no set is valid"]
+    row, line = result.answer.row, result.answer.validation
+    scale = between(row["kind"], row["scale_low_Pa"], row["scale_high_Pa"])
+    if row["modulus_Pa"] is None:
+        return [f"measured       {scale} (95 %, scale); {row['note']}", _absolute(row, line)]
+    modulus = show(row["modulus_Pa"], "Pa", 3)
+    return [f"measured       {modulus} ± {share(row['scale_u'])}, {scale} (95 %, scale)", _absolute(row, line)]
+
+
+def _absolute(row: Mapping[str, object], line: ValidationLine) -> str:
+    if row["absolute_kind"] is None:
+        return f"absolute       {line.source}"
+    ends = [row[f"absolute_{end}_Pa"] for end in ("low", "high")]
+    low, high = (end if isinstance(end, float) else None for end in ends)
+    u = row["absolute_u"]
+    told = f"± {share(u)}, " if isinstance(u, float) else ""
+    return f"absolute       {told}{between(str(row['absolute_kind']), low, high)} (95 %); {line.source}"
+
+
+def plot_modulus(result: ObjectModulusResult, simulated: bool, folder: Path) -> Path:
+    """Draw the ratio of each set, and the share of each line in the variance. Returns the PNG file."""
+    figure, (left, right) = new_figure(simulated, 2, f"modulus of one object by model {result.prospect.found.model}")
+    for number in dict.fromkeys(point.mounting for point in result.points):
+        own = [(place, p) for place, p in enumerate(result.points, 1) if p.mounting == number and p.valid]
+        left.plot([place for place, _ in own], [p.force_ratio for _, p in own], "o", label=f"mounting {number}")
+    if result.answer is not None:
+        ratio = result.answer.ratio
+        left.axhspan(*ratio.interval(), alpha=0.2, label="mean, 95 %")
+    left.set(xlabel="set", ylabel="force ratio")
+    left.legend(fontsize=8)
+    shares = sorted(result.shares.items(), key=lambda each: each[1])
+    right.barh([name for name, _ in shares], [100 * value for _, value in shares])
+    right.set(xlabel="share of the variance (%)")
+    return save(figure, folder)

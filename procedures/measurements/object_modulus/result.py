@@ -1,0 +1,214 @@
+"""The points and the result of the measurement of one object's modulus."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from palpate.instrument.findings.mean_ratio import CALIBRATION
+from palpate.instrument.findings.object_modulus import COVERAGE, estimate
+from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.validation_line import ValidationLine
+from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.procedures.measurements.object_modulus.prospect import (
+    CURVE,
+    EDGE,
+    VALIDATION,
+    Expected,
+    Prospect,
+    Wanted,
+)
+
+LEAST_MOUNTINGS = 3  # whose scatter is told
+
+
+@dataclass(frozen=True, slots=True)
+class ModulusPoint:
+    """One load set. The load is peak to peak; names with `_u` are standard uncertainties.
+
+    Attributes:
+        mounting: number of the mounting, from 1.
+        load_N: the load that was asked for.
+        load_measured_N, load_measured_u: the measured load.
+        force_ratio, force_ratio_u: force ratio of the sensor, as `film_forces` finds it.
+        noise_u, calibration_u, pickup_u: parts of `force_ratio_u` that come from noise, the films' calibration and the
+            cables' pick-up.
+        degrees_of_freedom: degrees of freedom of `noise_u`.
+        dwell_s: the dwell.
+        seconds: bench time that the set took, with all that came before it since the set before.
+        valid: whether the point is used.
+        flags: why the point is not used, or what to know about it.
+        attempts: number of attempts.
+        incidents: number of failures of the bench that were made good since the point before; events describe them.
+        free_m: lowest position of the probe in this mounting at which it did not touch yet.
+    """
+
+    mounting: int
+    load_N: float
+    load_measured_N: float
+    load_measured_u: float
+    force_ratio: float
+    force_ratio_u: float
+    noise_u: float
+    calibration_u: float
+    pickup_u: float
+    degrees_of_freedom: float
+    dwell_s: float
+    seconds: float
+    valid: bool
+    flags: tuple[str, ...]
+    attempts: int
+    incidents: int
+    free_m: float
+
+
+def ratios_of(points: Sequence[ModulusPoint]) -> list[list[float]]:
+    """Ratios of the valid points of each mounting that has some, in order."""
+    groups: dict[int, list[float]] = {}
+    for point in points:
+        if point.valid and point.force_ratio > 0:
+            groups.setdefault(point.mounting, []).append(point.force_ratio)
+    return list(groups.values())
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The modulus of the object.
+
+    Attributes:
+        ratio: budget of the mean force ratio.
+        row: what the model says of the ratio, under the names of `estimate`.
+        validation: the model's validation error.
+        films_cancel: whether the error of the films' calibration cancels in the absolute modulus.
+    """
+
+    ratio: Budget
+    row: Mapping[str, Any]
+    validation: ValidationLine
+    films_cancel: bool
+
+    def budget(self, *, absolute: bool) -> Budget | None:
+        """The budget of the modulus, on the model's scale or absolute; None: there is none."""
+        modulus, slope = self.row["modulus_Pa"], self.row["sensitivity"]
+        if modulus is None or slope is None or (absolute and self.validation.u is None):
+            return None
+        change = slope * modulus  # over a relative change of the ratio
+        parts = [replace(part, sensitivity=change) for part in self.ratio.components]
+        curve = self.row["curve_error"] / math.sqrt(3) / self.ratio.value  # a bound: a rectangle
+        parts.append(Component(CURVE, curve, change))
+        if absolute:
+            parts = [part for part in parts if not (self.films_cancel and part.name == CALIBRATION)]
+            error, freedom = self.validation.u or 0.0, self.validation.degrees_of_freedom
+            parts.append(Component(VALIDATION, error, change, freedom))
+        quantity = f"modulus, {'absolute' if absolute else 'scale'}"
+        return Budget(quantity, modulus, "Pa", tuple(parts), self.ratio.correlations)
+
+
+def answered(mean: float, relative: Budget, question: Question, found: Expected) -> Answer:
+    """The modulus of a mean ratio, by the question's model. Raises as `estimate` does.
+
+    Args:
+        mean: the mean force ratio; one of 1 or more counts as nearly 1.
+        relative: its relative uncertainty.
+        question: the model that turns a ratio into a modulus, and the thickness of the object.
+        found: what was expected, with the model's calibration by references.
+    """
+    ratio, references = min(mean, 1 - EDGE), found.references
+    parts = tuple(replace(part, sensitivity=ratio) for part in relative.components)
+    budget = Budget("force ratio", ratio, "", parts, relative.correlations)
+    if references is not None and references.same_films:
+        shared = math.fsum(part.u * ratio for part in parts if part.name == CALIBRATION)
+        references = replace(references, shared_u=shared)
+    (row,) = estimate(question, [ratio], budget.u, budget.degrees_of_freedom, references)
+    return Answer(budget, row, found.validation, found.films_cancel)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectModulusResult:
+    """The result of the measurement.
+
+    Attributes:
+        points: the points.
+        wanted: what was asked for.
+        prospect: what was planned.
+        answer: the modulus; None: no point is valid.
+        stopped: why the measurement ended.
+        notes: what else to know, for people.
+    """
+
+    points: list[ModulusPoint]
+    wanted: Wanted
+    prospect: Prospect
+    answer: Answer | None
+    stopped: str
+    notes: tuple[str, ...]
+
+    @property
+    def achieved_u(self) -> float | None:
+        """Relative standard uncertainty that the tolerance is about; None: only a bound is known."""
+        if self.answer is None:
+            return None
+        found: float | None = self.answer.row["scale_u" if self.wanted.relative else "absolute_u"]
+        return found
+
+    @property
+    def budgets(self) -> list[Budget]:
+        """Uncertainty budgets of the mean ratio and of the modulus, on the model's scale and absolute."""
+        if self.answer is None:
+            return []
+        both = (self.answer.budget(absolute=absolute) for absolute in (False, True))
+        return [self.answer.ratio, *(budget for budget in both if budget is not None)]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of each line in the variance, absolute where that is asked for and known."""
+        if self.answer is None:
+            return {}
+        absolute = not self.wanted.relative and self.answer.validation.u is not None
+        budget = self.answer.budget(absolute=absolute)
+        return {} if budget is None else {row["name"]: row["share"] for row in budget.rows()}
+
+    @property
+    def mounting_scatter(self) -> tuple[float, int] | None:
+        """Relative standard deviation of the mountings of this run beyond that of their sets; degrees of freedom."""
+        groups = [[math.log(ratio) for ratio in group] for group in ratios_of(self.points)]
+        groups = [group for group in groups if len(group) > 1]
+        if len(groups) < LEAST_MOUNTINGS:
+            return None
+        means = [math.fsum(group) / len(group) for group in groups]
+        centre = math.fsum(means) / len(means)
+        between = math.fsum((mean - centre) ** 2 for mean in means) / (len(means) - 1)
+        within = math.fsum(
+            math.fsum((value - mean) ** 2 for value in group) / (len(group) - 1) / len(group)
+            for group, mean in zip(groups, means, strict=True)
+        ) / len(groups)
+        return math.sqrt(max(between - within, 0.0)), len(groups) - 1
+
+    def summary(self) -> dict[str, Any]:
+        """The result without its points, under public names."""
+        plan, answer, scattered = self.prospect.allocation, self.answer, self.mounting_scatter
+        groups = ratios_of(self.points)
+        shares = self.shares
+        return {
+            "tolerance": self.wanted.tolerance,
+            "time_s": self.wanted.time,
+            "relative_to_model": self.wanted.relative,
+            "planned": self.prospect.summary(),
+            "stopped": self.stopped,
+            "notes": list(self.notes),
+            "mountings": len(groups),
+            "sets": sum(map(len, groups)),
+            "dwell_s": plan.dwell,
+            "load_N": self.prospect.load,
+            "mounting_scatter": None if scattered is None else scattered[0],
+            "mounting_scatter_freedom": None if scattered is None else scattered[1],
+            "coverage": COVERAGE,
+            **({} if answer is None else {name: value for name, value in answer.row.items() if name != "model"}),
+            "answered_by": self.prospect.found.model,
+            "shares": shares,
+            "binds": max(shares, key=lambda name: shares[name], default=None),
+            "validation_line": self.prospect.found.validation.summary(),
+            "budgets": [budget.summary() for budget in self.budgets],
+        }

@@ -1,0 +1,51 @@
+"""Words for what is wanted of a measurement of a modulus, what is planned, and what is expected of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from palpate.instrument.quantity import counted, show
+from palpate.procedures.engine.plan import MOUNTING
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, Wanted
+
+LEAST_SHARE = 0.005  # a smaller one is not told
+
+
+def wanted_line(wanted: Wanted, model: str) -> str:
+    """What was asked for, in words."""
+    scale = f"on the scale of {model!r}" if wanted.relative else "absolute"
+    if wanted.tolerance is None:
+        return f"as good as {wanted.time:g} s allow, {scale}"
+    return f"{share(wanted.tolerance)} {scale}" + ("" if wanted.time is None else f", within {wanted.time:g} s")
+
+
+def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
+    """What is planned and what is expected of it."""
+    plan, found = prospect.allocation, prospect.found
+    expected = prospect.scale_u if wanted.relative else prospect.absolute_u
+    person = f"person {MOUNTING * plan.mountings:g} s"
+    counts = f"{counted(plan.mountings, 'mounting')}, {counted(plan.sets, 'set')}"
+    each = f"{show(prospect.load, 'N')}, {show(plan.dwell, 's')}"
+    lines = [
+        f"wanted         {wanted_line(wanted, found.model)}",
+        f"plan           {counts}, {each}: {plan.seconds:.0f} s ({person})",
+    ]
+    if found.sensitivity is None:
+        return [*lines, f"expected       only a bound: model {found.model!r} cannot tell such an object from its ratio"]
+    told = "not known" if expected is None else share(expected)
+    if not wanted.relative and prospect.scale_u is not None:
+        told += f" ({share(prospect.scale_u)} on the scale)"
+    uncalibrated = "" if any(name.startswith("films") for name in plan.shares) else ", films not calibrated"
+    return [*lines, f"expected       {told}: {parts_of(plan.shares, plan.u)}{uncalibrated}"]
+
+
+def share(u: float) -> str:
+    """A share in percent, with two digits."""
+    return f"{100 * u:.2g} %"
+
+
+def parts_of(shares: Mapping[str, float], u: float) -> str:
+    """The lines of a budget, with what each adds to the uncertainty, the largest first."""
+    order = sorted(shares, key=lambda name: -shares[name])
+    told = [name for name in order if shares[name] >= LEAST_SHARE] or order[:1]
+    return ", ".join(f"{name} {share(u * max(shares[name], 0.0) ** 0.5)}" for name in told)

@@ -1,0 +1,238 @@
+"""`palpate measure modulus`: planned before anything moves, ended when it is reached, refused if nothing reaches it."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.object_modulus.course import Course
+from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+from palpate.procedures.measurements.object_modulus.prospect import curve_of
+from palpate.procedures.measurements.object_modulus.result import ModulusPoint, ObjectModulusResult
+from palpate.procedures.records.run import Run
+from tests.procedures.conftest import Palpate
+
+MEASURE = ("measure", "modulus")
+TARGET = Target(get_design("single"), 10.0, 1, "experiment")
+RATIO = 0.22  # of sample 4
+SCALE = {"tolerance": 0.05, "relative_to_model": True}
+
+
+def wanted(**settings: Any) -> ObjectModulus:
+    return ObjectModulus(get_sample("4"), **settings)
+
+
+def course(procedure: ObjectModulus) -> Course:
+    question = procedure.model_question(TARGET.design)
+    return Course(TARGET.design, question, curve_of(question), procedure.wanted, procedure.prospect(TARGET))
+
+
+def points(*deviations: float, mounting: int = 1, seconds: float = 0.6, valid: bool = True) -> list[ModulusPoint]:
+    """Load sets whose ratios deviate from RATIO by shares."""
+    return [
+        ModulusPoint(
+            mounting=mounting, load_N=3.0, load_measured_N=3.0, load_measured_u=0.03,
+            force_ratio=RATIO * math.exp(each), force_ratio_u=0.009, noise_u=1e-3, calibration_u=0.0, pickup_u=0.0,
+            degrees_of_freedom=3.0, dwell_s=0.1, seconds=seconds, valid=valid, flags=() if valid else ("clipped",),
+            attempts=1, incidents=0, free_m=8e-3,
+        )
+        for each in deviations
+    ]  # fmt: skip
+
+
+SCATTERED = (0.05, -0.02, 0.04, -0.05, 0.03, -0.03, 0.06, -0.06, 0.01, -0.03)  # as gains do: 4.4 %
+
+
+# --- the plan --------------------------------------------------------------------------------------------
+
+
+def test_the_dry_run_tells_plan_and_expected_uncertainty_and_sends_nothing(palpate: Palpate) -> None:
+    said = palpate(*MEASURE, "--sample", "4", "--tolerance", "5%", "--relative-to-model", "--dry-run")
+    assert said.status == 0
+    assert "wanted         5 % on the scale of 'surface'\n" in said.out
+    assert "plan           1 mounting, 10 sets, 3 N, 100 ms: 85 s (person 60 s)\n" in said.out
+    assert "expected       2.6 %: gain scatter 2.6 %, films not calibrated\n" in said.out
+    assert not Path("runs").exists()
+
+
+def test_a_tighter_tolerance_takes_more_sets_and_a_longer_time_gives_a_smaller_uncertainty() -> None:
+    loose, tight = (wanted(**{**SCALE, "tolerance": t}, mounting_scatter=0.0).prospect(TARGET) for t in (0.02, 0.01))
+    assert tight.allocation.sets > 3 * loose.allocation.sets
+    assert loose.allocation.seconds < 100 < tight.allocation.seconds
+    short, long = (wanted(time=t, relative_to_model=True).prospect(TARGET) for t in (90.0, 180.0))
+    assert (long.scale_u or 1) < (short.scale_u or 0) / 2
+    assert short.allocation.seconds <= 90
+
+
+def test_mountings_that_scatter_are_planned_for() -> None:
+    plan = wanted(tolerance=0.02, relative_to_model=True, mounting_scatter=0.02).prospect(TARGET).allocation
+    assert (plan.mountings, plan.binds) == (5, "mounting scatter")
+    given = wanted(tolerance=0.02, relative_to_model=True, mountings=3).prospect(TARGET).allocation
+    assert (given.mountings, given.sets % 3) == (3, 0)
+
+
+# --- what is refused -------------------------------------------------------------------------------------
+
+
+def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Palpate) -> None:
+    said = palpate(*MEASURE, "--sample", "4", "--tolerance", "5 %").complaint.splitlines()
+    assert said[0].startswith(
+        "--tolerance 5 % absolute cannot be reached: the model binds: validation of 'surface' leaves"
+    )
+    assert [line.split("  ")[1] for line in said[1:]] == ["best now", "or", "or", "or"]
+    assert "with 6 references" in said[2]
+    assert "palpate test modulus" in said[3]
+    assert said[4].endswith("--relative-to-model")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ((), "--tolerance or --time is missing"),
+        (("--tolerance", "2 %", "--relative-to-model"), "needs the scatter of the ratio from mounting to mounting"),
+        (("--time", "70 s"), "set takes .* 70 s are too short"),
+        (("--time", "0 s"), "--time 0 s is not above 0"),
+        (("--tolerance", "5 %", "--model", "experiment"), "validation error of 'experiment' is not known"),
+        (("--tolerance", "60 %"), "above the 50 % that a tolerance may be"),
+        (("--time", "2 min", "--mountings", "0"), "--mountings 0 is outside 1 to 100"),
+        (("--time", "2 min", "--mounting-scatter", "2"), "--mounting-scatter 2 is outside 0 to 0.5"),
+        (("--time", "2 min", "--modulus", "50 kPa"), "--sample and --modulus: give either"),
+        (("--time", "2 min", "--model", "nothing"), "nothing"),
+        (("--time", "2 min", "--load", "9.5 N"), "force limit"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_before_anything_moves(
+    palpate: Palpate, options: tuple[str, ...], message: str
+) -> None:
+    said = palpate(*MEASURE, "--sample", "4", *options)
+    assert re.search(message, said.complaint), said.complaint
+    assert not Path("runs").exists()
+
+
+def test_without_an_object_a_simulated_bench_has_nothing_to_touch(palpate: Palpate) -> None:
+    assert "--sample or --modulus is missing" in palpate(*MEASURE, "--time", "2 min").complaint
+
+
+# --- the course ------------------------------------------------------------------------------------------
+
+
+def test_ten_sets_are_enough_for_5_percent_and_their_own_scatter_counts() -> None:
+    of = course(wanted(**SCALE))
+    assert of.verdict(points(*SCATTERED[:9])).why == ""
+    assert of.verdict(points(*SCATTERED)).why == "2.74% reached with 10 sets; 5.00% was asked for"
+    wider = points(*(2.5 * each for each in SCATTERED))
+    assert of.verdict(wider).why == ""
+    answer, wide = of.answer(points(*SCATTERED)), of.answer(wider)
+    assert answer is not None
+    assert wide is not None
+    assert wide.row["scale_u"] == pytest.approx(2.5 * answer.row["scale_u"], rel=0.02)
+
+
+def test_the_budgets_add_up_to_both_uncertainties() -> None:
+    answer = course(wanted(**SCALE)).answer(points(*SCATTERED))
+    assert answer is not None
+    for absolute, name in ((False, "scale_u"), (True, "absolute_u")):
+        budget = answer.budget(absolute=absolute)
+        assert budget is not None
+        assert budget.u == pytest.approx(answer.row[name] * answer.row["modulus_Pa"], rel=1e-6)
+
+
+def test_the_time_ends_a_measurement_before_its_tolerance_and_says_so() -> None:
+    of = course(wanted(tolerance=0.01, relative_to_model=True, mounting_scatter=0.0, time=90.0))
+    first = points(0.01, seconds=77.0)
+    assert of.verdict(first).why == ""
+    assert of.verdict([*first, *points(*SCATTERED[:9])]).why == "another set would not end within 90 s"
+
+
+def test_a_ratio_that_is_only_good_for_a_bound_is_not_measured_further() -> None:
+    of = course(wanted(**SCALE))
+    hard = points(*(math.log(0.99 / RATIO) for _ in range(3)))
+    assert of.verdict(hard[:2]).why == ""
+    assert of.verdict(hard).why.startswith("the ratio is only good for a bound")
+    answer = of.answer(hard)
+    assert answer is not None
+    assert (answer.row["modulus_Pa"], answer.row["kind"]) == (None, "at least")
+    assert "would do better" in of.notes(hard)[0]
+
+
+def test_sets_that_repeat_too_well_do_not_lower_what_may_come_with_the_mounting() -> None:
+    of = course(wanted(**SCALE))
+    alike = points(*(each / 100 for each in SCATTERED))
+    verdict = of.verdict(alike)
+    assert (verdict.why, verdict.mountings > 2, of.remounts(alike)) == ("", True, True)
+    answer = of.answer(alike)
+    assert answer is not None
+    assert answer.row["scale_u"] > 0.08
+    assert "repeat far better" in of.notes(alike)[-1]
+
+
+def test_sets_that_are_not_valid_do_not_count_and_five_in_a_row_end_the_run() -> None:
+    of = course(wanted(**SCALE))
+    bad = points(*SCATTERED[:5], valid=False)
+    assert of.verdict([*bad[:4], *points(0.0)]).why == ""
+    assert of.verdict(bad).why == "the last 5 sets are not valid: clipped"
+    assert of.answer(bad) is None
+
+
+def test_mountings_that_were_asked_for_are_made_and_tell_their_scatter() -> None:
+    of = course(wanted(tolerance=0.04, relative_to_model=True, mountings=3))
+    taken = points(*SCATTERED)
+    assert of.remounts(taken)
+    taken += points(*(0.06 + each for each in SCATTERED), mounting=2)
+    assert of.remounts(taken)
+    taken += points(*(each - 0.06 for each in SCATTERED), mounting=3)
+    found = ObjectModulusResult(taken, of.wanted, of.prospect, of.answer(taken), "", ())
+    assert found.mounting_scatter is not None
+    assert found.mounting_scatter == (pytest.approx(0.06, rel=0.1), 2)
+
+
+# --- on the bench ----------------------------------------------------------------------------------------
+
+
+def test_5_percent_on_the_scale_take_85_s_and_the_promise_is_kept(palpate: Palpate) -> None:
+    command = (*MEASURE, "--sample", "4", "--tolerance", "5 %", "--relative-to-model")
+    found = palpate(*command, "--json", "--out", "run").object
+    assert found["achieved_u"] <= 0.05
+    assert found["achieved_seconds"] <= 85
+    assert found["achieved_seconds"] == pytest.approx(found["predicted_seconds"], rel=0.05)
+    assert found["predicted_u"] == found["planned"]["scale_u"]
+    assert found["scale_low_Pa"] < found["modulus_Pa"] < found["scale_high_Pa"]
+    assert found["absolute_u"] > 0.4
+    assert (found["binds"], found["mountings"], found["sets"]) == ("gain scatter", 1, 10)
+    assert sum(point["seconds"] for point in found["points"]) == pytest.approx(found["achieved_seconds"], abs=7)
+    run = Run.open(Path("run"))
+    assert [event["kind"] for event in run.events()] == ["enough"]
+    assert run.summary["achieved_u"] == found["achieved_u"]
+
+
+@pytest.mark.slow
+def test_a_measurement_that_was_stopped_ends_as_one_that_was_not(palpate: Palpate, on_progress: Any) -> None:
+    command = (*MEASURE, "--sample", "2", "--tolerance", "4 %", "--relative-to-model", "--mountings", "3", "--quiet")
+    assert palpate(*command, "--out", "whole").status == 0
+
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == 12:
+            raise KeyboardInterrupt
+
+    on_progress(stop)
+    assert palpate(*command, "--out", "cut").status == 130
+    on_progress(lambda *_: None)
+    assert palpate("runs", "resume", "cut", "--quiet").status == 0
+    whole, cut = Run.open(Path("whole")), Run.open(Path("cut"))
+    assert (cut.digest(), cut.summary) == (whole.digest(), whole.summary)
+    assert {point["mounting"] for point in whole.points()} == {1, 2, 3}
+
+
+@pytest.mark.slow
+def test_a_time_is_not_exceeded(palpate: Palpate) -> None:
+    found = palpate(*MEASURE, "--modulus", "60 kPa", "--time", "100 s", "--scene", "noisy_lab", "--json").object
+    assert 95 < found["achieved_seconds"] <= 100
+    assert found["stopped"] == "another set would not end within 100 s"
+    assert found["validation_line"]["u"] is not None
