@@ -9,6 +9,7 @@ import click
 
 from palpate.procedures.commands.accuracy_dwell import dwell_command
 from palpate.procedures.commands.accuracy_page import page
+from palpate.procedures.commands.accuracy_promises import promises_command
 from palpate.procedures.commands.accuracy_scene import scene_command
 from palpate.procedures.commands.integrators import integrators
 from palpate.procedures.commands.options import FILE_NAME, Group, Output, make_folder, option, output_options
@@ -35,6 +36,7 @@ def accuracy(context: click.Context, out: Path | None, as_json: bool, quiet: boo
 
 accuracy.add_command(integrators)
 accuracy.add_command(dwell_command, "dwell")
+accuracy.add_command(promises_command, "promises")
 accuracy.add_command(scene_command, "scene")
 accuracy.add_command(validation)
 

@@ -55,7 +55,11 @@ if TYPE_CHECKING:
 
 
 class Result(Protocol):
-    """The result of a procedure."""
+    """The result of a procedure.
+
+    One whose plan predicts an uncertainty has `achieved_u` besides: the relative standard uncertainty that it reached,
+    or None.
+    """
 
     @property
     def points(self) -> Sequence[DataclassInstance]:
