@@ -98,6 +98,7 @@ def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Pa
         ((), "--tolerance or --time is missing"),
         (("--tolerance", "2 %", "--relative-to-model"), "needs the scatter of the ratio from mounting to mounting"),
         (("--time", "70 s"), "set takes .* 70 s are too short"),
+        (("--time", "24 h"), "sets, above 10000; ask for a greater --tolerance, or give less --time"),
         (("--time", "0 s"), "--time 0 s is not above 0"),
         (("--tolerance", "5 %", "--model", "experiment"), "validation error of 'experiment' is not known"),
         (("--tolerance", "60 %"), "above the 50 % that a tolerance may be"),

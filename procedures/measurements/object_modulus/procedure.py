@@ -51,7 +51,7 @@ from palpate.procedures.steps.probe import mount, withdraw
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
 UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known
 MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without its tolerance
-MOST_MOUNTINGS = 100
+MOST_MOUNTINGS, MOST_SETS = 100, 10_000
 LARGEST_SCATTER = 0.5
 
 T = TypeVar("T")
@@ -155,9 +155,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         """The most load sets that there can be, and what is predicted."""
         prospect = self.prospect(target)
         plan, costs = prospect.allocation, costs_of(prospect.load, self.frequency)
-        most = MOST[0] * plan.sets + MOST[1]
-        if self.time is not None:
-            most = min(most, plan.sets + MOST[1]) if self.tolerance is None else most
+        most = (MOST[0] if self.tolerance is not None else 1) * plan.sets + MOST[1]
         group = f"mount {self.object.name}"
         each = costs.set + plan.dwell
         steps = [
@@ -168,7 +166,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
                 what=f"{self.object.name}, {show(prospect.load, 'N')}, set {number}",
                 group=group,
             )
-            for number in range(1, most + 1)
+            for number in range(1, min(most, MOST_SETS) + 1)
         ]
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
         told = {"planned": prospect.summary()}
@@ -220,6 +218,10 @@ def _prospect(
         raise below_floor(wanted, question, found, design, error) from None
     if tolerance is not None:
         check_mountings(wanted, found, tolerance)
+    if (sets := prospect.allocation.sets) > MOST_SETS:
+        raise RangeError(
+            f"the plan has {sets} sets, above {MOST_SETS}; ask for a greater --tolerance, or give less --time"
+        )
     return prospect
 
 
