@@ -17,9 +17,9 @@ from palpate.procedures.engine.returned import asked, calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.chosen import Chosen
-from palpate.procedures.lab.lab import Target
+from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import OpenBench, one_run, opened
-from palpate.procedures.lab.session import Outcome, Promise, Session, places, recording
+from palpate.procedures.lab.session import Promise, places, recording
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
@@ -138,23 +138,24 @@ def record_run(
     ):
         if resumed is not None:
             pause = PausedAgain(resumed, session.lab.bench, pause)
-        began_ns = session.lab.bench.clock.now_ns()
+        # The bench's time begins with its first run. A log holds one run, with as many looks at the clock as it had.
+        before = 0.0 if len(bench.runs) == 1 else 1e-9 * session.lab.bench.clock.now_ns()
         result = conduct(procedure, session.lab, session.record, progress, pause)
-        promise = _promise(procedure, session, began_ns, result, resumed)
-        outcome: Outcome = {**session.outcome(), **promise}
+        outcome = session.outcome()
+        promise = _promise(procedure, session.lab, result)
+        if resumed is None or resumed.run.header["scene"] is not None:  # else nobody knows what lay between
+            promise["achieved_seconds"] = outcome["bench_seconds"] - before
+        outcome = {**outcome, **promise}
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"], **promise})
     return Finished(procedure, result, session, outcome)
 
 
-def _promise(
-    procedure: Procedure[S, P, R], session: Session, began_ns: int, result: R, resumed: Resumed | None
-) -> Promise:
-    """What was predicted of a run, and what it took and gave. `began_ns`: bench time at its begin [ns]."""
-    predicted = planned(procedure, session.lab.target).predicted
-    continued = resumed is not None and resumed.run.header["scene"] is None  # nobody knows what lay between
+def _promise(procedure: Procedure[S, P, R], lab: Lab, result: R) -> Promise:
+    """What was predicted of a run, and what it gave; its time is not known yet."""
+    predicted = planned(procedure, lab.target).predicted
     return {
         "predicted_seconds": predicted.seconds,
         "predicted_u": predicted.u,
-        "achieved_seconds": None if continued else 1e-9 * (session.lab.bench.clock.now_ns() - began_ns),
+        "achieved_seconds": None,
         "achieved_u": getattr(result, "achieved_u", None),  # results of packages need not have it
     }
