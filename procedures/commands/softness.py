@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from palpate.instrument.errors import UsageError
 from palpate.procedures.commands import options, texts
 from palpate.procedures.commands.options import option
 
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
 
 @click.command(
     cls=options.Command,
-    epilog="Examples:\n\n  palpate softness --samples 1-6\n\n  palpate softness --modulus '60 kPa' --json"
+    epilog="Examples:\n\n  palpate softness --samples 1-6\n\n  palpate softness --samples 1-6 --risk 5%"
+    "\n\n  palpate softness --modulus '60 kPa' --json"
     "\n\n  palpate softness --bench lab.toml --thickness '3 mm'",
 )
 @option("--samples", callback=texts.samples, help="Rubber samples, in order.")
@@ -36,6 +38,12 @@ if TYPE_CHECKING:
 @options.dwell_option
 @options.frequency_option
 @option("--model", metavar="NAME", help="Sensor model: experiment, auto, column, ... (default: experiment).")
+@option(
+    "--risk",
+    callback=texts.share,
+    help="Risk of a wrong pair in the order, such as 5%: the test ends as soon as the order is known.",
+)
+@option("--sets", type=int, help="With --risk: most load sets of each object (default: 5), which take --loads in turn.")
 @options.bench_options
 @options.budget_option
 def softness(
@@ -46,6 +54,8 @@ def softness(
     dwell: float,
     frequency: float,
     model: str | None,
+    risk: float | None,
+    sets: int | None,
     choice: options.Choice,
     output: options.Output,
 ) -> None:
@@ -56,13 +66,21 @@ def softness(
     turns ratios into moduli, and its error; "experiment" interpolates the measurements on the six samples. The
     uncertainty on the model's scale is for comparing objects; the absolute one holds the model's validation error, by
     references (palpate calibrate model) or by the thesis' experiments.
+
+    With --risk the order is what counts: each object gets one to five load sets, as many as tell it from the others.
+    The result says which pairs they did not tell, and what would.
     """
     from palpate.procedures.commands.procedures import chosen_by, measure
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model
+    from palpate.procedures.measurements.softness.ranking import MOST
 
     design = chosen_by(choice).target.design
     objects = _objects(design, samples, modulus, thickness, real=choice.bench is not None)
-    measure(SoftnessTest(objects, loads, dwell, frequency, model or default_model(design)), choice, output)
+    if sets is not None and risk is None:
+        raise UsageError("--sets is for --risk: without it each of --loads is one set; name a load twice for two")
+    named = model or default_model(design)
+    most = MOST if sets is None else sets
+    measure(SoftnessTest(objects, loads, dwell, frequency, named, risk, most), choice, output)
 
 
 def _objects(
@@ -74,7 +92,6 @@ def _objects(
         UsageError: samples and moduli are both given, neither is given for a simulated bench, or a modulus is given
             for a real bench.
     """
-    from palpate.instrument.errors import UsageError
     from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.measurements.softness.procedure import unknown_object
 

@@ -75,7 +75,7 @@ SIGNATURES = {
     "Run": "folder procedure simulated started status header summary hashed",
     "Setting": "unit help read",
     "SimpleResult": "points values budgets",
-    "SoftnessTest": "objects loads dwell frequency model",
+    "SoftnessTest": "objects loads dwell frequency model risk sets",
     "StaticLoadWork": "lab sample force",
     "Step": "dwell_s seconds force_ratio_u what group",
     "Target": "design force_limit nodes model channels frequency_step travel drivable calibrated references",

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import film_forces
@@ -22,6 +23,7 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets
+from palpate.procedures.measurements.softness.ranking import MOST, Ranking
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
@@ -45,12 +47,20 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
 
     name = "softness"
     point = SoftnessPoint
+    newer_settings = frozenset({"risk", "sets"})
 
     objects: Annotated[tuple[Sample, ...], Setting(help="Rubber samples, in order.", read=get_sample)]
     loads: LoadSets = (2.0, 3.0, 4.0)
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     model: Annotated[str, Setting(help="Sensor model that turns force ratios into moduli.")] = "experiment"
+    risk: Annotated[
+        float | None,
+        Setting(help="Risk of a wrong pair in the order, such as '5 %': the test ends as soon as the order is known."),
+    ] = None
+    sets: Annotated[int, Setting(help="With a risk: most load sets of each object, which take the loads in turn.")] = (
+        MOST
+    )
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
@@ -58,7 +68,8 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         Raises:
             RangeError: there is no object, one is named twice, or they have several thicknesses; a load exceeds the
                 force limit, the frequency or the dwell is outside its limits, or the bench has too few sensor nodes;
-                the model does not know this sensor, or the simulated bench's model does not know one of the objects.
+                the model does not know this sensor, or the simulated bench's model does not know one of the objects;
+                so many sets are not expected to give the order to the risk.
             UnknownName: there is no such model.
         """
         names = [each.name for each in self.objects]
@@ -81,6 +92,8 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         if target.model is not None and target.model not in SLOW:
             for each in self.objects:
                 response(target.design, Load(1.0, each), target.model)
+        if self.risk is not None:
+            self.ranking(target.design, self.risk).check()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads)
@@ -88,18 +101,24 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     def dwells(self) -> Dwells:
         return Dwells(self.objects, (min(self.loads), max(self.loads)), self.frequency, self.dwell)
 
+    def ranking(self, design: Design, risk: float) -> Ranking:
+        """The course of a test that ends when the order is known to a risk."""
+        return _ranking(design, self.objects, tuple(self.loads), self.frequency, self.dwell, risk, self.sets)
+
     def plan(self, target: Target) -> Plan[TouchStep]:
-        """All points: every load on every object."""
+        """All points: every load on every object; with a risk, the most sets of each object."""
         scatter = target.design.ratio_scatter
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
-        return Plan(
-            self.name,
-            [
-                self._step(each.name, load, told, scatter, first=not number)
-                for each in self.objects
-                for number, (load, told) in enumerate(sets)
-            ],
-        )
+        if self.risk is not None:
+            turns = range(1, self.sets + 1)
+            sets = [(self.loads[(n - 1) % len(self.loads)], f"set {n} of at most {self.sets}") for n in turns]
+        steps = [
+            self._step(each.name, load, told, scatter, first=not number)
+            for each in self.objects
+            for number, (load, told) in enumerate(sets)
+        ]
+        likely = None if self.risk is None else self.ranking(target.design, self.risk).predicted()
+        return Plan(self.name, steps, likely)
 
     def _step(self, name: str, load: float, told: str, scatter: float, first: bool) -> TouchStep:
         seconds = point_seconds(self.frequency, self.dwell, first=first)
@@ -109,9 +128,17 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     def begin(self, lab: Lab, record: Recorder) -> Touching:
         return Touching(lab, record, self)
 
+    def skips(self, step: TouchStep, points: Sequence[SoftnessPoint], lab: Lab) -> bool:
+        """Whether the object of a step has enough sets for the order."""
+        return self.risk is not None and self.ranking(lab.design, self.risk).skips(step.object, points)
+
     def evaluate(self, points: Sequence[SoftnessPoint], lab: Lab) -> SoftnessResult:
         question = self.model_question(lab.design)
-        return evaluate(points, lab.design, question, lab.references, lab.same_films)
+        found = evaluate(points, lab.design, question, lab.references, lab.same_films)
+        if self.risk is None or not found.softness_order:
+            return found
+        ranked = self.ranking(lab.design, self.risk).ranked(points)
+        return replace(found, alike=[each.objects for each in ranked.not_told], ranked=ranked)
 
     def model_question(self, design: Design) -> Question:
         return Question(design.name, self.model, settings={"sensed_thickness": self.objects[0].thickness})
@@ -120,6 +147,12 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         from palpate.procedures.measurements.softness.report import plot_softness, print_softness
 
         return Report(partial(print_softness, result), partial(plot_softness, result, lab.bench.simulated))
+
+
+@functools.lru_cache(maxsize=8)
+def _ranking(*asked: Any) -> Ranking:
+    """A ranking, which is asked before each step."""
+    return Ranking(*asked)
 
 
 class Touching(DynamicLoadWork):

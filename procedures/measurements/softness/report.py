@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.lab.session import Outcome
+from palpate.procedures.measurements.softness.ranking import ranked_lines
 from palpate.procedures.measurements.softness.result import SoftnessResult
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import new_figure, save
@@ -54,7 +55,8 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
         table,
         *legend(table, marks={**MARKS, "any": "every modulus agrees with the ratio"}),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}",
-        *([f"cannot be told apart at 95 %: {alike}"] if alike else []),
+        *([f"cannot be told apart at 95 %: {alike}"] if alike and result.ranked is None else []),
+        *([] if result.ranked is None else ranked_lines(result.ranked)),
         moduli.absolute_line(result.validation),
         *moduli.bound_line(each.modulus_Pa is not None for each in result.objects if each.valid_points),
         f"price          {result.price}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -93,6 +93,51 @@ class Softness:
 
 
 @dataclass(frozen=True, slots=True)
+class NotTold:
+    """Two objects whose order is not known to the risk.
+
+    Attributes:
+        objects: their names, the one with the larger ratio first.
+        sets, seconds: load sets of each and bench time [s] that tell them apart with 95 % probability, in a run of
+            these two; None: no number of sets does.
+    """
+
+    objects: tuple[str, str]
+    sets: int | None
+    seconds: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """What a run told of the order.
+
+    Attributes:
+        risk: greatest risk of a wrong pair in the order that was asked for.
+        achieved_risk: risk to which all pairs are known that are not in `not_told`; None: no pair is.
+        sets: number of valid load sets of each object.
+        not_told: the other pairs.
+        scatter: relative standard deviation of the ratio from set to set, by what was known before and by this run.
+    """
+
+    risk: float
+    achieved_risk: float | None
+    sets: Mapping[str, int]
+    not_told: tuple[NotTold, ...]
+    scatter: float
+
+    def summary(self) -> dict[str, Any]:
+        """The values under the names of JSON."""
+        left = [{"objects": list(each.objects), "sets": each.sets, "seconds": each.seconds} for each in self.not_told]
+        return {
+            "risk": self.risk,
+            "achieved_risk": self.achieved_risk,
+            "sets": dict(self.sets),
+            "not_told": left,
+            "set_scatter": self.scatter,
+        }
+
+
+@dataclass(frozen=True, slots=True)
 class SoftnessResult:
     """The result of a softness test.
 
@@ -107,6 +152,8 @@ class SoftnessResult:
         budgets: uncertainty budget of each mean ratio and of each modulus that is known, on the model's scale and,
             where the validation error is known, absolute. A modulus has a linear budget; its intervals are found
             without that approximation.
+        ranked: what the sets told of the order to a risk of error, and `alike` are then the pairs that they did not
+            tell; None: none was asked for.
     """
 
     points: list[SoftnessPoint]
@@ -117,6 +164,7 @@ class SoftnessResult:
     price: str
     validation: ValidationLine
     budgets: list[Budget]
+    ranked: Ranked | None = None
 
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""
@@ -124,6 +172,7 @@ class SoftnessResult:
             "objects": [asdict(each) for each in self.objects],
             "softness_order": self.softness_order,
             "alike": [list(pair) for pair in self.alike],
+            **({} if self.ranked is None else self.ranked.summary()),
             "coverage": COVERAGE,
             "answered_by": self.model,
             "price": self.price,
