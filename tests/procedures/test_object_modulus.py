@@ -57,7 +57,7 @@ def test_the_dry_run_tells_plan_and_expected_uncertainty_and_sends_nothing(palpa
     said = palpate(*MEASURE, "--sample", "4", "--tolerance", "5%", "--relative-to-model", "--dry-run")
     assert said.status == 0
     assert "wanted         5 % on the scale of 'surface'\n" in said.out
-    assert "plan           1 mounting, 10 sets, 3 N, 100 ms: 85 s (person 60 s)\n" in said.out
+    assert "plan           1 mounting, 10 sets, 3 N, 100 ms: 85 s (person 60 s), 95 % of runs within 86 s\n" in said.out
     assert "expected       2.6 %: gain scatter 2.6 %, films not calibrated\n" in said.out
     assert not Path("runs").exists()
 

@@ -28,7 +28,8 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     each = f"{show(prospect.load, 'N')}, {show(plan.dwell, 's')}"
     lines = [
         f"wanted         {wanted_line(wanted, found.model)}",
-        f"plan           {counts}, {each}: {plan.seconds:.0f} s ({person})",
+        f"plan           {counts}, {each}: {plan.seconds:.0f} s ({person}), 95 % of runs within"
+        f" {prospect.longest:.0f} s",
     ]
     if found.sensitivity is None:
         return [*lines, f"expected       only a bound: model {found.model!r} cannot tell such an object from its ratio"]
