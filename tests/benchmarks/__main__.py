@@ -31,6 +31,8 @@ from tests.benchmarks import (
     load,
     masters,
     models,
+    modulus_budget,
+    modulus_wire,
     numbers,
     order,
     peers,
@@ -63,6 +65,7 @@ PARTS = {
     "uncertainty": uncertainty.measure,
     "coverage": coverage.measure,
     "models": models.measure,
+    "modulus_wire": modulus_wire.measure,
     "solid": solid.measure,
     "peers": peers.measure,
     "poles": poles.measure,
@@ -94,6 +97,7 @@ LONG = {
     "soak": soak.measure,
     "damages": damages.measure,
     "disk": disk.measure,
+    "modulus_budget": modulus_budget.measure,
     "stale": stale.measure,
 }
 

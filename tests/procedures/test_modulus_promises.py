@@ -1,0 +1,32 @@
+"""`measure modulus` keeps what it states: a small share of `tests/benchmarks/modulus_budget.py`."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.benchmarks.modulus_budget import block
+from tests.benchmarks.modulus_figures import Run
+from tests.benchmarks.modulus_wire import compared
+from tests.chance import plausible
+
+
+@pytest.mark.slow
+def test_drawn_ratios_are_those_of_the_bench_and_take_its_time() -> None:
+    deviates, seconds, drawn = compared("mounting scatter 1 %", 0.03, 60e3, 5)
+    assert plausible(deviates)
+    assert seconds == pytest.approx(drawn, rel=0.1)
+
+
+@pytest.mark.slow
+def test_answers_scatter_as_they_state_and_take_no_longer_than_was_told() -> None:
+    runs = [Run(*run) for run in block("scatter learned", 0.05, 500e3, range(40)).runs]
+    assert plausible([run.error / run.stated for run in runs])
+    assert sum(run.seconds <= run.bound_seconds for run in runs) >= 33  # of 40 at 95 %, less once in a thousand times
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["scatter x 1.5", "mounting scatter 1 %", "off the curve, references"])
+def test_intervals_hold_a_truth_that_is_not_what_the_plan_assumes(kind: str) -> None:
+    runs = [Run(*run) for run in block(kind, 0.1, 60e3, range(20)).runs]
+    held = [run.absolute if kind.startswith("off") else run.scale for run in runs]
+    assert sum(held) >= 15  # of 20 at 95 %, less once in three thousand times
