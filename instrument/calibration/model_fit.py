@@ -105,6 +105,24 @@ def fit_model(
     return check(fields, ModelCalibration, "model calibration")
 
 
+def expected_u(known: Validation, moduli_u: Sequence[float], scatter_u: float) -> float | None:
+    """Standard uncertainty of ln of an object's ratio that references are expected to leave.
+
+    Args:
+        known: the model's errors against the thesis' experiments, whose spread the references are expected to have.
+        moduli_u: uncertainty of each reference's ln ratio by its modulus.
+        scatter_u: that by its load sets.
+
+    Returns:
+        None: the thesis tells no spread.
+    """
+    spread = known.ln_spread
+    if spread is None:
+        return None
+    weights = [1 / (spread**2 + each**2 + scatter_u**2) for each in moduli_u]
+    return math.sqrt(spread**2 + 1 / math.fsum(weights))
+
+
 @dataclass(frozen=True, slots=True)
 class _Spread:
     """Standard deviation of objects about the constant; None: not known.

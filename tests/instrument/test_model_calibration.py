@@ -11,7 +11,7 @@ import pytest
 
 from palpate.instrument.calibration.files import accept_calibration, read_model_calibration, write_calibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.model_fit import MeasuredReference, fit_model
+from palpate.instrument.calibration.model_fit import MeasuredReference, expected_u, fit_model
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.findings.object_modulus import ByReferences, estimate
 from palpate.instrument.models.ratio import Question
@@ -102,6 +102,15 @@ def test_one_reference_takes_the_spread_of_the_thesis_or_tells_none() -> None:
     assert "palpate calibrate model --model surface, two or more" in alone.source
     two = fitted(0.24, 0.30, known=UNTOLD).line(True)
     assert (two.u, two.degrees_of_freedom) == (pytest.approx(0.03 * math.sqrt(2) * math.sqrt(1.5)), 1)
+
+
+def test_what_references_are_expected_to_leave_is_what_they_leave_where_they_have_the_spread_of_the_thesis() -> None:
+    prior = SURFACE.ln_spread
+    assert prior is not None
+    apart = math.hypot(prior, 0.01, SCATTER)  # two at this distance from their mean have just the thesis' spread
+    found = fitted(0.24 - apart / math.sqrt(2), 0.24 + apart / math.sqrt(2))
+    assert found.line(True).u == pytest.approx(expected_u(SURFACE, [0.01, 0.01], SCATTER))
+    assert expected_u(UNTOLD, [0.01], SCATTER) is None
 
 
 def test_another_reference_is_worth_what_it_then_brings() -> None:

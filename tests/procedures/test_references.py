@@ -34,6 +34,7 @@ def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Pa
     assert found.references[1].modulus_u == pytest.approx(1 / 30)
     assert [each["references"] for each in made["worth"]] == [2, 3, None]
     assert made["worth"][0]["modulus_u"] > made["worth"][1]["modulus_u"] > made["worth"][2]["modulus_u"]
+    assert made["achieved_u"] == made["worth"][0]["modulus_u"] == pytest.approx(made["predicted_u"], rel=0.4)
     constant = made["budgets"][-1]
     assert constant["value"] == made["constant"] == pytest.approx(0.24, abs=0.1)
 

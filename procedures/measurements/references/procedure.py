@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta
@@ -9,11 +11,13 @@ from functools import partial
 from typing import Annotated
 
 from palpate.drivers.roles import SensorNode
+from palpate.instrument.calibration.model_fit import expected_u
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models.curve import RatioCurve, ratio_curve
 from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.plan import Plan
+from palpate.procedures.engine.plan import Plan, Predicted
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_nameable, keep, model_path
@@ -82,8 +86,22 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         self._touches(target.design).check(target)
 
     def plan(self, target: Target) -> Plan[TouchStep]:
-        """All points: every load on every reference."""
-        return Plan(self.name, self._touches(target.design).plan(target).steps)
+        """All points: every load on every reference; predicted is the uncertainty of a modulus by the calibration."""
+        steps = self._touches(target.design).plan(target).steps
+        seconds = math.fsum(step.seconds for step in steps)
+        return Plan(self.name, steps, Predicted(seconds, self._predicted_u(target.design)))
+
+    def _predicted_u(self, design: Design) -> float | None:
+        """None: the thesis tells no spread, or the curve takes long."""
+        if self.model in SLOW:
+            return None
+        question = self._question(design)
+        curve = _curve(question)
+        sensitivities = [check_range(each, curve) for each in self.references]
+        moduli = [each.u / slope for each, slope in zip(self.references, sensitivities, strict=True)]
+        known = validate(design.name, self.parameters, curve.model)
+        ratio_u = expected_u(known, moduli, design.ratio_scatter / math.sqrt(len(self.loads)))
+        return None if ratio_u is None else statistics.median(sensitivities) * ratio_u
 
     def begin(self, lab: Lab, record: Recorder) -> Touching:
         check_nameable(lab.bench, "sensor_node")

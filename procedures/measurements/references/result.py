@@ -57,6 +57,11 @@ class ReferencesResult:
     worth: tuple[Worth, ...]
     budgets: Sequence[Budget]
 
+    @property
+    def achieved_u(self) -> float | None:
+        """Relative standard uncertainty of a modulus by the calibration alone; None: the spread is not known."""
+        return self.worth[0].modulus_u if self.worth else None
+
     def summary(self) -> dict[str, Any]:
         """The calibration for JSON, without its origin."""
         found = self.calibration.model_dump()
