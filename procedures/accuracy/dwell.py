@@ -15,19 +15,24 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from palpate.instrument.allocation.allocate import BelowFloor, allocate
+from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
 from palpate.instrument.errors import EstimateError, RangeError, UnknownName
-from palpate.instrument.signals.dwell import Floor, check_dwell, dwell_of, floor_u, ratio_noise
+from palpate.instrument.signals.dwell import Floor, check_dwell, floor_u, ratio_noise
 from palpate.instrument.signals.estimate import SineFit, amplitude_ratio, fit_sine
 from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
 from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.procedures.measurements.object_modulus.prospect import costs_of
 
 DWELLS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0)  # s
 TARGETS = (0.1, 0.01, 1e-3, 1e-4)  # relative standard uncertainty of the ratio
 FEWEST = 10  # pieces of a record; they tell the spread to a quarter of itself
 MOST = 1000
+LOAD = 1.0  # N; the time between load sets is the same for all
+REMEDY = "tie the films' cables down, or shield them"
 ROUND_OFF = 1e-12  # relative
 SURE = 2.0  # standard uncertainties; a smaller bias does not show
-COHERENT, SCATTER = "in step with the drive", "gain scatter"
+COHERENT, SCATTER, NOISE = "in step with the drive", "gain scatter", "noise"
 
 
 class LongRecord(Protocol):
@@ -54,6 +59,9 @@ class Point:
         u, u_u: standard deviation of their ratios, with its standard uncertainty.
         bias, bias_u: bias of their mean, with its standard uncertainty.
         bound: Cramér–Rao bound for the noise around the drive.
+        seconds: bench time of one load set, from the one before it on.
+        whole_u: standard uncertainty of the ratio of one load set over this dwell: with the noise, the bias, and the
+            floor that no dwell lowers.
         efficiency: bound² / u²; None where nothing scatters. It may be above 1 by chance, or because an estimator
             neglects trend and hum.
         hum: greatest voltage that 1 V of mains hum may add to an amplitude by least squares [V]; 0 if hum is fitted.
@@ -67,18 +75,31 @@ class Point:
     bias: float
     bias_u: float
     bound: float
+    seconds: float
+    whole_u: float
     efficiency: float | None
     hum: float
 
 
 @dataclass(frozen=True, slots=True)
 class Recommended:
-    """The dwell for a target by least squares, or None with the reason."""
+    """The quickest way to a target: load sets, each of a dwell.
+
+    Attributes:
+        estimator: least squares, if it was asked for.
+        sets, dwell_s: number of load sets whose mean is taken, and the dwell of each; None: no such way.
+        u: relative standard uncertainty of that mean.
+        seconds: bench time after the mounting.
+        why: why there is no way; empty where there is one.
+    """
 
     target: float
+    estimator: str | None
+    sets: int | None
     dwell_s: float | None
     u: float | None
-    why: str
+    seconds: float | None
+    why: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,25 +164,28 @@ def measure(
     rate = 1 / float(record.time[1] - record.time[0])
     check(dwells, estimators, frequency, rate, record.time.size / rate)
     whole = fit_sine(record.time, record.voltage, frequency)
-    points = tuple(_point(name, record, whole, round(dwell * rate), rate) for dwell in dwells for name in estimators)
     ratio, u = amplitude_ratio(whole, 0, 1)
     coherent = ratio / record.ratio - 1
     floor = (
         Floor(SCATTER, record.scatter),
         Floor(COHERENT, abs(coherent) if abs(coherent) > SURE * u / ratio else 0.0),
     )
-    noise = ratio_noise(whole, 0, 1)
+    points = tuple(
+        _point(name, record, whole, round(dwell * rate), rate, floor) for dwell in dwells for name in estimators
+    )
+    judged = [point for point in points if point.estimator == LEAST_SQUARES] or points
+    scatter, in_step = (part.u for part in floor)
     return DwellPrices(
         points=points,
         floor={part.name: part.u for part in floor},
         floor_u=floor_u(floor),
-        noise=noise,
+        noise=ratio_noise(whole, 0, 1),
         saturated=record.saturated,
-        recommended=tuple(_recommend(target, noise, frequency, floor) for target in TARGETS),
+        recommended=tuple(_recommend(target, judged, frequency, scatter, in_step) for target in TARGETS),
     )
 
 
-def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: float) -> Point:
+def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: float, floor: Sequence[Floor]) -> Point:
     repeats = min(record.time.size // n, MOST)
     time = record.time[:n]
     pieces = record.voltage[:, : repeats * n].reshape(2, repeats, n).swapaxes(0, 1)
@@ -172,23 +196,45 @@ def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: flo
     u = float(relative.std(ddof=1))
     correlation = float(whole.correlation[0, 1])
     bound = ratio_bound(time, whole.frequency, whole.amplitude[:2], whole.phase[:2], whole.noise[:2], correlation)
+    bias = float(relative.mean()) - 1
+    scatter, coherent = (part.u for part in floor)
     return Point(
         estimator=estimator,
         dwell_s=n / rate,
         repeats=repeats,
         u=u,
         u_u=u / math.sqrt(2 * (repeats - 1)),
-        bias=float(relative.mean()) - 1,
+        bias=bias,
         bias_u=u / math.sqrt(repeats),
         bound=bound,
+        seconds=costs_of(LOAD, whole.frequency).set + n / rate,
+        # What is in step with the drive is a bias of every estimator; one of its own may add to it.
+        whole_u=math.hypot(u, scatter, max(abs(bias), coherent)),
         efficiency=(bound / u) ** 2 if u > ROUND_OFF else None,
         hum=sine_columns(time, whole.frequency).hum,
     )
 
 
-def _recommend(target: float, noise: float, frequency: float, floor: Sequence[Floor]) -> Recommended:
-    try:
-        found = dwell_of(target, noise, frequency, floor)
-    except RangeError as refused:
-        return Recommended(target, None, None, str(refused))
-    return Recommended(target, found.dwell, found.u, LEAST_SQUARES)
+def _recommend(
+    target: float, points: Sequence[Point], frequency: float, scatter: float, coherent: float
+) -> Recommended:
+    """The quickest number of load sets and dwell, which is one of the priced ones or longer."""
+    between = Costs(0.0, 0.0, costs_of(LOAD, frequency).set)
+    least, found = math.inf, None
+    for point in points:
+        bias = max(coherent, abs(point.bias) if abs(point.bias) > SURE * point.bias_u else 0.0)
+        noise = point.u * math.sqrt(point.dwell_s)
+        lines = [Line(SCATTER, scatter, Unit.SET), Line(NOISE, noise, Unit.SECOND), Line(COHERENT, bias, Unit.NOTHING)]
+        try:
+            plan = allocate(lines, between, target, shortest=point.dwell_s)
+        except BelowFloor as refused:
+            least = min(least, refused.floor)
+            continue
+        if found is None or plan.seconds < (found.seconds or math.inf):
+            dwell = max(point.dwell_s, math.ceil(plan.dwell * frequency * (1 - 1e-9)) / frequency)
+            u, seconds = budget(lines, 1, plan.sets, dwell).u, between.seconds(1, plan.sets, dwell)
+            found = Recommended(target, point.estimator, plan.sets, dwell, u, seconds)
+    if found is not None:
+        return found
+    why = f"neither dwell nor load sets: what is {COHERENT} leaves {least:.2%}; {REMEDY}"
+    return Recommended(target, None, None, None, None, None, why)

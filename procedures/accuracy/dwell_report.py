@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 from palpate.procedures.records.run import storing
 from palpate.procedures.showing.figure import MARKERS, new_figure, write
+from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 if TYPE_CHECKING:
-    from palpate.procedures.accuracy.dwell import DwellPrices
+    from palpate.procedures.accuracy.dwell import DwellPrices, Recommended
 
 PLOT = "dwell.png"
 
@@ -35,32 +36,38 @@ def print_dwell(prices: DwellPrices, title: str, plot: Path | None) -> None:
         lines.append("least squares tells the mains' hum from the drive over each of these dwells")
     if prices.saturated:
         lines.append("a film is over-ranged: none of these figures is of use")
-    for each in prices.recommended:
-        told = f"{each.why}, {each.dwell_s:g} s" if each.dwell_s is not None else each.why
-        if each.target <= prices.floor_u:
-            told = "no dwell: that is below the floor"
-        lines.append(f"for {100 * each.target:g} %: {told}")
+    lines += [f"for {100 * each.target:g} %: {way_of(each)}" for each in prices.recommended]
     print_all(table, *lines, *([] if plot is None else [f"plot           {plot}"]))
 
 
+def way_of(found: Recommended) -> str:
+    """The way to a target in words, or why there is none."""
+    if found.sets is None or found.dwell_s is None or found.seconds is None:
+        return found.why
+    sets = "one load set" if found.sets == 1 else f"the mean of {found.sets:,} load sets"
+    return f"{sets} of {found.dwell_s:g} s by {found.estimator}: {duration(found.seconds)} on the bench"
+
+
 def plot_dwell(prices: DwellPrices, title: str, folder: Path) -> Path:
-    """Draws `dwell.png` in a folder: uncertainty and size of the bias against the dwell.
+    """Draws `dwell.png` in a folder: the uncertainty of one load set with all its parts, then its noise and bias alone.
 
     Raises:
         RecordError: the folder or file cannot be written.
     """
-    figure, axes = new_figure(True, 2, title)
+    figure, (whole, noise, bias) = new_figure(True, 3, title)
     for number, name in enumerate(dict.fromkeys(p.estimator for p in prices.points)):
         own = [p for p in prices.points if p.estimator == name]
         style = f"C{number}{MARKERS[number]}-"
         dwells = [p.dwell_s for p in own]
-        axes[0].plot(dwells, [p.u for p in own], style, ms=5, lw=1, label=name)
-        axes[1].errorbar(dwells, [abs(p.bias) for p in own], [p.bias_u for p in own], fmt=style, ms=5, lw=1, label=name)
+        whole.plot(dwells, [p.whole_u for p in own], style, ms=5, lw=1, label=name)
+        noise.plot(dwells, [p.u for p in own], style, ms=5, lw=1, label=name)
+        bias.errorbar(dwells, [abs(p.bias) for p in own], [p.bias_u for p in own], fmt=style, ms=5, lw=1, label=name)
+    if prices.floor_u > 0:
+        whole.axhline(prices.floor_u, color="0.4", ls=":", label="floor that no dwell beats")
     bound = {p.dwell_s: p.bound for p in prices.points}
-    axes[0].plot(list(bound), list(bound.values()), "k--", lw=1, label="Cramér–Rao bound")
-    for ax, label in zip(axes, ("standard uncertainty of the ratio", "size of its bias"), strict=True):
-        if prices.floor_u > 0:
-            ax.axhline(prices.floor_u, color="0.4", ls=":", label="floor that no dwell beats")
+    noise.plot(list(bound), list(bound.values()), "k--", lw=1, label="Cramér–Rao bound")
+    labels = "uncertainty of one load set, all in", "noise alone", "size of the bias alone"
+    for ax, label in zip((whole, noise, bias), labels, strict=True):
         ax.set(xscale="log", yscale="log", xlabel="dwell (s)", ylabel=f"{label}, relative")
         ax.legend(fontsize=7)
     path = folder / PLOT

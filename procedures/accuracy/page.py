@@ -1,19 +1,27 @@
-"""Prices of accuracy on one page: models, integrators, dwell, arithmetic."""
+"""Prices of accuracy on one page: the modulus, models, integrators, dwell, arithmetic.
+
+Each part has units of its own; its table and its panel show the same ways.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from palpate.instrument.models.prices.price_list import PriceList
+from palpate.instrument.quantity import show
 from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
 from palpate.procedures.accuracy.dwell import TARGETS, DwellPrices
+from palpate.procedures.accuracy.modulus.front import ModulusFront
+from palpate.procedures.accuracy.modulus.report import plan_text
 from palpate.procedures.accuracy.plot import INTERVAL
 
 TOLERANCES = TARGETS
-CPU, BENCH = "CPU time", "dwell on the bench"
-MODELS, INTEGRATORS, DWELL, ARITHMETIC = "sensor models", "time integration", "dwell", "arithmetic"
+CPU, BENCH = "processor time (s)", "bench time after the mounting (s)"
+MODULUS, MODELS, INTEGRATORS = "modulus", "sensor models", "time integration"
+DWELL, ARITHMETIC = "dwell", "arithmetic"
+SCALE, ABSOLUTE, MEAN = "on the model's scale", "absolute", "mean of load sets"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +48,14 @@ class Recommended:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One part of the page. `floor` is a relative error below which no method comes."""
+    """One part of the page.
+
+    Attributes:
+        error_of: what has the relative error.
+        time: what the seconds of its ways are.
+        floor: relative error below which no way comes, as `floor_of` says; 0: there is none.
+        note: what else to know, for people.
+    """
 
     name: str
     error_of: str
@@ -48,30 +63,53 @@ class Part:
     ways: tuple[Way, ...]
     recommended: tuple[Recommended, ...]
     floor: float = 0.0
+    floor_of: str = ""
+    note: str = ""
 
     def summary(self) -> dict[str, Any]:
         """The part as JSON has it."""
         return asdict(self)
 
 
-def of_models(prices: PriceList, design: str) -> Part:
-    """Part for the models, from the stored list: each model that answers for the rubber samples, at each refinement.
+def of_modulus(front: ModulusFront) -> Part:
+    """Part for the modulus of an object: the front of `palpate accuracy modulus`, and plans on the model's scale."""
+    ways = [Way(SCALE, plan_text(point.plan), point.plan.scale_u, point.after) for point in front.points]
+    ways += [Way(ABSOLUTE, plan_text(point.plan), point.plan.absolute_u, point.after) for point in front.points]
+    recommended = [
+        Recommended(each.tolerance, SCALE, plan_text(each.plan), each.plan.scale_u, each.after, "")
+        if each.plan is not None
+        else Recommended(each.tolerance, None, None, None, None, each.why)
+        for each in front.targets
+        if not each.absolute
+    ]
+    model = front.found.model
+    note = (
+        f"absolute: not known, since the validation error of model {model!r} is not"
+        if front.model_u is None
+        else f"absolute: no bench time gets below {front.model_u:.2g}, the validation error of model {model!r}"
+    )
+    return Part(
+        name=MODULUS,
+        error_of=f"Young modulus of an object of {show(front.modulus, 'Pa')}",
+        time=BENCH,
+        ways=tuple(ways),
+        recommended=tuple(recommended),
+        floor=front.model_u or 0.0,
+        floor_of="absolute, the model's error",
+        note=f"{note}: palpate accuracy modulus",
+    )
 
-    A recommendation counts what a caller gets: the promised error, and the whole time of such an answer.
-    """
+
+def of_models(prices: PriceList, design: str) -> Part:
+    """Part for the models, from the stored list: each answer that a caller gets, with promised error and whole time."""
     (reference,) = (r for r in prices.references if r.design == design)
     smallest = min(reference.force_ratios[INTERVAL : INTERVAL + 2])
-    ways, offers = [], []
+    ways = []
     for price in prices.prices:
-        error, seconds = price.errors[INTERVAL], price.seconds
-        if price.design == design and seconds is not None:
-            way = Way(price.model, price.refinement, None if error is None else error / smallest, seconds)
-            ways.append(way)
-            promise = price.promise(slice(INTERVAL, INTERVAL + 1))
-            if promise is not None and price.answer_s is not None:
-                offers.append(replace(way, error=promise / smallest, seconds=price.answer_s))
-    recommended = tuple(cheapest(offers, t) for t in TOLERANCES)
-    return Part(MODELS, f"force ratio of design {design}", CPU, tuple(ways), recommended)
+        promise = price.promise(slice(INTERVAL, INTERVAL + 1))
+        if price.design == design and promise is not None and price.answer_s is not None:
+            ways.append(Way(price.model, price.refinement, promise / smallest, price.answer_s))
+    return _part(MODELS, f"force ratio of design {design}, one answer", CPU, ways)
 
 
 def of_integrators(ways: Sequence[Way]) -> Part:
@@ -80,16 +118,25 @@ def of_integrators(ways: Sequence[Way]) -> Part:
 
 
 def of_dwells(prices: DwellPrices, scene: str) -> Part:
-    """Part for the dwells: noise and bias of each estimator; recommended dwells by least squares, with the floor."""
-    ways = [Way(p.estimator, f"{p.dwell_s:g} s", (p.u**2 + p.bias**2) ** 0.5, p.dwell_s) for p in prices.points]
-    recommended = tuple(
-        Recommended(r.target, r.why, f"{r.dwell_s:g} s", r.u, r.dwell_s, "")
-        if r.dwell_s is not None
-        else Recommended(r.target, None, None, None, None, r.why)
-        for r in prices.recommended
+    """Part for the dwells: the whole uncertainty of one load set by each estimator, and means of sets for targets."""
+    ways = [Way(p.estimator, f"{p.dwell_s:g} s", p.whole_u, p.seconds) for p in prices.points]
+    recommended = []
+    for r in prices.recommended:
+        if r.u is None or r.seconds is None:
+            recommended.append(Recommended(r.target, None, None, None, None, r.why))
+            continue
+        setting = f"{r.sets:,} x {r.dwell_s:g} s by {r.estimator}"
+        recommended.append(Recommended(r.target, MEAN, setting, r.u, r.seconds, ""))
+        ways.append(Way(MEAN, setting, r.u, r.seconds))
+    return Part(
+        name=DWELL,
+        error_of=f"force ratio of scene {scene}",
+        time=BENCH,
+        ways=tuple(ways),
+        recommended=tuple(recommended),
+        floor=prices.floor_u,
+        floor_of="one load set, whatever its dwell",
     )
-    error_of = f"force ratio of scene {scene}, noise and bias"
-    return Part(DWELL, error_of, BENCH, tuple(ways), recommended, prices.floor_u)
 
 
 def of_arithmetic(measured: Sequence[ArithmeticPrice]) -> list[Part]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands.accuracy_dwell import dwell_command
+from palpate.procedures.commands.accuracy_modulus import modulus_command
 from palpate.procedures.commands.accuracy_page import page
 from palpate.procedures.commands.accuracy_promises import promises_command
 from palpate.procedures.commands.accuracy_scene import scene_command
@@ -35,6 +36,7 @@ def accuracy(context: click.Context, out: Path | None, as_json: bool, quiet: boo
 
 
 accuracy.add_command(integrators)
+accuracy.add_command(modulus_command, "modulus")
 accuracy.add_command(dwell_command, "dwell")
 accuracy.add_command(promises_command, "promises")
 accuracy.add_command(scene_command, "scene")

@@ -68,14 +68,14 @@ def modulus(
 
     check_ours(GROUP, WHAT, ["modulus"])  # the command's name is reserved
     design = chosen_by(choice).target.design
-    touched = _object(design, sample, modulus, thickness, real=choice.bench is not None)
+    touched = object_to_touch(design, sample, modulus, thickness, real=choice.bench is not None)
     procedure = ObjectModulus(
         touched, tolerance, time, relative_to_model, model, load, frequency, mountings, mounting_scatter
     )
     (plan if dry_run else measure)(procedure, choice, output)
 
 
-def _object(design: Design, sample: str | None, modulus: float | None, thickness: float, real: bool) -> Sample:
+def object_to_touch(design: Design, sample: str | None, modulus: float | None, thickness: float, real: bool) -> Sample:
     """The object to mount. Raises UsageError: sample and modulus are both given, or neither for a simulated bench."""
     from palpate.instrument.errors import UsageError
     from palpate.instrument.sensor.sample import get_sample

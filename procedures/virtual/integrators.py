@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.console.terminal import console
@@ -14,8 +14,12 @@ from palpate.procedures.records.run import storing
 from palpate.procedures.showing.figure import MARKERS, write
 from palpate.simulators.linear import bouc_wen, integrators
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
 
+BOUC_WEN = "Bouc-Wen"  # methods of the second task begin so
 SECONDS = 5.0  # s of processor time that `measure` takes [M]
 
 
@@ -63,8 +67,20 @@ def plot_integrators(rows: Rows, title: str, folder: Path) -> Path:
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.4, 5.2), layout="constrained")
-    ax = figure.add_subplot()
+    figure = Figure(figsize=(13, 5.2), layout="constrained")
+    figure.suptitle(title, fontsize=10)
+    for place, bent in enumerate((False, True)):  # each task has an output and axes of its own
+        own = [row for row in rows if row["method"].startswith(BOUC_WEN) == bent]
+        name = "the force of a Bouc-Wen operator" if bent else "the output of the chain"
+        _draw(own, figure.add_subplot(1, 2, place + 1), name)
+    path = folder / "integrators.png"
+    with storing(path):
+        folder.mkdir(parents=True, exist_ok=True)
+        write(figure, path)
+    return path
+
+
+def _draw(rows: Rows, ax: Axes, name: str) -> None:
     for number, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
         own = [row for row in rows if row["method"] == method]
         good = [(row["seconds"], row["error"]) for row in own if row["error"] is not None]
@@ -73,13 +89,7 @@ def plot_integrators(rows: Rows, title: str, folder: Path) -> Path:
         for row in own:
             if row["error"] is None:
                 ax.plot(row["seconds"], 1.0, f"C{number % 10}x", ms=11, mew=2.5, clip_on=False, zorder=3)
-    ax.set(xscale="log", yscale="log", xlabel="CPU time of the record (s)", ylabel="greatest error of the output")
+    ax.set(xscale="log", yscale="log", xlabel="processor time (s)", ylabel=f"greatest error of {name}, relative")
     ax.set_ylim(top=1.0)
-    ax.set_title(title, fontsize=10, pad=10)
     ax.grid(alpha=0.3)
-    ax.legend(fontsize=8, title="crosses: no answer", title_fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    path = folder / "integrators.png"
-    with storing(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        write(figure, path)
-    return path
+    ax.legend(fontsize=8, title="crosses: no answer", title_fontsize=8)

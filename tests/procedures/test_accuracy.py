@@ -276,10 +276,13 @@ def test_the_plot_shows_every_model_of_every_design(tmp_path: Path, monkeypatch:
     left, right = saved[0].axes
     assert (left.get_title(), right.get_title()) == ("single_round", "single")
     assert left.get_xscale() == left.get_yscale() == "log"
-    (line,) = (line for line in left.get_lines() if line.get_label() == "axisymmetric")
-    assert len(line.get_xdata()) == 5  # type: ignore[arg-type]
-    labels = [text.get_text() for text in left.get_legend().get_texts()]  # type: ignore[union-attr]
-    assert "experiment: no answer" in labels and "solid" in labels
+    priced = [price for price in stored().prices if (price.design, price.model) == ("single_round", "axisymmetric")]
+    told = {(price.answer_s or price.seconds, price.errors[1]) for price in priced}  # as the table has them
+    drawn = {(x, y) for line in left.get_lines() for x, y in zip(line.get_xdata(), line.get_ydata(), strict=True)}  # type: ignore[arg-type]
+    assert len(told) == 5 and told <= drawn
+    (legend,) = saved[0].legends  # one for all panels
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert {"experiment", "solid", "surface"} <= set(labels) and len(labels) < 12
 
 
 def test_measuring_keeps_nothing_unless_told_to(

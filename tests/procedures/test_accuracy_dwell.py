@@ -76,13 +76,14 @@ def test_the_floor_holds_the_scatter_and_what_moves_with_the_drive() -> None:
     assert prices.floor[COHERENT] == pytest.approx(0.02, abs=1e-3)
     assert prices.floor_u == pytest.approx(math.hypot(0.04, 0.02), abs=1e-3)
     assert [each.dwell_s is None for each in prices.recommended] == [False, True, True, True]
-    assert "floor" in prices.recommended[1].why
+    assert "in step with the drive leaves 2.0" in prices.recommended[1].why
 
 
 def test_a_bias_within_its_noise_is_no_floor() -> None:
     prices = measure(record(0.3, scatter=0.0), FREQUENCY, (1.0,), (LEAST_SQUARES,))
     assert prices.floor_u == 0.0
     recommended = {each.target: each.dwell_s for each in prices.recommended}
+    assert {each.sets for each in prices.recommended} == {1}
     assert recommended[0.01] == pytest.approx(2 * 2 * 0.3**2 / RATE / 0.01**2, rel=0.2)
 
 
@@ -93,6 +94,21 @@ def test_a_bias_within_its_noise_is_no_floor() -> None:
 def test_hum_that_a_dwell_cannot_tell_from_the_drive_is_named(palpate: Palpate, frequency: str, told: str) -> None:
     said = palpate("accuracy", "dwell", "--scene", "ideal", "--dwell", "0.1 s", "--frequency", frequency).out
     assert f"least squares {told}" in said
+
+
+def test_no_whole_uncertainty_of_a_load_set_is_below_the_floor() -> None:
+    prices = measure(record(0.01, gain=1.02), FREQUENCY, (0.1, 1.0, 10.0))
+    assert all(point.whole_u >= prices.floor_u for point in prices.points)
+    assert all(point.whole_u > max(point.u, abs(point.bias)) for point in prices.points)
+
+
+def test_below_the_floor_the_mean_of_load_sets_leads_there_and_the_table_has_its_numbers() -> None:
+    prices = measure(record(0.01, scatter=0.04), FREQUENCY, (0.2, 2.0), (LEAST_SQUARES,))
+    found = prices.recommended[1]
+    assert (found.target, found.sets, found.dwell_s) == (0.01, 17, 0.2)
+    point = rows(prices, LEAST_SQUARES)[0]
+    assert found.u == pytest.approx(math.hypot(0.04, point.u) / math.sqrt(17), rel=1e-6)
+    assert found.seconds == pytest.approx(17 * point.seconds)
 
 
 def test_a_silent_film_gives_no_prices() -> None:
@@ -123,7 +139,7 @@ def test_the_command_gives_a_table_a_plot_and_json(
 def test_people_see_bound_bias_floor_and_stamp(palpate: Palpate) -> None:
     said = palpate("accuracy", "dwell", "--dwell", "1 s", "--estimator", LEAST_SQUARES).out
     assert "SIMULATED" in said and "bound" in said and "bias" in said
-    assert "floor that no dwell beats: 4.10%" in said and "for 1 %: no dwell" in said
+    assert "floor that no dwell beats: 4.10%" in said and "for 1 %: the mean of " in said
 
 
 @pytest.mark.parametrize(

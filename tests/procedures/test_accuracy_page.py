@@ -76,25 +76,32 @@ def test_models_are_recommended_as_callers_get_them() -> None:
     offered = {price.answer_s for price in stored().prices if price.design == "single"}
     assert {each.seconds for each in best} <= offered
     assert {"column", "solid"} <= {way.name for way in part.ways}
+    assert all(way.seconds in offered for way in part.ways)
 
 
-def test_the_page_joins_all_four(palpate: Palpate, tmp_path: Path) -> None:
+def test_the_page_joins_all_five(palpate: Palpate, tmp_path: Path) -> None:
     said = palpate("accuracy", "--json", "--out", str(tmp_path / "new")).object
     names = [part["name"] for part in said["parts"]]
-    assert names[:3] == [page.MODELS, page.INTEGRATORS, page.DWELL]
-    assert all(name.startswith(page.ARITHMETIC) for name in names[3:]) and len(names) == 7
+    assert names[:4] == [page.MODULUS, page.DWELL, page.MODELS, page.INTEGRATORS]
+    assert all(name.startswith(page.ARITHMETIC) for name in names[4:]) and len(names) == 8
     for part in said["parts"]:
-        assert set(part) == {"name", "error_of", "time", "ways", "recommended", "floor"}
-        assert [each["tolerance"] for each in part["recommended"]] == [0.1, 0.01, 1e-3, 1e-4]
-    dwell = said["parts"][2]
+        assert set(part) == {"name", "error_of", "time", "ways", "recommended", "floor", "floor_of", "note"}
+        if part["name"] != page.MODULUS:
+            assert [each["tolerance"] for each in part["recommended"]] == [0.1, 0.01, 1e-3, 1e-4]
+    dwell = said["parts"][1]
     assert dwell["floor"] == pytest.approx(0.041, abs=1e-3)
-    assert [each["name"] for each in dwell["recommended"]] == ["least squares", None, None, None]
+    assert {each["name"] for each in dwell["recommended"]} == {page.MEAN}
+    for part in said["parts"]:  # what the table recommends is among what the picture draws
+        drawn = {(way["name"], way["setting"], way["error"], way["seconds"]) for way in part["ways"]}
+        told = [(each["name"], each["setting"], each["error"], each["seconds"]) for each in part["recommended"]]
+        assert part["name"] == page.MODULUS or {each for each in told if each[0] is not None} <= drawn
     assert Path(said["plot"]).exists()
 
 
 def test_people_get_one_table_and_the_help_names_the_parts(palpate: Palpate) -> None:
     said = palpate("accuracy").out
-    assert "the floor is 4.10%" in said and "integer of 48 bits" in said
+    assert "mean of load sets" in said and "integer of 48 bits" in said
+    assert "absolute: no bench time gets below" in said
     helped = palpate("accuracy", "--help").out
     for name in ("dwell", "models", "integrators"):
         assert name in helped

@@ -109,7 +109,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
                 " as '1 %'"
             )
         check_nodes(target.design, target.nodes, target.channels)
-        check_force(self._loads(target), target.force_limit)
+        check_force(self.loads_on(target), target.force_limit)
         check_frequency(self.frequency, target)
         check_time(shortest(self.frequency), self.frequency)
         if target.model is not None and target.model not in SLOW:
@@ -128,15 +128,15 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def prospect(self, target: Target) -> Prospect:
         """What is planned, and what it is expected to give. Raises as `check`."""
-        return _prospect(self, target.design, self._loads(target), self._references(target))
+        return _prospect(self, target.design, self.loads_on(target), self.references_on(target))
 
-    def _references(self, target: Target) -> ByReferences | None:
+    def references_on(self, target: Target) -> ByReferences | None:
         """The model's calibration by references; before the bench is open, the one that it probably has."""
         if target.calibrated is not None:
             return target.references
         return probable_references(self.model_question(target.design), target.model is not None)
 
-    def _loads(self, target: Target) -> tuple[float, ...]:
+    def loads_on(self, target: Target) -> tuple[float, ...]:
         """The loads among which the plan chooses: the given one, or all that the load cell is calibrated for."""
         if self.load is not None:
             return (self.load,)
@@ -149,7 +149,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def course(self, lab: Lab) -> Course:
         """The course of the measurement on an open bench."""
-        return _course(self, lab.design, self._loads(lab.target), self._references(lab.target))
+        return _course(self, lab.design, self.loads_on(lab.target), self.references_on(lab.target))
 
     def plan(self, target: Target) -> Plan[Step]:
         """The most load sets that there can be, and what is predicted."""

@@ -1,0 +1,1 @@
+"""How well a modulus is known after which bench time."""

@@ -1,0 +1,87 @@
+"""The command palpate accuracy modulus."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from palpate.procedures.commands import options, texts
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, option, output_options
+
+ANY_TIME = 1000.0  # s; each point of the front has a time of its own
+
+
+@click.command(
+    cls=Command,
+    epilog="Examples:\n\n  palpate accuracy modulus\n\n  palpate accuracy modulus --modulus '48 kPa' --out prices"
+    "\n\n  palpate accuracy modulus --sample 2 --mounting-scatter '1 %' --json"
+    "\n\n  palpate accuracy modulus --bench lab.toml --modulus '20 kPa' --model surface",
+)
+@option("--sample", help="Rubber sample (default: 4, if no modulus is given).")
+@option("--modulus", callback=texts.quantity("Pa"), help="Young modulus that is expected of an object.")
+@option("--thickness", callback=texts.quantity("m"), default="3 mm", help="Thickness of an object of that modulus.")
+@option("--scene", metavar="NAME|FILE", help="Scene of a simulated bench (default: thesis_single).")
+@option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench; nothing is sent to it.")
+@option("--model", metavar="NAME", default="auto", help="Sensor model that turns the ratio into the modulus.")
+@option("--load", callback=texts.quantity("N"), help="Load, peak to peak (default: each plan chooses it).")
+@options.frequency_option
+@option(
+    "--mounting-scatter",
+    callback=texts.quantity(""),
+    help="Relative standard deviation of the ratio from mounting to mounting, if it is known.",
+)
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot modulus.png (default: no plot).")
+@output_options
+def modulus_command(
+    sample: str | None,
+    modulus: float | None,
+    thickness: float,
+    scene: str | None,
+    bench: Path | None,
+    model: str,
+    load: float | None,
+    frequency: float,
+    mounting_scatter: float | None,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Show how well a modulus is known after which bench time, and what its uncertainty consists of.
+
+    The best plan of `palpate measure modulus` for each time, with the plans for 20, 10, 5, 2 and 1 %. On the model's
+    scale the uncertainty is that of statistics, meshes and films; the absolute one holds the model's validation error,
+    too. Nothing is measured.
+    """
+    from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
+    from palpate.procedures.commands.measure_modulus import object_to_touch
+    from palpate.procedures.lab.chosen import choose
+    from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+
+    output = Output(as_json, quiet)
+    make_folder(out)
+    target = replace(choose(bench, scene).target, model=None)  # nothing is simulated: no model must answer for a truth
+    known = "4" if sample is None and modulus is None else sample
+    object_ = object_to_touch(target.design, known, modulus, thickness, real=False)
+    asked = ObjectModulus(
+        object_, time=ANY_TIME, model=model, load=load, frequency=frequency, mounting_scatter=mounting_scatter
+    )
+    with output.prices():
+        asked.check(target)
+        question, references = asked.model_question(target.design), asked.references_on(target)
+        setting = Setting(target.design, question, asked.loads_on(target), frequency, mounting_scatter, references)
+        front = ModulusFront.of(setting, object_.modulus)
+    plot = None
+    if out is not None:
+        from palpate.procedures.accuracy.modulus.report import plot_modulus_front
+
+        plot = plot_modulus_front(front, bench is None, out)
+
+    def show() -> None:
+        from palpate.procedures.accuracy.modulus.report import print_modulus_front
+
+        print_modulus_front(front, bench is None, plot)
+
+    head = {"simulated": bench is None, "design": target.design.name, "sample": known}
+    output.result(lambda: {**head, **front.summary(), "plot": None if plot is None else str(plot)}, show)
