@@ -293,6 +293,21 @@ def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
     assert outputs(sim) == OFF
 
 
+@pytest.mark.slow
+def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_has_enough(
+    palpate: Palpate, stop: Stop, person: str, asked: list[str], sim: SimulatedBench
+) -> None:
+    modulus = ("measure", "modulus", "--sample", "1", "--tolerance", "5 %", "--relative-to-model", "--quiet")
+    before = stopped(palpate, stop, 4, *modulus, "--bench", person).points()
+    result = palpate("runs", "resume", "cut", "--json").object
+    run = Run.open(Path("cut"))
+    assert (run.status, run.points()[:4]) == ("complete", before)
+    assert (result["sets"], result["mountings"]) == (10, 1)
+    assert (asked, result["achieved_seconds"]) == (["1", "1"], None)
+    assert events("cut") == ["stopped", "continued", "enough"]
+    assert outputs(sim) == OFF
+
+
 def test_a_run_that_goes_on_without_a_terminal_says_what_it_assumes(
     palpate: Palpate, stop: Stop, person: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
