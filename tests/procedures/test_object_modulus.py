@@ -100,7 +100,7 @@ def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Pa
         (("--time", "70 s"), "set takes .* 70 s are too short"),
         (("--time", "24 h"), "sets, above 10000; ask for a greater --tolerance, or give less --time"),
         (("--time", "0 s"), "--time 0 s is not above 0"),
-        (("--tolerance", "5 %", "--model", "experiment"), "validation error of 'experiment' is not known"),
+        (("--tolerance", "5 %", "--scene", "array_16"), "validation error of .surface. is not known"),
         (("--tolerance", "60 %"), "above the 50 % that a tolerance may be"),
         (("--time", "2 min", "--mountings", "0"), "--mountings 0 is outside 1 to 100"),
         (("--time", "2 min", "--mounting-scatter", "2"), "--mounting-scatter 2 is outside 0 to 0.5"),

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.errors import RangeError, UsageError
-from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.object_modulus import ByReferences, answering
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.response import response
@@ -20,11 +19,10 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Predicted, Step
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import probable_references
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.object_modulus.course import Course
 from palpate.procedures.measurements.object_modulus.prospect import (
     Prospect,
@@ -39,22 +37,18 @@ from palpate.procedures.measurements.object_modulus.prospect import (
 from palpate.procedures.measurements.object_modulus.refusal import below_floor, check_mountings, not_known
 from palpate.procedures.measurements.object_modulus.result import ModulusPoint, ObjectModulusResult
 from palpate.procedures.measurements.object_modulus.telling import planned_lines
+from palpate.procedures.measurements.object_modulus.work import Measuring
 from palpate.procedures.measurements.settings import Frequency
 from palpate.procedures.measurements.softness.procedure import SLOW
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.approach import approach
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
-from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.probe import mount, withdraw
 
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
 UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known
 MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without its tolerance
 MOST_MOUNTINGS, MOST_SETS = 100, 10_000
 LARGEST_SCATTER = 0.5
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -173,7 +167,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         return Plan(self.name, steps, Predicted(plan.seconds, u, told, planned_lines(self.wanted, prospect)))
 
     def begin(self, lab: Lab, record: Recorder) -> Measuring:
-        return Measuring(lab, record, self)
+        return Measuring(lab, record, self.course(lab), self.object)
 
     def enough(self, points: Sequence[ModulusPoint], lab: Lab) -> str:
         """Why the sets so far are enough."""
@@ -232,72 +226,3 @@ def _course(
     question = procedure.model_question(design)
     prospect = _prospect(procedure, design, loads, references)
     return Course(design, question, curve_of(question, references), procedure.wanted, prospect)
-
-
-class Measuring(DynamicLoadWork):
-    """The bench work: one set after the other, with the object mounted again when the course says so."""
-
-    def __init__(self, lab: Lab, record: Recorder, asked: ObjectModulus) -> None:
-        self._spent, self._bench = 0.0, lab.bench
-        self._course, self._object = asked.course(lab), asked.object
-        self._points: list[ModulusPoint] = record.finished(ModulusPoint)
-        self._mounting = self._points[-1].mounting if self._points else 1
-        self._free, self._loaded = 0.0, False
-        self._plan = self._course.prospect
-        set_up = super().__init__
-        self._timed(lambda: set_up(lab, record, (self._plan.load,), asked.frequency, (self._object.name,)))
-
-    def arrange(self, step: Step) -> None:
-        self._timed(self._mount)
-
-    def take(self, step: Step) -> Measurement[ModulusPoint]:
-        if self._loaded and self._course.remounts(self._points):
-            self._mounting += 1
-            self._timed(self._mount)
-        measured = self._timed(partial(self._set, step.what))
-        self._loaded = True
-        point = self._point(measured)
-        self._spent = 0.0
-        self._points.append(point)
-        return Measurement(point, measured.waveforms(self.lab.design))
-
-    def _mount(self) -> None:
-        withdraw(self.lab.bench)
-        mount(self.lab.bench, self._object)
-        onto = f"sample {self._object.name}"
-        found = approach(self.lab.bench, self.lab.calibration, self.preload, onto, known=self._free)
-        self._free, self._loaded = found.free, False
-        self.hold(found.force)
-
-    def _set(self, what: str) -> FilmPoint:
-        """A set by the load cell after a mounting, and by the amplitude that this gave from then on."""
-        return (self.again if self._loaded else self.measured)(self._plan.load, what, self._plan.allocation.dwell)
-
-    def _timed(self, step: Callable[[], T]) -> T:
-        began = self._bench.clock.now_ns()
-        try:
-            return step()
-        finally:
-            self._spent += 1e-9 * (self._bench.clock.now_ns() - began)
-
-    def _point(self, measured: FilmPoint) -> ModulusPoint:
-        forces = film_forces(self.lab.design, measured.fit)
-        return ModulusPoint(
-            mounting=self._mounting,
-            load_N=self._plan.load,
-            load_measured_N=measured.load_N,
-            load_measured_u=measured.load_u,
-            force_ratio=forces.force_ratio,
-            force_ratio_u=forces.force_ratio_u,
-            noise_u=forces.noise_u,
-            calibration_u=forces.calibration_u,
-            pickup_u=forces.pickup_u,
-            degrees_of_freedom=forces.degrees_of_freedom,
-            dwell_s=measured.dwell,
-            seconds=self._spent,
-            valid=measured.valid,
-            flags=measured.flags,
-            attempts=measured.attempts,
-            incidents=measured.incidents,
-            free_m=self._free,
-        )

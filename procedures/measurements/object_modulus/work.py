@@ -1,0 +1,91 @@
+"""The bench work of the measurement of one object's modulus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.sensor.sample import Sample
+from palpate.procedures.engine.plan import Step
+from palpate.procedures.engine.procedure import Measurement
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.object_modulus.course import Course
+from palpate.procedures.measurements.object_modulus.result import ModulusPoint
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.approach import approach
+from palpate.procedures.steps.film_point import FilmPoint
+from palpate.procedures.steps.probe import mount, withdraw
+
+T = TypeVar("T")
+
+
+class Measuring(DynamicLoadWork):
+    """The bench work: one set after the other, with the object mounted again when the course says so."""
+
+    def __init__(self, lab: Lab, record: Recorder, course: Course, touched: Sample) -> None:
+        self._spent, self._bench = 0.0, lab.bench
+        self._course, self._object = course, touched
+        self._points: list[ModulusPoint] = record.finished(ModulusPoint)
+        self._mounting = self._points[-1].mounting if self._points else 1
+        self._free, self._loaded = 0.0, False
+        self._plan = self._course.prospect
+        set_up = super().__init__
+        self._timed(lambda: set_up(lab, record, (self._plan.load,), course.wanted.frequency, (self._object.name,)))
+
+    def arrange(self, step: Step) -> None:
+        self._timed(self._mount)
+
+    def take(self, step: Step) -> Measurement[ModulusPoint]:
+        if self._loaded and self._course.remounts(self._points):
+            self._mounting += 1
+            self._timed(self._mount)
+        measured = self._timed(partial(self._set, step.what))
+        self._loaded = True
+        point = self._point(measured)
+        self._spent = 0.0
+        self._points.append(point)
+        return Measurement(point, measured.waveforms(self.lab.design))
+
+    def _mount(self) -> None:
+        withdraw(self.lab.bench)
+        mount(self.lab.bench, self._object)
+        onto = f"sample {self._object.name}"
+        found = approach(self.lab.bench, self.lab.calibration, self.preload, onto, known=self._free)
+        self._free, self._loaded = found.free, False
+        self.hold(found.force)
+
+    def _set(self, what: str) -> FilmPoint:
+        """A set by the load cell after a mounting, and by the amplitude that this gave from then on."""
+        return (self.again if self._loaded else self.measured)(self._plan.load, what, self._plan.allocation.dwell)
+
+    def _timed(self, step: Callable[[], T]) -> T:
+        began = self._bench.clock.now_ns()
+        try:
+            return step()
+        finally:
+            self._spent += 1e-9 * (self._bench.clock.now_ns() - began)
+
+    def _point(self, measured: FilmPoint) -> ModulusPoint:
+        forces = film_forces(self.lab.design, measured.fit)
+        return ModulusPoint(
+            mounting=self._mounting,
+            load_N=self._plan.load,
+            load_measured_N=measured.load_N,
+            load_measured_u=measured.load_u,
+            force_ratio=forces.force_ratio,
+            force_ratio_u=forces.force_ratio_u,
+            noise_u=forces.noise_u,
+            calibration_u=forces.calibration_u,
+            pickup_u=forces.pickup_u,
+            degrees_of_freedom=forces.degrees_of_freedom,
+            dwell_s=measured.dwell,
+            seconds=self._spent,
+            valid=measured.valid,
+            flags=measured.flags,
+            attempts=measured.attempts,
+            incidents=measured.incidents,
+            free_m=self._free,
+        )
