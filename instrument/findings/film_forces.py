@@ -162,6 +162,15 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
     )
 
 
+def calibration_u(design: Design) -> float:
+    """Relative standard uncertainty of the ratio by the films' calibration, where all teeth bear alike."""
+    if design.film_covariance is None:
+        return 0.0
+    teeth = np.array([film.kind == FILM_KINDS[0] for film in design.films])
+    weights = np.where(teeth, 1 / teeth.sum(), -1 / (~teeth).sum())
+    return math.sqrt(max(float(weights @ np.asarray(design.film_covariance) @ weights), 0.0))
+
+
 def pickup_u(design: Design) -> float:
     """Standard uncertainty of each film's force by its cable's pick-up, as a share of the load on the sensor.
 

@@ -28,6 +28,7 @@ def sweep() -> None:
 @sweep.command(
     epilog="Examples:\n\n  palpate sweep loads\n\n  palpate sweep loads --samples 1,3 --loads '2 N, 3 N' --dwell '2 s'"
     "\n\n  palpate sweep loads --scene thesis_common_base --tolerance '6 %'"
+    "\n\n  palpate sweep loads --loads '3 N' --tolerance '1 %'"
     "\n\n  palpate sweep loads --model column --seed 7 --json\n\n  palpate sweep loads --bench lab.toml --out first-day"
 )
 @option("--samples", callback=texts.samples, default="1-6", help="Rubber samples, in order.")
@@ -41,7 +42,8 @@ def sweep() -> None:
 @option(
     "--tolerance",
     callback=texts.share,
-    help="Instead of --dwell: relative standard uncertainty that each point shall reach.",
+    help="Instead of --dwell: relative standard uncertainty of each point; where no load set can have it, of the mean"
+    " of each sample: its loads are then repeated.",
 )
 @options.frequency_option
 @MODEL

@@ -41,7 +41,7 @@ from palpate.instrument.uncertainty.budget import Budget, Component, coverage_fa
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
 from palpate.procedures.measurements.characterise.result import _of_greatest
 from palpate.procedures.measurements.frequency import procedure as frequency
-from palpate.procedures.measurements.loads.procedure import floor_of
+from palpate.procedures.measurements.loads.repeats import floor_of
 from palpate.procedures.measurements.softness import result as softness
 from palpate.procedures.reproduce.judging import bias
 from palpate.procedures.reproduce.judging.odds import _cells, fitted_line

@@ -56,7 +56,7 @@ def test_the_nodes_of_an_array_are_recorded_together(palpate: Palpate) -> None:
 # --- refused before anything starts ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("more", [("--tolerance", "1 %"), ("--frequency", "200 Hz"), ("--loads", "9.5 N")])
+@pytest.mark.parametrize("more", [("--tolerance", "0.01 %"), ("--frequency", "200 Hz"), ("--loads", "9.5 N")])
 def test_what_is_refused_starts_no_bench_and_leaves_no_folder(
     palpate: Palpate, benches: Benches, more: tuple[str, str]
 ) -> None:

@@ -10,18 +10,19 @@ from typing import Annotated
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
-from palpate.instrument.findings.film_forces import film_forces, pickup_u
-from palpate.instrument.models.foundation.springs import force_ratio
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.dwell import STEP, Dwell, Floor, check_target, dwell_of, floor_u
+from palpate.instrument.signals.dwell import STEP, Dwell, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
-from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
+from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
+from palpate.procedures.measurements.loads.repeats import Repeats, expected_ratio, floor_of, one_set_suffices
+from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, valid_ratios
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, LoadSets
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
@@ -54,7 +55,10 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
     frequency: Frequency = 10.0
     tolerance: Annotated[
         float | None,
-        Setting(help="Relative standard uncertainty of a point, by which its dwell is chosen instead, such as 5 %."),
+        Setting(
+            help="Relative standard uncertainty, such as 5 %: of each point, whose dwell is chosen by it; where no load"
+            " set has it, of the mean of each sample, whose loads are repeated."
+        ),
     ] = None
     extrapolate: Extrapolate = False
 
@@ -62,8 +66,8 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: a load exceeds the force limit, the frequency or the dwell is outside its limits, no dwell gives
-                the tolerance, or the bench has too few sensor nodes.
+            RangeError: a load exceeds the force limit, the frequency or the dwell is outside its limits, neither a
+                dwell nor repeated load sets give the tolerance, or the bench has too few sensor nodes.
             UnknownName: there is no such sample.
         """
         check_nodes(target.design, target.nodes, target.channels)
@@ -76,9 +80,11 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         check_frequency(self.frequency, target)
         if self.tolerance is None:
             check_time(self.dwell, self.frequency)
-        else:
+            return
+        check_tolerance(self.tolerance, f"tolerance {self.tolerance:g}")
+        if repeats := self.repeats(target.design):
             for sample in self.samples:
-                check_target(self.tolerance, floor_of(target.design, expected_ratio(target.design, sample)))
+                repeats.allocation(sample)
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads, self.extrapolate)
@@ -88,17 +94,46 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         objects = [get_sample(name) for name in self.samples]
         return Dwells(objects, (min(self.loads), max(self.loads)), self.frequency, dwell)
 
+    def repeats(self, design: Design) -> Repeats | None:
+        """The repeated load sets, where one of a sample cannot have the tolerance; None: one can, or none is asked."""
+        if self.tolerance is None or one_set_suffices(design, self.samples, self.tolerance):
+            return None
+        return Repeats(design, tuple(self.loads), self.frequency, self.tolerance)
+
     def plan(self, target: Target) -> Plan[LoadStep]:
-        """All points: every load on every sample."""
+        """All points: every load on every sample; with a tolerance of the mean, the most load sets of each sample."""
+        if repeats := self.repeats(target.design):
+            return self._repeated(repeats)
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
-        return Plan(
-            self.name,
-            [
-                self._step(target.design, name, load, told, first=not number)
-                for name in self.samples
-                for number, (load, told) in enumerate(sets)
-            ],
-        )
+        steps = [
+            self._step(target.design, name, load, told, first=not number)
+            for name in self.samples
+            for number, (load, told) in enumerate(sets)
+        ]
+        if self.tolerance is None:
+            return Plan(self.name, steps)
+        seconds, worst = math.fsum(step.seconds for step in steps), max(step.force_ratio_u or 0.0 for step in steps)
+        return Plan(self.name, steps, Predicted(seconds, worst, {"tolerance_of": "point"}))
+
+    def _repeated(self, repeats: Repeats) -> Plan[LoadStep]:
+        steps = []
+        for sample in self.samples:
+            dwell, most = repeats.allocation(sample).dwell, repeats.most(sample)
+            for number in range(most):
+                load = self.loads[number % len(self.loads)]
+                seconds = point_seconds(self.frequency, dwell, first=not number)
+                what, group = f"sample {sample}, {load:g} N, set {number + 1}", f"mount sample {sample}"
+                scatter = repeats.design.ratio_scatter
+                steps.append(LoadStep(dwell, seconds, scatter, sample, load, what=what, group=group))
+        return Plan(self.name, steps, repeats.predicted(self.samples))
+
+    def skips(self, step: LoadStep, points: Sequence[LoadPoint], lab: Lab) -> bool:
+        """Whether the sample of a step has the load sets that the tolerance of its mean needs."""
+        repeats = self.repeats(lab.design)
+        if repeats is None:
+            return False
+        own = [point for point in points if point.sample == step.sample]
+        return bool(own) and repeats.has_enough(step.sample, len(own), valid_ratios(own))
 
     def _step(self, design: Design, sample: str, load: float, told: str, first: bool) -> LoadStep:
         ratio = expected_ratio(design, sample)
@@ -116,7 +151,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         return Sweeping(lab, record, self)
 
     def evaluate(self, points: Sequence[LoadPoint], lab: Lab) -> SweepResult:
-        return evaluate(points, lab.design)
+        return evaluate(points, lab.design, self.repeats(lab.design), self.tolerance)
 
     def report(self, result: SweepResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
@@ -130,13 +165,15 @@ class Sweeping(DynamicLoadWork):
 
     def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep) -> None:
         super().__init__(lab, record, sweep.loads, sweep.frequency, sweep.samples, sweep.extrapolate)
-        self._dwell = sweep.dwell if sweep.tolerance is None else _chosen(lab.design, sweep.tolerance)
+        self._chosen: DwellChoice | None = None
+        if sweep.tolerance is not None and sweep.repeats(lab.design) is None:
+            self._chosen = _chosen(lab.design, sweep.tolerance)
 
     def arrange(self, step: LoadStep) -> None:
         self.press(get_sample(step.sample))
 
     def take(self, step: LoadStep) -> Measurement[LoadPoint]:
-        measured = self.load_set(step.load_N, step.what, self._dwell)
+        measured = self.load_set(step.load_N, step.what, self._chosen or float(step.dwell_s or 0.0))
         point = _point(self.lab.design, self.lab.calibration, step, measured)
         return Measurement(point, measured.waveforms(self.lab.design))
 
@@ -150,18 +187,6 @@ def _chosen(design: Design, target: float) -> DwellChoice:
         return dwell_of(target, noise, short.frequency, floor_of(design, forces.force_ratio))
 
     return choose
-
-
-def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
-    """Relative uncertainties of a force ratio that no dwell lowers, for one tooth and its base."""
-    scatter = Floor("gain scatter", design.ratio_scatter)
-    pickup = pickup_u(design) * math.hypot(1.0, 1 / ratio)
-    return (scatter, Floor("pick-up in step with the load", pickup)) if pickup else (scatter,)
-
-
-def expected_ratio(design: Design, sample: str) -> float:
-    """The force ratio to be expected of a sample: the thesis' mean, or that of a simple model."""
-    return design.thesis_force_ratio.get(sample) or force_ratio(design, get_sample(sample))
 
 
 def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, measured: FilmPoint) -> LoadPoint:

@@ -16,6 +16,8 @@ from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import new_table, number, percent, print_all, stamped, where
 
+ROUNDING = 1e-6  # of a tolerance
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -61,10 +63,21 @@ def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Pat
         *([_worth(worth, outcome["model"])] if worth else []),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}{compared}",
         *legend(points, means),
+        *([] if result.tolerance is None else [_tolerance(result.tolerance, result, outcome)]),
         _forces(result.points),
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),
     )
+
+
+def _tolerance(tolerance: float, result: SweepResult, outcome: Outcome) -> str:
+    """A line that says of what the tolerance is, and what was predicted and reached."""
+    of = "the mean of each sample, whose load sets are repeated" if result.tolerance_of == "mean" else "each point"
+    u, predicted = result.achieved_u, outcome["predicted_u"]
+    reached = f"{percent(u)} % reached" if u is not None else "not known what was reached"
+    foreseen = "" if predicted is None else f" (predicted {percent(predicted)} %)"
+    missed = ", NOT REACHED" if u is not None and u > tolerance * (1 + ROUNDING) else ""
+    return f"tolerance      {percent(tolerance)} % of {of}: {reached} at most{foreseen}{missed}"
 
 
 def _worth(evidence: str, model: str | None) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Protocol
 
+from palpate.instrument.allocation.stopping import Answer
 from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.sensor.design import Design
@@ -91,6 +92,11 @@ class SampleMean:
     thesis_force_ratio: float | None
     teeth: tuple[float, ...] = ()
 
+    @property
+    def relative_u(self) -> float | None:
+        """`force_ratio_u` over `force_ratio`; None: there is no mean."""
+        return self.force_ratio_u / self.force_ratio if self.force_ratio and self.force_ratio_u is not None else None
+
 
 @dataclass(frozen=True, slots=True)
 class SweepResult:
@@ -101,29 +107,66 @@ class SweepResult:
         samples: mean force ratio of each sample.
         softness_order: names of the samples with a valid point, from hard to soft.
         budgets: uncertainty budget of each mean.
+        tolerance: relative standard uncertainty that was asked for; None: none was.
+        tolerance_of: "point", or "mean" of each sample; None: there is no tolerance.
     """
 
     points: list[LoadPoint]
     samples: list[SampleMean]
     softness_order: list[str]
     budgets: tuple[Budget, ...]
+    tolerance: float | None = None
+    tolerance_of: str | None = None
+
+    @property
+    def achieved_u(self) -> float | None:
+        """Greatest relative standard uncertainty of what the tolerance is of; None: there is none, or one lacks."""
+        of = {"point": [p.relative_u for p in self.points], "mean": [s.relative_u for s in self.samples]}
+        found = of.get(self.tolerance_of or "", [])
+        known = [u for u in found if u is not None]
+        return max(known) if known and len(known) == len(found) else None
 
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""
         return {
             "samples": [asdict(s) for s in self.samples],
             "softness_order": self.softness_order,
+            **({} if self.tolerance is None else {"tolerance_of": self.tolerance_of}),
             "budgets": [budget.summary() for budget in self.budgets],
         }
 
 
-def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
-    """The mean force ratio of each sample over its valid points, and the samples from hard to soft."""
+class Repeated(Protocol):
+    """Load sets of samples that are repeated for a tolerance of their mean ratios."""
+
+    def answer(self, sample: str, ratios: Sequence[float]) -> Answer: ...
+
+
+def valid_ratios(points: Sequence[LoadPoint]) -> list[float]:
+    """Ratios of the valid points."""
+    return [point.force_ratio for point in points if point.valid and point.force_ratio > 0]
+
+
+def evaluate(
+    points: Sequence[LoadPoint], design: Design, repeated: Repeated | None = None, tolerance: float | None = None
+) -> SweepResult:
+    """The mean force ratio of each sample over its valid points, and the samples from hard to soft.
+
+    Args:
+        points: the points.
+        design: the sensor.
+        repeated: the load sets that were repeated, whose own scatter then tells the uncertainty of the mean; None: the
+            scatter of the design tells it.
+        tolerance: the tolerance that was asked for, of a point, or of the mean where sets were repeated.
+    """
     means, budgets = [], []
     for name in dict.fromkeys(point.sample for point in points):
         valid = [point for point in points if point.sample == name and point.valid]
         n = len(valid)
-        budget = mean_ratio(f"force ratio of sample {name}", valid, design.film_freedom) if valid else None
+        what = f"force ratio of sample {name}"
+        budget = mean_ratio(what, valid, design.film_freedom) if valid else None
+        if repeated is not None and (ratios := valid_ratios(valid)):
+            budget = _by_scatter(what, repeated.answer(name, ratios))
         budgets += [budget] if budget else []
         means.append(
             SampleMean(
@@ -138,4 +181,12 @@ def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
             )
         )
     known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
-    return SweepResult(list(points), means, [sample for _, sample in sorted(known, reverse=True)], tuple(budgets))
+    order = [sample for _, sample in sorted(known, reverse=True)]
+    of = None if tolerance is None else "point" if repeated is None else "mean"
+    return SweepResult(list(points), means, order, tuple(budgets), tolerance, of)
+
+
+def _by_scatter(quantity: str, found: Answer) -> Budget:
+    """The budget of a mean ratio by what its sets scatter."""
+    parts = tuple(replace(part, sensitivity=found.ratio) for part in found.budget.components)
+    return Budget(quantity, found.ratio, "", parts, found.budget.correlations)

@@ -12,12 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from palpate.instrument.allocation.allocate import Allocation, allocate, allocate_time
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
 from palpate.instrument.allocation.stopping import FIRST, longest
-from palpate.instrument.findings.film_forces import pickup_u
+from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER
 from palpate.instrument.findings.modulus_of_ratio import MOST_SENSITIVE, modulus_of_ratio
 from palpate.instrument.findings.object_modulus import ByReferences, estimate, validation_of
@@ -25,7 +23,7 @@ from palpate.instrument.models.corrected_curve import corrected
 from palpate.instrument.models.curve import RatioCurve, ratio_curve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation_line import ValidationLine
-from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.plan import MOUNTING, expected_noise
 from palpate.procedures.steps.checks import preload_for
 from palpate.procedures.steps.films import settling_length
@@ -126,7 +124,7 @@ def lines_of(design: Design, found: Expected, load: float, wanted: Wanted, absol
     A scatter of mountings that is not known has no line.
     """
     slope, ratio = found.sensitivity or MOST_SENSITIVE, found.ratio
-    films, pickup = _calibration_u(design), pickup_u(design) * math.hypot(1.0, 1 / ratio)
+    films, pickup = calibration_u(design), pickup_u(design) * math.hypot(1.0, 1 / ratio)
     lines = [
         Line(SCATTER, slope * design.ratio_scatter, Unit.SET, PRIOR_FREEDOM),
         Line(NOISE, slope * expected_noise(design, load, ratio), Unit.SECOND),
@@ -142,15 +140,6 @@ def lines_of(design: Design, found: Expected, load: float, wanted: Wanted, absol
         validation = found.validation
         lines.append(Line(VALIDATION, slope * (validation.u or 0.0), Unit.NOTHING, validation.degrees_of_freedom))
     return tuple(lines)
-
-
-def _calibration_u(design: Design) -> float:
-    """Relative standard uncertainty of the ratio by the films' calibration, where all teeth bear alike."""
-    if design.film_covariance is None:
-        return 0.0
-    teeth = np.array([film.kind == FILM_KINDS[0] for film in design.films])
-    weights = np.where(teeth, 1 / teeth.sum(), -1 / (~teeth).sum())
-    return math.sqrt(max(float(weights @ np.asarray(design.film_covariance) @ weights), 0.0))
 
 
 def costs_of(load: float, frequency: float) -> Costs:

@@ -1,0 +1,174 @@
+"""A tolerance of the mean ratio of each sample, below what one load set can have: how often the loads are repeated.
+
+The sets of a sample take the loads in turn, in whole rounds. Its first sets tell how much sets scatter, and that tells
+how many there are in all, as `instrument.allocation.stopping` has it.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
+from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.stopping import FIRST, Answer, answer, enough
+from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.film_forces import calibration_u, pickup_u
+from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER
+from palpate.instrument.models.foundation.springs import force_ratio
+from palpate.instrument.quantity import counted, show
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.signals.dwell import STEP, Floor, floor_u, whole_steps
+from palpate.procedures.engine.plan import MOUNTING, Predicted, expected_noise, point_seconds
+from palpate.procedures.showing.plan import duration
+
+PRIOR_FREEDOM = 7.0  # degrees of freedom of the design's scatter: the thesis' 30 are worth no more
+MOST = 5, 20  # times the planned sets, and sets besides: a sample that needs more ends without the tolerance
+MOST_SETS = 10_000  # of a sample
+REMEDIES = {
+    CALIBRATION: "calibrate the films with more load sets: palpate calibrate films",
+    PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
+}
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """The load sets of samples whose mean ratios shall have a tolerance.
+
+    Attributes:
+        design: the sensor.
+        loads: loads of one round, peak to peak [N].
+        frequency: frequency of the load [Hz].
+        tolerance: relative standard uncertainty of the mean ratio of each sample.
+    """
+
+    design: Design
+    loads: tuple[float, ...]
+    frequency: float
+    tolerance: float
+
+    def allocation(self, sample: str) -> Allocation:
+        """The plan for a sample, in whole rounds and whole steps of dwell.
+
+        Raises:
+            RangeError: what no set lowers is not below the tolerance; the message says what would.
+        """
+        return _allocation(self, sample)
+
+    def lines(self, sample: str) -> list[Line]:
+        """Lines of the mean ratio of a sample."""
+        ratio = expected_ratio(self.design, sample)
+        noise = math.sqrt(
+            math.fsum(expected_noise(self.design, load, ratio) ** 2 for load in self.loads) / len(self.loads)
+        )
+        lines = [
+            Line(SCATTER, self.design.ratio_scatter, Unit.SET, PRIOR_FREEDOM),
+            Line(NOISE, noise, Unit.SECOND),
+        ]
+        if films := calibration_u(self.design):
+            lines.append(Line(CALIBRATION, films, Unit.NOTHING, self.design.film_freedom or math.inf))
+        lines += [Line(PICKUP, part.u, Unit.NOTHING) for part in floor_of(self.design, ratio) if part.name == PICKUP]
+        return lines
+
+    @property
+    def costs(self) -> Costs:
+        """Bench times of a sample, which is mounted once."""
+        first, later = (point_seconds(self.frequency, STEP, first=first) for first in (True, False))
+        return Costs(first - later, 0.0, later - STEP)
+
+    def most(self, sample: str) -> int:
+        """The most load sets of a sample, in whole rounds."""
+        plan = self.allocation(sample)
+        return len(self.loads) * math.ceil((MOST[0] * plan.sets + MOST[1]) / len(self.loads))
+
+    def has_enough(self, sample: str, taken: int, ratios: Sequence[float]) -> bool:
+        """Whether the valid `ratios` of a sample are enough; `taken` counts all its sets."""
+        if taken % len(self.loads):
+            return False
+        try:
+            return bool(
+                enough(self.lines(sample), self.costs, self.tolerance, self.allocation(sample), 1.0, [ratios]).why
+            )
+        except RangeError:  # by the scatter that was found no time is enough
+            return True
+
+    def answer(self, sample: str, ratios: Sequence[float]) -> Answer:
+        """Mean ratio of a sample, and its relative uncertainty by what its sets scatter."""
+        return answer(self.lines(sample), self.allocation(sample), 1.0, [ratios])
+
+    def predicted(self, samples: Sequence[str]) -> Predicted:
+        """What the run is predicted to take and to give; a plan for people."""
+        plans = {sample: self.allocation(sample) for sample in samples}
+        seconds = math.fsum(plan.seconds for plan in plans.values())
+        worst = max(plans.values(), key=lambda plan: plan.u)
+        sets = ", ".join(f"{sample}: {plan.sets}" for sample, plan in plans.items())
+        dwell = max(plan.dwell for plan in plans.values())
+        lines = [
+            f"wanted         {share(self.tolerance)} of the mean ratio of each sample, below the "
+            f"{share(self.design.ratio_scatter)} that one load set scatters",
+            f"plan           load sets of each sample: {sets}, of {show(dwell, 's')} at most: {duration(seconds)} "
+            f"(person {MOUNTING * len(plans):g} s)",
+            f"expected       {share(worst.u)} at most",
+            f"binds          {worst.binds}, {worst.shares[worst.binds]:.0%} of the variance",
+        ]
+        told = {
+            "tolerance_of": "mean",
+            "planned": {
+                sample: {"sets": p.sets, "dwell_s": p.dwell, "seconds": p.seconds, "u": p.u, "binds": p.binds,
+                         "shares": p.shares}
+                for sample, p in plans.items()
+            },
+        }  # fmt: skip
+        return Predicted(seconds, worst.u, told, lines)
+
+
+@functools.lru_cache(maxsize=64)
+def _allocation(asked: Repeats, sample: str) -> Allocation:
+    lines = asked.lines(sample)
+    shortest = whole_steps(max(STEP, 1 / asked.frequency))
+    try:
+        found = allocate(lines, asked.costs, asked.tolerance, shortest, FIRST)
+    except BelowFloor as error:
+        told = [
+            f"--tolerance {share(asked.tolerance)} cannot be reached for sample {sample}: {error.line} leaves "
+            f"{share(error.floor)} of its mean ratio, which no load set lowers",
+            f"best now  {share(error.floor)}",
+            f"or        {REMEDIES.get(error.line, 'lower that line')}",
+        ]
+        raise RangeError("\n  ".join(told)) from None
+    if found.sets > MOST_SETS:
+        raise RangeError(
+            f"--tolerance {share(asked.tolerance)} takes {counted(found.sets, 'load set')} of sample {sample}, "
+            f"{duration(found.seconds)}, above the limit of {MOST_SETS} sets; ask for more"
+        )
+    sets = len(asked.loads) * math.ceil(found.sets / len(asked.loads))
+    dwell = whole_steps(max(found.dwell, shortest))
+    reached = budget(lines, 1, sets, dwell)
+    shares = {row["name"]: row["share"] for row in reached.rows()}
+    binds = max(shares, key=lambda name: shares[name])
+    return Allocation(1, sets, dwell, asked.costs.seconds(1, sets, dwell), reached.u, shares, binds)
+
+
+def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
+    """Relative uncertainties of a force ratio that no dwell lowers, for one tooth and its base."""
+    scatter = Floor(SCATTER, design.ratio_scatter)
+    pickup = pickup_u(design) * math.hypot(1.0, 1 / ratio)
+    return (scatter, Floor(PICKUP, pickup)) if pickup else (scatter,)
+
+
+def expected_ratio(design: Design, sample: str) -> float:
+    """The force ratio to be expected of a sample: the thesis' mean, or that of a simple model."""
+    return design.thesis_force_ratio.get(sample) or force_ratio(design, get_sample(sample))
+
+
+def one_set_suffices(design: Design, samples: Sequence[str], tolerance: float) -> bool:
+    """Whether one load set of each sample can have a tolerance; if not, it is one of the mean."""
+    return all(tolerance > floor_u(floor_of(design, expected_ratio(design, sample))) for sample in samples)
+
+
+def share(u: float) -> str:
+    """A share in percent, with three digits."""
+    return f"{100 * u:.3g} %"
