@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from palpate.instrument.errors import RangeError
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
 from palpate.procedures.accuracy.modulus.report import plot_modulus_front
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.measurements.object_modulus.procedure import LOADS, ObjectModulus
+from palpate.procedures.measurements.object_modulus.prospect import Wanted, best_of, costs_of
 from palpate.procedures.measurements.softness.procedure import unknown_object
 from tests.procedures.conftest import Palpate
 
@@ -63,6 +65,13 @@ def test_each_plan_is_the_one_that_measure_modulus_makes(front: ModulusFront) ->
             asked = replace(asked, mounting_scatter=0.0)
         assert target.plan is not None
         assert asked.prospect(bench).allocation == target.plan.allocation
+
+
+def test_a_time_that_holds_only_the_smallest_load_is_planned_with_it(front: ModulusFront) -> None:
+    time = costs_of(min(LOADS), 10.0).seconds(1, 1, 0.1) + 0.01
+    assert best_of(DESIGN, front.found, Wanted(None, time, True, 10.0, None, None), LOADS).load == min(LOADS)
+    with pytest.raises(RangeError, match="too short"):
+        best_of(DESIGN, front.found, Wanted(None, time - 0.1, True, 10.0, None, None), LOADS)
 
 
 def test_shares_add_up_and_the_largest_ones_are_those_of_scatter_and_model(front: ModulusFront) -> None:

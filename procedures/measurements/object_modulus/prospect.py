@@ -15,6 +15,7 @@ from typing import Any
 from palpate.instrument.allocation.allocate import Allocation, allocate, allocate_time
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
 from palpate.instrument.allocation.stopping import FIRST, longest
+from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER
 from palpate.instrument.findings.modulus_of_ratio import MOST_SENSITIVE, modulus_of_ratio
@@ -209,9 +210,13 @@ def best_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[flo
         BelowFloor: no time on the bench reaches the tolerance.
         RangeError: not one set fits into the time.
     """
-    plans = []
+    plans, refused = [], []
     for load in loads:
-        plan, most = _planned(design, found, wanted, load)
+        try:
+            plan, most = _planned(design, found, wanted, load)
+        except RangeError as error:  # a greater load takes longer to press: a time may hold a smaller one alone
+            refused.append(error)
+            continue
         scale, whole = (
             budget(lines_of(design, found, load, wanted, both), plan.mountings, plan.sets, plan.dwell).u
             for both in (False, True)
@@ -222,6 +227,8 @@ def best_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[flo
     def price(plan: Prospect) -> float:
         return plan.allocation.u if wanted.tolerance is None else plan.allocation.seconds
 
+    if not plans:
+        raise refused[0]
     least = min(price(plan) for plan in plans)
     return max((plan for plan in plans if price(plan) <= ROBUST * least), key=lambda plan: plan.load)
 
