@@ -13,6 +13,7 @@ from tests.benchmarks.row import Row
 RUNS = (
     ("scatter learned", 0.05, 15e3, 1),
     ("scatter learned", 0.05, 60e3, 2),
+    ("scatter learned", 0.05, 500e3, 2),
     ("scatter learned", 0.02, 120e3, 3),
     ("scatter x 1.5", 0.05, 500e3, 4),
     ("mounting scatter 1 %", 0.03, 60e3, 5),
@@ -51,5 +52,8 @@ def measure() -> Iterator[Row]:
     low, high = min(ratios), max(ratios)
     met = low >= 1 - SECONDS and high <= 1 + SECONDS
     yield Row("bench time of as many sets on the wire / drawn", f"{low:.2f} to {high:.2f}", "0.9 to 1.1", met)
-    yield Row("5 % on the scale, bench time with the person's 60 s", f"{max(five):.1f} s", f"<= {QUICK:g} s",
-              max(five) <= QUICK)  # fmt: skip
+    worst = max(five)
+    told = f"{min(five):.1f} to {worst:.1f} s"
+    yield Row(
+        "5 % on the scale, 15 to 500 kPa: bench time with the person's 60 s", told, f"<= {QUICK:g} s", worst <= QUICK
+    )
