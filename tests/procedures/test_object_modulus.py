@@ -15,7 +15,7 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.object_modulus.course import Course
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.procedures.measurements.object_modulus.prospect import curve_of
-from palpate.procedures.measurements.object_modulus.result import ModulusPoint, ObjectModulusResult
+from palpate.procedures.measurements.object_modulus.result import ModulusPoint, mounting_scatter, ratios_of
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 
@@ -189,9 +189,24 @@ def test_mountings_that_were_asked_for_are_made_and_tell_their_scatter() -> None
     taken += points(*(0.06 + each for each in SCATTERED), mounting=2)
     assert of.remounts(taken)
     taken += points(*(each - 0.06 for each in SCATTERED), mounting=3)
-    found = ObjectModulusResult(taken, of.wanted, of.prospect, of.answer(taken), "", ())
-    assert found.mounting_scatter is not None
-    assert found.mounting_scatter == (pytest.approx(0.06, rel=0.1), 2)
+    assert mounting_scatter(ratios_of(taken)) == (pytest.approx(0.06, rel=0.1), 2)
+    answer = of.answer(taken)
+    assert answer is not None
+    assert answer.row["scale_u"] > 1.9 * 0.06 / math.sqrt(3)
+    assert of.verdict(taken).why == ""  # more mountings are needed than were asked for
+
+
+def test_the_scatter_of_the_mountings_of_a_run_counts_even_where_it_is_small() -> None:
+    of = course(wanted(tolerance=0.04, relative_to_model=True, mountings=3))
+    alike, apart = (
+        [p for m, shift in enumerate((0.0, by, -by), 1) for p in points(*(shift + s for s in SCATTERED), mounting=m)]
+        for by in (0.0, 0.02)
+    )
+    one, other = of.answer(alike), of.answer(apart)
+    assert one is not None
+    assert other is not None
+    assert other.row["scale_u"] > 1.2 * one.row["scale_u"]
+    assert other.ratio.degrees_of_freedom < one.ratio.degrees_of_freedom
 
 
 # --- on the bench ----------------------------------------------------------------------------------------

@@ -31,6 +31,7 @@ from palpate.procedures.measurements.object_modulus.result import (
     Answer,
     ModulusPoint,
     answered,
+    mounting_scatter,
     ratios_of,
 )
 
@@ -161,14 +162,20 @@ class Course:
         return sensitivity_at(self.curve, _mean(ratios))
 
     def _lines(self, ratios: Ratios, slope: float, *, absolute: bool) -> list[Line]:
-        """The lines of the plan at the measured ratio; a scatter that sets do not show counts for mountings."""
+        """The lines of the plan at the measured ratio, with what the mountings of this run tell of their scatter.
+
+        A scatter that sets do not show counts for mountings.
+        """
         found = replace(self.prospect.found, ratio=_mean(ratios), sensitivity=slope)
         lines = lines_of(self.design, found, self.prospect.load, self.wanted, absolute)
-        if not self.too_alike(ratios):
+        if self.too_alike(ratios):
+            mounted = math.hypot(self.design.ratio_scatter, self.wanted.mounted or 0.0), PRIOR_FREEDOM
+        elif self.wanted.mounted is None and (own := mounting_scatter(ratios)) is not None and own[0] > 0:
+            mounted = own[0], float(own[1])
+        else:
             return list(lines)
-        mounted = math.hypot(self.design.ratio_scatter, self.wanted.mounted or 0.0)
         kept = [line for line in lines if line.name != MOUNTED]
-        return [*kept, Line(MOUNTED, slope * mounted, Unit.MOUNTING, PRIOR_FREEDOM)]
+        return [*kept, Line(MOUNTED, slope * mounted[0], Unit.MOUNTING, mounted[1])]
 
 
 def _remounts(points: Sequence[ModulusPoint], verdict: Verdict) -> bool:

@@ -73,6 +73,24 @@ def ratios_of(points: Sequence[ModulusPoint]) -> list[list[float]]:
     return list(groups.values())
 
 
+def mounting_scatter(ratios: Sequence[Sequence[float]]) -> tuple[float, int] | None:
+    """Relative standard deviation of mountings beyond that of their sets, and its degrees of freedom.
+
+    None: there are fewer than three mountings with two sets or more.
+    """
+    groups = [[math.log(ratio) for ratio in group] for group in ratios if len(group) > 1]
+    if len(groups) < LEAST_MOUNTINGS:
+        return None
+    means = [math.fsum(group) / len(group) for group in groups]
+    centre = math.fsum(means) / len(means)
+    between = math.fsum((mean - centre) ** 2 for mean in means) / (len(means) - 1)
+    within = math.fsum(
+        math.fsum((value - mean) ** 2 for value in group) / (len(group) - 1) / len(group)
+        for group, mean in zip(groups, means, strict=True)
+    ) / len(groups)
+    return math.sqrt(max(between - within, 0.0)), len(groups) - 1
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
     """The modulus of the object.
@@ -170,26 +188,10 @@ class ObjectModulusResult:
         budget = self.answer.budget(absolute=absolute)
         return {} if budget is None else {row["name"]: row["share"] for row in budget.rows()}
 
-    @property
-    def mounting_scatter(self) -> tuple[float, int] | None:
-        """Relative standard deviation of the mountings of this run beyond that of their sets; degrees of freedom."""
-        groups = [[math.log(ratio) for ratio in group] for group in ratios_of(self.points)]
-        groups = [group for group in groups if len(group) > 1]
-        if len(groups) < LEAST_MOUNTINGS:
-            return None
-        means = [math.fsum(group) / len(group) for group in groups]
-        centre = math.fsum(means) / len(means)
-        between = math.fsum((mean - centre) ** 2 for mean in means) / (len(means) - 1)
-        within = math.fsum(
-            math.fsum((value - mean) ** 2 for value in group) / (len(group) - 1) / len(group)
-            for group, mean in zip(groups, means, strict=True)
-        ) / len(groups)
-        return math.sqrt(max(between - within, 0.0)), len(groups) - 1
-
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""
-        plan, answer, scattered = self.prospect.allocation, self.answer, self.mounting_scatter
-        groups = ratios_of(self.points)
+        plan, answer, groups = self.prospect.allocation, self.answer, ratios_of(self.points)
+        scattered = mounting_scatter(groups)
         shares = self.shares
         return {
             "tolerance": self.wanted.tolerance,
