@@ -36,6 +36,7 @@ PRIOR_FREEDOM = 7.0  # degrees of freedom of the design's scatter: the thesis' 3
 ZERO = 1.2  # s, the load cell's zero at the start [M]
 END, END_PER_NEWTON = 4.7, 0.6  # s, and s/N of the load: the probe home and the zero again at the end [M]
 FIRST_TOUCH, PER_NEWTON = 3.7, 2.2  # s, and s/N of the preload: the quick approach [M]
+WITHDRAWAL = 2.1  # s, before each mounting but the first [M]
 SERVO_STEPS = 4  # to the load, after each mounting [M]
 ROBUST = 1.03  # what the plan with a greater load may cost over the cheapest one
 BOUND_SETS = 3  # that tell a bound
@@ -149,7 +150,8 @@ def costs_of(load: float, frequency: float) -> Costs:
     servo = SERVO_STEPS * (window(frequency) + READING_INTERVAL + reading) + reading
     approach = FIRST_TOUCH + PER_NEWTON * preload_for((load,))
     again = RELEASED / frequency + 2 * settling_length(frequency, shortest(frequency))
-    return Costs(ZERO + end_seconds(load), MOUNTING + approach + servo, again, MOUNTING)
+    mounting = MOUNTING + approach + servo + WITHDRAWAL
+    return Costs(ZERO + end_seconds(load) - WITHDRAWAL, mounting, again, MOUNTING)
 
 
 def end_seconds(load: float) -> float:
