@@ -69,6 +69,7 @@ def load_cell(
 @calibrate.command(
     epilog="Examples:\n\n  palpate calibrate films --budget"
     "\n\n  palpate calibrate films --frequencies '5 Hz, 10 Hz, 20 Hz'"
+    "\n\n  palpate calibrate films --tolerance 1%"
     "\n\n  palpate calibrate films --scene array_16 --json\n\n  palpate calibrate films --bench lab.toml"
 )
 @option(
@@ -80,12 +81,22 @@ def load_cell(
 @option("--frequencies", callback=texts.quantities("Hz"), default="10 Hz", help="Frequencies of the load, with commas.")
 @options.dwell_option
 @option("--valid-days", default=365, help="Days until the calibration expires.")
+@option(
+    "--tolerance",
+    callback=texts.share,
+    help="Relative standard uncertainty of each film's sensitivity: --loads are repeated until it is reached.",
+)
 @options.extrapolate_option
 @options.bench_options
 @options.budget_option
 @conducts()
 def films(
-    loads: tuple[float, ...], frequencies: tuple[float, ...], dwell: float, valid_days: int, extrapolate: bool
+    loads: tuple[float, ...],
+    frequencies: tuple[float, ...],
+    dwell: float,
+    valid_days: int,
+    extrapolate: bool,
+    tolerance: float | None,
 ) -> FilmSeries:
     """Calibrate the films against the load cell, with each tooth pressed alone (thesis 5.4).
 
@@ -95,7 +106,7 @@ def films(
     """
     from palpate.procedures.measurements.films.procedure import FilmSeries
 
-    return FilmSeries(loads, frequencies, dwell, valid_days, extrapolate)
+    return FilmSeries(loads, frequencies, dwell, valid_days, extrapolate, tolerance)
 
 
 @calibrate.command(

@@ -38,6 +38,7 @@ class Target:
             not open yet.
         references: calibration by references of the model that the procedure asks; None: there is none, or the bench is
             not open yet.
+        load_cell: calibration of the load cell; None: the bench is not open yet.
     """
 
     design: Design
@@ -50,6 +51,7 @@ class Target:
     drivable: Callable[[float], object] = lambda _frequency: None
     calibrated: tuple[float, float] | None = None
     references: ByReferences | None = None
+    load_cell: LoadCellCalibration | None = None
 
 
 def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> Target:
@@ -103,7 +105,8 @@ class Lab:
         channels = self.bench.named(nodes[0]).kind.channels if nodes else CHANNELS
         covered = self.calibration.least_N, self.calibration.greatest_N
         target = Target(self.design, self.bench.force_limit, len(nodes), channels=channels, calibrated=covered)
-        return with_kinds(replace(target, references=self._by_references()), self.bench.description.kind_in)
+        target = replace(target, references=self._by_references(), load_cell=self.calibration)
+        return with_kinds(target, self.bench.description.kind_in)
 
     def _by_references(self) -> ByReferences | None:
         if self.references is None:

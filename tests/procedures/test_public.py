@@ -40,7 +40,7 @@ SIGNATURES = {
         "accepted design films covariance crosstalk crosstalk_u frequencies_Hz gain least_N greatest_N "
         "load_cell load_cell_degrees_of_freedom device simulated source created expires"
     ),
-    "FilmSeries": "loads frequencies dwell valid_days extrapolate",
+    "FilmSeries": "loads frequencies dwell valid_days extrapolate tolerance",
     "Finished": "procedure result session outcome",
     "FrequencySweep": "frequencies sample load dwell extrapolate",
     "Lab": "bench design calibration films run started references scene",
@@ -78,7 +78,7 @@ SIGNATURES = {
     "SoftnessTest": "objects loads dwell frequency model risk sets",
     "StaticLoadWork": "lab sample force",
     "Step": "dwell_s seconds force_ratio_u what group",
-    "Target": "design force_limit nodes model channels frequency_step travel drivable calibrated references",
+    "Target": "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell",
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
     "as_dataset": "run",
@@ -115,7 +115,7 @@ MEMBERS = {  # what a script or a class of its own uses
         "waveform waveform_names waveforms"
     ),
     "StaticLoadWork": "arrange end load",
-    "Target": "calibrated channels design drivable force_limit frequency_step model nodes references travel",
+    "Target": "calibrated channels design drivable force_limit frequency_step load_cell model nodes references travel",
     "Work": "arrange end take",
 }
 

@@ -75,6 +75,5 @@ def test_the_command_says_of_what_the_tolerance_is(palpate: Palpate) -> None:
 def test_means_of_repeated_sets_hold_the_truth_as_often_as_they_say() -> None:
     from tests.benchmarks.repeats import TRUTHS, repeated
 
-    for truth in TRUTHS[:2]:
-        rows = list(repeated(*truth, tolerance=0.01, runs=300))
-        assert all(row.met is not False for row in rows), rows
+    rows = list(repeated(*TRUTHS[0], tolerance=0.01, runs=200))
+    assert all(row.met is not False for row in rows), rows

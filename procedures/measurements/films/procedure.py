@@ -16,8 +16,10 @@ import numpy.typing as npt
 
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.films import FEWEST, FilmReading, calibrate_films
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, RangeError
-from palpate.instrument.quantity import counted
+from palpate.instrument.quantity import check_tolerance, counted
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
@@ -27,6 +29,7 @@ from palpate.procedures.lab.calibrations import films_path, keep
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.films.repeats import FilmRepeats
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays
@@ -53,13 +56,19 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
     point = PressedPoint
     calibrating = "films"
     manual_work = "stands the pin on the teeth"
-    newer_settings = frozenset({"extrapolate"})
+    newer_settings = frozenset({"extrapolate", "tolerance"})
 
     loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
     frequencies: Annotated[tuple[float, ...], Setting("Hz", "Frequencies of the load.")] = (10.0,)
     dwell: DwellTime = 1.0
     valid_days: ValidDays = 365
     extrapolate: Extrapolate = False
+    tolerance: Annotated[
+        float | None,
+        Setting(
+            help="Relative standard uncertainty of each film's sensitivity: the loads are repeated until it is reached."
+        ),
+    ] = None
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
@@ -67,7 +76,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
         Raises:
             RangeError: there are fewer than three different loads, a load exceeds the force limit, a frequency or the
                 dwell is outside its limits, frequencies repeat, the validity is outside its limits, or the bench has
-                too few sensor nodes.
+                too few sensor nodes; no load set gives the tolerance.
         """
         check_nodes(target.design, target.nodes, target.channels)
         if len(set(self.loads)) < FEWEST:
@@ -83,12 +92,17 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             check_time(self.dwell, frequency)
         if not 1 <= self.valid_days <= LONGEST_VALIDITY:
             raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
+        if self.tolerance is not None:
+            check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
+            self.repeats(target.design, target.load_cell, self.tolerance).allocation()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads, self.extrapolate)
 
     def plan(self, target: Target) -> Plan[PressStep]:
-        """All points: every load at every frequency on every tooth."""
+        """All points: every load at every frequency on every tooth; with a tolerance, the most load sets."""
+        if self.tolerance is not None:
+            return self._repeated(self.repeats(target.design, target.load_cell, self.tolerance))
         teeth = range(1, len(target.design.teeth) + 1)
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
         return Plan(
@@ -100,6 +114,28 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
                 for number, (load, told) in enumerate(sets)
             ],
         )
+
+    def repeats(self, design: Design, cell: LoadCellCalibration | None, tolerance: float) -> FilmRepeats:
+        """The repeated load sets; `cell` None: the load cell of the thesis is expected."""
+        loads, frequencies = tuple(self.loads), tuple(self.frequencies)
+        return FilmRepeats(design, cell or THESIS_LOAD_CELL, loads, frequencies, self.dwell, tolerance)
+
+    def _repeated(self, repeats: FilmRepeats) -> Plan[PressStep]:
+        loads = [self.loads[number % len(self.loads)] for number in range(repeats.most())]
+        steps = [
+            self._step(n, f, load, f"{load:g} N, set {number}", first=f == self.frequencies[0] and number == 1)
+            for n in range(1, len(repeats.design.teeth) + 1)
+            for f in self.frequencies
+            for number, load in enumerate(loads, 1)
+        ]
+        return Plan(self.name, steps, repeats.predicted())
+
+    def skips(self, step: PressStep, points: Sequence[PressedPoint], lab: Lab) -> bool:
+        """Whether a tooth has the load sets at the step's frequency that the tolerance needs."""
+        if self.tolerance is None:
+            return False
+        own = [p for p in points if (p.tooth, p.frequency_Hz) == (step.tooth, step.frequency_Hz)]
+        return self.repeats(lab.design, lab.calibration, self.tolerance).has_enough(own)
 
     def _step(self, tooth: int, frequency: float, load: float, told: str, first: bool) -> PressStep:
         what = f"tooth {tooth}, {frequency:g} Hz, {told}"

@@ -10,7 +10,7 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.films.result import FilmResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
-from palpate.procedures.showing.text import new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, percent, print_all, stamped, where
 
 
 def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path) -> None:
@@ -46,10 +46,16 @@ def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path
     print_all(
         *tables,
         *([f"extrapolated   {counted(outside, 'point')} outside the load cell's calibrated range"] if outside else []),
+        f"uncertainty    {percent(result.achieved_u)} % of a sensitivity at most, standard{_predicted(outcome)}",
         f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
         f"stored in      {outcome['film_calibration_file']}",
         *where({**outcome, "film_calibration": None}, plot),
     )
+
+
+def _predicted(outcome: Outcome) -> str:
+    u = outcome["predicted_u"]
+    return "" if u is None else f" (predicted {percent(u)} %)"
 
 
 def _rigid(design: Design) -> list[str]:

@@ -47,6 +47,11 @@ class FilmResult:
     points: Sequence[PressedPoint]
 
     @property
+    def achieved_u(self) -> float:
+        """Greatest relative standard uncertainty of a sensitivity."""
+        return max(film.sensitivity_u / film.sensitivity_mV_per_N for film in self.calibration.films)
+
+    @property
     def budgets(self) -> Sequence[Budget]:
         """The budget of each film's sensitivity."""
         return self.calibration.budgets()

@@ -1,0 +1,153 @@
+"""A tolerance of each film's sensitivity: how often the loads are repeated on each tooth.
+
+The load sets on a tooth take the loads in turn, in whole rounds at each frequency. The first ones tell how much the
+films' gains scatter, and that tells how many there are in all, as `instrument.allocation.stopping` has it. The error of
+the load cell's curve is common to all of them.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
+from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.stopping import FIRST, enough
+from palpate.instrument.calibration.films import LOAD_CELL, REPEATS
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.mean_ratio import NOISE
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.engine.plan import MOUNTING, Predicted, point_seconds
+from palpate.procedures.engine.plan import NOISE as VOLTS
+from palpate.procedures.measurements.films.result import PressedPoint
+from palpate.procedures.showing.plan import duration
+
+PRIOR_FREEDOM = 7.0  # degrees of freedom of the design's scatter: the thesis' 30 are worth no more
+MOST = 5, 20  # times the planned sets, and sets besides: a tooth that needs more ends without the tolerance
+MOST_SETS = 10_000  # of a tooth
+
+
+@dataclass(frozen=True)
+class FilmRepeats:
+    """The load sets on each tooth that give the sensitivity of its films a tolerance.
+
+    Attributes:
+        design: the sensor.
+        cell: calibration of the load cell.
+        loads: loads of one round, peak to peak [N].
+        frequencies: frequencies of the load [Hz], each of which has as many rounds.
+        dwell: dwell of a set [s].
+        tolerance: relative standard uncertainty of each film's sensitivity.
+    """
+
+    design: Design
+    cell: LoadCellCalibration
+    loads: tuple[float, ...]
+    frequencies: tuple[float, ...]
+    dwell: float
+    tolerance: float
+
+    def allocation(self) -> Allocation:
+        """The plan for a tooth at one frequency, in whole rounds.
+
+        Raises:
+            RangeError: the load cell's calibration alone is not below the tolerance, or it takes too many sets.
+        """
+        return _allocation(self)
+
+    def lines(self) -> list[Line]:
+        """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
+        worst = max(film.scatter for film in self.design.films)
+        weakest = min(film.sensitivity for film in self.design.films) * min(self.loads)
+        share = 1 / math.sqrt(len(self.frequencies))
+        return [
+            Line(REPEATS, share * worst, Unit.SET, PRIOR_FREEDOM),
+            Line(NOISE, share * 2 * VOLTS / weakest, Unit.SECOND),
+            Line(LOAD_CELL, self.cell_u, Unit.NOTHING, self.cell.degrees_of_freedom or math.inf),
+        ]
+
+    @property
+    def cell_u(self) -> float:
+        """Relative standard uncertainty of a sensitivity by the load cell's curve."""
+        return self.cell.mean_curve_u(np.asarray(self.loads, dtype=np.float64))
+
+    @property
+    def costs(self) -> Costs:
+        """Bench times of a tooth at one frequency."""
+        frequency = min(self.frequencies)
+        first, later = (point_seconds(frequency, self.dwell, first=first) for first in (True, False))
+        return Costs((first - later) / len(self.frequencies), 0.0, later - self.dwell)
+
+    def most(self) -> int:
+        """The most load sets on a tooth at one frequency, in whole rounds."""
+        return len(self.loads) * math.ceil((MOST[0] * self.allocation().sets + MOST[1]) / len(self.loads))
+
+    def has_enough(self, points: Sequence[PressedPoint]) -> bool:
+        """Whether the points of a tooth at one frequency are enough for each of its films."""
+        if not points or len(points) % len(self.loads):
+            return False
+        own = [number for number, film in enumerate(self.design.films) if points[0].tooth - 1 in film.teeth]
+        try:
+            return all(self._enough([p.voltages_V[number] / p.load_measured_N for p in points]) for number in own)
+        except RangeError:  # by the scatter that was found no time is enough
+            return True
+
+    def _enough(self, gains: Sequence[float]) -> bool:
+        sensitivity = 1 / math.sqrt(len(self.frequencies))
+        return bool(enough(self.lines(), self.costs, self.tolerance, self.allocation(), sensitivity, [gains]).why)
+
+    def predicted(self) -> Predicted:
+        """What the run is predicted to take and to give; a plan for people."""
+        plan, teeth = self.allocation(), len(self.design.teeth)
+        sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
+        lines = [
+            f"wanted         {share(self.tolerance)} of the sensitivity of each film",
+            f"plan           {sets} load sets on each tooth, of {show(self.dwell, 's')}: {duration(seconds)} "
+            f"(person {MOUNTING * teeth:g} s)",
+            f"expected       {share(plan.u)}, of which the load cell's calibration has {share(self.cell_u)}",
+            f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
+        ]
+        told = {"planned": {"sets": sets, "seconds": seconds, "u": plan.u, "binds": plan.binds, "shares": plan.shares}}
+        return Predicted(seconds, plan.u, told, lines)
+
+
+@functools.lru_cache(maxsize=16)
+def _planned(lines: tuple[Line, ...], costs: Costs, tolerance: float, dwell: float) -> Allocation:
+    return allocate(lines, costs, tolerance, dwell, FIRST)
+
+
+def _allocation(asked: FilmRepeats) -> Allocation:
+    lines = asked.lines()
+    try:
+        found = _planned(tuple(lines), asked.costs, asked.tolerance, asked.dwell)
+    except BelowFloor as error:
+        told = [
+            f"--tolerance {share(asked.tolerance)} cannot be reached: the calibration of the {error.line} leaves "
+            f"{share(error.floor)} of each sensitivity, which no load set lowers",
+            f"best now  {share(error.floor)}",
+            "or        calibrate the load cell with more weights and runs: palpate calibrate load-cell --runs 3",
+            "or        greater --loads, at which its zero counts for less",
+            "note      a force ratio does not feel the load cell: it cancels in tooth and base",
+        ]
+        raise RangeError("\n  ".join(told)) from None
+    if found.sets > MOST_SETS:
+        raise RangeError(
+            f"--tolerance {share(asked.tolerance)} takes {found.sets} load sets on each tooth, above the limit of "
+            f"{MOST_SETS}; ask for more"
+        )
+    sets = len(asked.loads) * math.ceil(found.sets / len(asked.loads))
+    reached = budget(lines, 1, sets, asked.dwell)
+    shares = {row["name"]: row["share"] for row in reached.rows()}
+    binds = max(shares, key=lambda name: shares[name])
+    return Allocation(1, sets, asked.dwell, asked.costs.seconds(1, sets, asked.dwell), reached.u, shares, binds)
+
+
+def share(u: float) -> str:
+    """A share in percent, with three digits."""
+    return f"{100 * u:.3g} %"
