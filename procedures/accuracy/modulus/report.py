@@ -146,7 +146,8 @@ def _draw_front(front: ModulusFront, ax: Axes, times: Sequence[float]) -> None:
         at = after, 100 * ((plan.absolute_u if absolute else plan.scale_u) or math.nan)
         ax.plot(*at, "o", color=ABSOLUTE if absolute else SCALE, ms=7)
         text = f"{', '.join(f'{100 * target.tolerance:g}' for target in targets)} %: {_short(plan)}"
-        _annotate(ax, text, at, below=number % 2 == 1)
+        late = after > times[0] ** 0.4 * times[-1] ** 0.6  # no room for words on the right
+        _annotate(ax, text, at, below=late or number % 2 == 1)
     ax.set(
         xscale="log",
         yscale="log",
@@ -176,7 +177,9 @@ def _annotate(ax: Axes, text: str, at: tuple[float, float], below: bool) -> None
 
 def _limit(ax: Axes, u: float, name: str, times: Sequence[float]) -> None:
     ax.axhline(100 * u, color="0.3", ls=":", lw=1)
-    ax.annotate(name, (times[0], 100 * u), xytext=(2, 4), textcoords="offset points", fontsize=8.5, color="0.3")
+    ax.annotate(
+        name, (times[-1], 100 * u), xytext=(0, 4), textcoords="offset points", ha="right", fontsize=8.5, color="0.3"
+    )
 
 
 def _colour(front: ModulusFront, name: str) -> str:
