@@ -47,13 +47,25 @@ def calibrate() -> None:
     default="auto",
     help="Degree of the curve; auto: 2 if an F-test finds it better.",
 )
+@option(
+    "--class",
+    "iso_class",
+    metavar="CLASS",
+    help="Class of ISO 376 that shall be reached, 00, 0.5, 1 or 2; refused if these runs and loads cannot give it.",
+)
 @option("--creep", is_flag=True, help="Measure the creep under the greatest load for 300 s.")
 @option("--valid-days", default=365, help="Days until the calibration expires.")
 @options.bench_options
 @options.budget_option
 @conducts()
 def load_cell(
-    loads: tuple[float, ...], runs: int, positions: tuple[float, ...], degree: str, creep: bool, valid_days: int
+    loads: tuple[float, ...],
+    runs: int,
+    positions: tuple[float, ...],
+    degree: str,
+    iso_class: str | None,
+    creep: bool,
+    valid_days: int,
 ) -> LoadCellSeries:
     """Calibrate the load cell with dead weights, 140 to 740 gf up and down (thesis Table 5.1).
 
@@ -63,7 +75,8 @@ def load_cell(
     """
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 
-    return LoadCellSeries(loads, runs, positions, None if degree == "auto" else int(degree), creep, valid_days)
+    curve = None if degree == "auto" else int(degree)
+    return LoadCellSeries(loads, runs, positions, curve, creep, valid_days, iso_class)
 
 
 @calibrate.command(

@@ -12,7 +12,7 @@ from typing import Annotated
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
-from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, calibrate_load_cell
+from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import DeviceError, RangeError, quoted
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.engine.plan import Plan, Step
@@ -29,6 +29,7 @@ from palpate.procedures.measurements.load_cell.result import (
     LoadCellResult,
     runs_of,
 )
+from palpate.procedures.measurements.load_cell.wanted_class import check_class
 from palpate.procedures.measurements.settings import ValidDays
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.indicator import steady
@@ -73,7 +74,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     calibrating = "load cell"
     manual_work = "places the weights"
     constants = MappingProxyType({"repeats": REPEATS})
-    newer_settings = frozenset({"runs", "positions", "degree", "creep", "valid_days"})
+    newer_settings = frozenset({"runs", "positions", "degree", "creep", "valid_days", "iso_class"})
 
     loads: Annotated[tuple[float, ...], Setting("N", "Increasing weights.")] = LOADS
     runs: Annotated[int, Setting(help="Runs up and down in each position; 2 give repeatability.")] = 1
@@ -83,6 +84,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     ] = None
     creep: Annotated[bool, Setting(help="Watch the greatest load for 300 s.")] = False
     valid_days: ValidDays = 365
+    iso_class: Annotated[str | None, Setting(help="Class of ISO 376 that shall be reached: 00, 0.5, 1 or 2.")] = None
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
@@ -90,7 +92,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         Raises:
             RangeError: a load is not positive or exceeds the force limit; loads do not increase, or are too few for
                 the curve; there is no run; positions repeat or are outside 0 to 360 degrees; the validity is outside
-                the limits of ISO 376.
+                the limits of ISO 376; the class that is asked for cannot be reached with these runs and loads.
+            UnknownName: there is no such class.
         """
         loads = self.loads
         if bad := [load for load in loads if not 0 < load <= target.force_limit]:
@@ -118,6 +121,9 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}, the 26 months of ISO 376; "
                 "give one inside"
             )
+        if self.iso_class is not None:
+            cell = target.load_cell or THESIS_LOAD_CELL
+            check_class(self.iso_class, self.loads, self.runs, self.positions, cell)
 
     def plan(self, target: Target) -> Plan[WeightStep]:
         """All points: every weight of every run, then the creep test."""
@@ -172,7 +178,9 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     def report(self, result: LoadCellResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
 
-        return Report(partial(print_load_cell, result), partial(plot_load_cell, result, lab.bench.simulated))
+        return Report(
+            partial(print_load_cell, result, self.iso_class), partial(plot_load_cell, result, lab.bench.simulated)
+        )
 
 
 class Weighing:
