@@ -56,12 +56,19 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
         *legend(table, marks={**MARKS, "any": "every modulus agrees with the ratio"}),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}",
         *([f"cannot be told apart at 95 %: {alike}"] if alike and result.ranked is None else []),
-        *([] if result.ranked is None else ranked_lines(result.ranked)),
+        *([] if result.ranked is None else [*ranked_lines(result.ranked), _seconds(outcome)]),
         moduli.absolute_line(result.validation),
         *moduli.bound_line(each.modulus_Pa is not None for each in result.objects if each.valid_points),
         f"price          {result.price}",
         *where(outcome, plot),
     )
+
+
+def _seconds(outcome: Outcome) -> str:
+    """A line with the bench time that was predicted and taken."""
+    predicted, achieved = outcome["predicted_seconds"], outcome["achieved_seconds"]
+    times = [("predicted", predicted), ("taken", achieved)]
+    return "bench time     " + ", ".join(f"{s:.0f} s {name}" for name, s in times if s is not None)
 
 
 def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path:
