@@ -28,6 +28,7 @@ FIRST = 10  # least number of sets whose scatter decides
 REFUTED = 0.01  # probability with which a prior that is true is called refuted
 MOST_FREEDOM = 1e9  # as good as infinitely many
 ROUNDING = 1e-9
+SETS = "sets"  # name of the estimate of how much sets scatter
 FEWEST_MOUNTINGS = 3  # that tell how much mountings scatter
 
 Ratios = Sequence[Sequence[float]]
@@ -229,7 +230,7 @@ def _learned(lines: Sequence[Line], dwell: float, sensitivity: float, batch: Rat
     sets = pooled(prior.u / sensitivity, prior.degrees_of_freedom, *batch)
     own = sum(len(each) for each in batch) >= FIRST and math.isfinite(prior.degrees_of_freedom)
     told = pooled(0.0, 0.0, *batch) if own else sets
-    scattered = _scaled(of_sets, "sets", sensitivity * told.u, prior.u, told.degrees_of_freedom, Unit.SET)
+    scattered = _scaled(of_sets, SETS, sensitivity * told.u, prior.u, told.degrees_of_freedom, Unit.SET)
 
     known = _prior(of_mountings, dwell)
     of_mean = sensitivity * told.u * math.sqrt(math.fsum(1 / len(each) for each in mountings) / len(mountings))

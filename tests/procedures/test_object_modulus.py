@@ -78,6 +78,12 @@ def test_mountings_that_scatter_are_planned_for() -> None:
     assert (given.mountings, given.sets % 3) == (3, 0)
 
 
+def test_the_bound_of_time_is_never_below_the_predicted_time() -> None:
+    for scatter in (None, 0.01):
+        planned = wanted(**SCALE, mountings=3, mounting_scatter=scatter).prospect(TARGET)
+        assert planned.longest >= planned.allocation.seconds, scatter
+
+
 # --- what is refused -------------------------------------------------------------------------------------
 
 
@@ -210,6 +216,15 @@ def test_the_scatter_of_the_mountings_of_a_run_counts_even_where_it_is_small() -
 
 
 # --- on the bench ----------------------------------------------------------------------------------------
+
+
+def test_three_mountings_that_scatter_have_the_interval_of_two_degrees_of_freedom() -> None:
+    taken = [
+        p for n, shift in enumerate((-0.05, 0.0, 0.05), 1) for p in points(*(shift + d for d in SCATTERED), mounting=n)
+    ]
+    answer = course(wanted(**SCALE, mountings=3)).answer(taken)
+    assert answer is not None
+    assert answer.ratio.degrees_of_freedom == pytest.approx(2)
 
 
 def test_5_percent_on_the_scale_take_85_s_and_the_promise_is_kept(palpate: Palpate) -> None:

@@ -274,5 +274,5 @@ def _planned(design: Design, found: Expected, wanted: Wanted, load: float) -> tu
     whole = Allocation(mountings, sets, dwell, seconds, total.u, shares, binds, total.degrees_of_freedom)
     most = math.inf if wanted.time is None else wanted.time
     if wanted.tolerance is not None and total.u <= wanted.tolerance:
-        most = min(most, longest(given, paid, wanted.tolerance, whole))
+        most = min(most, max(seconds, longest(given, paid, wanted.tolerance, whole)))
     return whole, most
