@@ -55,6 +55,7 @@ def calibrate() -> None:
 )
 @option("--creep", is_flag=True, help="Measure the creep under the greatest load for 300 s.")
 @option("--valid-days", default=365, help="Days until the calibration expires.")
+@options.DRY_RUN
 @options.bench_options
 @options.budget_option
 @conducts()
@@ -100,6 +101,7 @@ def load_cell(
     help="Relative standard uncertainty of each film's sensitivity: --loads are repeated until it is reached.",
 )
 @options.extrapolate_option
+@options.DRY_RUN
 @options.bench_options
 @options.budget_option
 @conducts()

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 @options.dwell_option
 @options.frequency_option
 @option("--drift-time", callback=texts.quantity("s"), default="5 min", help="How long one load is held to see drift.")
+@options.DRY_RUN
 @options.bench_options
 @options.budget_option
 @conducts()

@@ -73,7 +73,11 @@ def output_options(command: F) -> F:
     return option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
 
-DRY_RUN = option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
+DRY_RUN = option(
+    "--dry-run",
+    is_flag=True,
+    help="Print what would be done, how long it takes and how uncertain results are; send nothing.",
+)
 
 # Options for a point; each value is a text.
 sample_option = option("--sample", default="1", help="Rubber sample.")

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     help="Risk of a wrong pair in the order, such as 5%: the test ends as soon as the order is known.",
 )
 @option("--sets", type=int, help="With --risk: most load sets of each object (default: 5), which take --loads in turn.")
+@options.DRY_RUN
 @options.bench_options
 @options.budget_option
 def softness(
@@ -56,6 +57,7 @@ def softness(
     model: str | None,
     risk: float | None,
     sets: int | None,
+    dry_run: bool,
     choice: options.Choice,
     output: options.Output,
 ) -> None:
@@ -70,7 +72,7 @@ def softness(
     With --risk the order is what counts: each object gets one to five load sets, as many as tell it from the others.
     The result says which pairs they did not tell, and what would.
     """
-    from palpate.procedures.commands.procedures import chosen_by, measure
+    from palpate.procedures.commands.procedures import chosen_by, measure, plan
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model
     from palpate.procedures.measurements.softness.ranking import MOST
 
@@ -80,7 +82,8 @@ def softness(
         raise UsageError("--sets is for --risk: without it each of --loads is one set; name a load twice for two")
     named = model or default_model(design)
     most = MOST if sets is None else sets
-    measure(SoftnessTest(objects, loads, dwell, frequency, named, risk, most), choice, output)
+    test = SoftnessTest(objects, loads, dwell, frequency, named, risk, most)
+    (plan if dry_run else measure)(test, choice, output)
 
 
 def _objects(

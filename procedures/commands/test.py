@@ -27,6 +27,7 @@ def test() -> None:
 @option("--strain", callback=texts.quantity("", "30 %"), default="30 %", help="Largest strain.")
 @option("--steps", default=10, help="Number of equal steps up to it, and back.")
 @options.extrapolate_option
+@options.DRY_RUN
 @options.bench_options
 @options.budget_option
 @conducts()

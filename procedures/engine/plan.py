@@ -13,11 +13,12 @@ from typing import Any, Generic, TypeVar
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.steps.films import settling_length
 from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
-from palpate.procedures.steps.servo import window
+from palpate.procedures.steps.servo import FIRST_AMPLITUDE, LARGEST_GROWTH, window
 
 MOUNTING = 60.0  # s that a person takes to change the sample [A]
 APPROACH = 30.0  # s to move home and down again until the preload is reached [M]
 FIRST_STEPS, LATER_STEPS = 4, 1  # servo steps to the first load, and to each later load [M]
+NEWTONS_PER_VOLT = 0.87  # N/V, load over the exciter's voltage, peak to peak [M]
 NOISE = 2e-6  # V/√Hz, noise of a film's channel [A]
 
 
@@ -117,6 +118,12 @@ def point_seconds(frequency: float, dwell: float, first: bool, steps: int | None
     servo = steps * (window(frequency) + READING_INTERVAL + reading)
     settling = 2 * settling_length(frequency, dwell)
     return (MOUNTING + APPROACH if first else 0.0) + servo + settling + dwell + reading
+
+
+def first_steps(load: float) -> int:
+    """Servo steps from rest to a load [N, peak to peak]: the amplitude grows to it, threefold at most in each step."""
+    growth = load / (2 * NEWTONS_PER_VOLT) / FIRST_AMPLITUDE
+    return 1 + max(1, math.ceil(math.log(growth, LARGEST_GROWTH)))
 
 
 def expected_noise(design: Design, load: float, ratio: float) -> float:

@@ -57,8 +57,9 @@ if TYPE_CHECKING:
 class Result(Protocol):
     """The result of a procedure.
 
-    One whose plan predicts an uncertainty has `achieved_u` besides: the relative standard uncertainty that it reached,
-    or None.
+    What a plan predicts of its results (`engine/promise.py`) is compared with their budgets. A result may have besides:
+    `unbudgeted`, values and standard uncertainties by name of results without a budget; and `achieved_u`, the relative
+    standard uncertainty that it reached, or None, where that is not the greatest one among the predicted results.
     """
 
     @property

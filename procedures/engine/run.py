@@ -13,6 +13,7 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.known import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.promise import achieved, expected_of, greatest
 from palpate.procedures.engine.returned import asked, calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.calibrations import check_store
@@ -152,10 +153,14 @@ def record_run(
 
 def _promise(procedure: Procedure[S, P, R], lab: Lab, result: R) -> Promise:
     """What was predicted of a run, and what it gave; its time is not known yet."""
-    predicted = planned(procedure, lab.target).predicted
+    plan = planned(procedure, lab.target)
+    predicted, expected = plan.predicted, expected_of(plan)
+    reached = achieved(expected, result)
     return {
         "predicted_seconds": predicted.seconds,
         "predicted_u": predicted.u,
         "achieved_seconds": None,
-        "achieved_u": getattr(result, "achieved_u", None),  # results of packages need not have it
+        "achieved_u": getattr(result, "achieved_u", greatest(reached) if len(reached) == len(expected) else None),
+        "predicted_results": [asdict(each) for each in expected],
+        "achieved_results": [asdict(each) for each in reached],
     }

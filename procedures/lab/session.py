@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from traceback import format_exception
-from typing import TYPE_CHECKING, NotRequired, TypedDict
+from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import check_log
@@ -43,6 +43,8 @@ class Promise(TypedDict):
     predicted_u: float | None
     achieved_seconds: float | None
     achieved_u: float | None
+    predicted_results: list[dict[str, Any]]
+    achieved_results: list[dict[str, Any]]
 
 
 class Outcome(Promise):
@@ -134,6 +136,8 @@ class Session:
             "predicted_u": None,
             "achieved_seconds": None,
             "achieved_u": None,
+            "predicted_results": [],
+            "achieved_results": [],
         }
         return {**found, **_reduced(scene)}
 

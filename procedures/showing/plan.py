@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from palpate.instrument.quantity import counted
 from palpate.procedures.engine.plan import Plan, S, Step
+from palpate.procedures.engine.promise import RELATIVE, expected_of
 from palpate.procedures.showing.text import new_table, number, print_all
 
 OWN = tuple(Step.__dataclass_fields__)
 
 
 def print_plan(plan: Plan[S]) -> None:
-    """Print every point with its dwell, time and expected uncertainty, or the plan's own lines, and the total time."""
+    """Print every point with its dwell, time and expected uncertainty, or the plan's own lines.
+
+    Then print what is expected of each result, and the total time.
+    """
     if plan.predicted.lines:
         print_all(*plan.predicted.lines, _total(plan, ""))
         return
@@ -23,11 +27,22 @@ def print_plan(plan: Plan[S]) -> None:
         u = row["force_ratio_u"]
         table.add_row(
             *(number(row[name]) for name in asked),
-            "by noise" if row["dwell_s"] is None else f"{row['dwell_s']:g}",
+            _dwell(row["dwell_s"], u),
             f"{row['seconds']:z.0f}",
             "-" if u is None else f"{100 * u:z.1f} %",
         )
-    print_all(table, _total(plan, f"{counted(len(rows), 'point')}, "))
+    results = expected_of(plan)
+    expected = new_table(None, "result", "expected u", "unit")
+    for each in results:
+        u = f"{100 * each.u:.2g} %" if each.unit == RELATIVE else f"{each.u:.2g}"
+        expected.add_row(each.name, u, each.unit)
+    print_all(table, *([expected] if results else []), _total(plan, f"{counted(len(rows), 'point')}, "))
+
+
+def _dwell(dwell: float | None, u: float | None) -> str:
+    if dwell is not None:
+        return f"{dwell:g}"
+    return "-" if u is None else "by noise"
 
 
 def _total(plan: Plan[S], points: str) -> str:

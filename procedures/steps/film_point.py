@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.roles import Exciter
-from palpate.instrument.findings.film_forces import film_forces
-from palpate.instrument.sensor.design import Design
+from palpate.instrument.findings.film_forces import LEAST_SIGNAL, film_forces
+from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.dwell import Dwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
 from palpate.procedures.records.record import Recorder
@@ -218,13 +218,19 @@ def _share_of_hum(fit: SineFit) -> str:
 
 def is_short(design: Design, fit: SineFit) -> bool:
     """Whether the uncertainty of the ratio is mostly noise, and the record is too short to know the noise well."""
-    if fit.degrees_of_freedom >= FEW_DEGREES:
+    if fit.degrees_of_freedom >= FEW_DEGREES or not _all_bases_answer(design, fit):
         return False
     forces = film_forces(design, fit)
     if forces.noise_u == 0:
         return False
     freedom = forces.degrees_of_freedom * (forces.force_ratio_u / forces.noise_u) ** 4
     return freedom < FEW_DEGREES
+
+
+def _all_bases_answer(design: Design, fit: SineFit) -> bool:
+    """Whether every base bears a load, so that there is a ratio: not where one tooth of several bases is pressed."""
+    bases = np.array([film.kind == FILM_KINDS[1] for film in design.films])
+    return bool((fit.amplitude[bases] > LEAST_SIGNAL * fit.amplitude_u[bases]).all())
 
 
 def _recorded(films: Films, dwell: float | DwellChoice, short: SineFit) -> tuple[FilmRecord, float, float | None]:

@@ -13,8 +13,10 @@ from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.characterise.expected import expected_figures
 from palpate.procedures.measurements.characterise.result import (
     HOLDING,
     LEAST_DRIFT_POINTS,
@@ -26,11 +28,12 @@ from palpate.procedures.measurements.characterise.result import (
     evaluate,
 )
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.prospects import expected_ratio, load_cell_of
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
-from palpate.procedures.steps.films import check_nodes
+from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, check_nodes
 
 LARGEST_DRIFT_TIME = 86_400.0  # s
 DRIFT_POINTS = 10  # of the load that is held, after the first one
@@ -97,7 +100,15 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
             for number, (direction, load) in enumerate([*places, (HOLDING, middle)])
         ]
         held = self._step(HOLDING, middle, max(self.interval, self.dwell))
-        return Plan(self.name, steps + [held] * DRIFT_POINTS)
+        steps += [held] * DRIFT_POINTS
+        ratio, samples = (
+            expected_ratio(target.design, self.sample),
+            round(SAMPLES_PER_CYCLE * self.frequency * self.dwell),
+        )
+        times = [self.interval * number for number in range(DRIFT_POINTS + 1)]
+        cell = load_cell_of(target)
+        found = expected_figures(target.design, ratio, self.loads, samples, self.dwell, times, cell)
+        return Plan(self.name, steps, predicted(steps, found))
 
     def _step(self, direction: str, load: float, seconds: float) -> CharacteriseStep:
         what, group = f"{direction}, {show(load, 'N')}", f"mount sample {self.sample}"

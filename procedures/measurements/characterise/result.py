@@ -237,7 +237,7 @@ def _film(
         row(
             PEAK_SNR, 20 * math.log10(top.voltages_V[number] / 2 / top.noise_peak_V[number]),
             f"{at_top}, of {top.samples} samples",
-            of_amplitude, Component("greatest of the noise", _of_greatest(top.samples), kind="A"), each=DECIBELS,
+            of_amplitude, Component("greatest of the noise", of_greatest(top.samples), kind="A"), each=DECIBELS,
         ),
         row(SENSITIVITY, slope, by_loads, of_line, of_cell, each=slope),
         row(RESOLUTION, resolution, f"in {dwell:g} s", of_line, of_cell, of_noise, each=resolution),
@@ -267,7 +267,7 @@ def _film(
     ]  # fmt: skip
 
 
-def _of_greatest(samples: int) -> float:
+def of_greatest(samples: int) -> float:
     """Relative standard deviation of the greatest absolute value of so many samples of normal noise.
 
     It is that of the limit, a Gumbel distribution of mode m and scale 1/s (Cramér 1946, 28.6): 4 % low at 250 samples.

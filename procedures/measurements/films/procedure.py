@@ -24,14 +24,17 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import films_path, keep
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.films.expected import expected_sensitivities
 from palpate.procedures.measurements.films.repeats import FilmRepeats
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
+from palpate.procedures.measurements.prospects import load_cell_of
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
@@ -105,14 +108,17 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             return self._repeated(self.repeats(target.design, target.load_cell, self.tolerance))
         teeth = range(1, len(target.design.teeth) + 1)
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        steps = [
+            self._step(n, frequency, load, told, first=frequency == self.frequencies[0] and not number)
+            for n in teeth
+            for frequency in self.frequencies
+            for number, (load, told) in enumerate(sets)
+        ]
+        count, cell = len(self.frequencies), load_cell_of(target)
         return Plan(
             self.name,
-            [
-                self._step(n, frequency, load, told, first=frequency == self.frequencies[0] and not number)
-                for n in teeth
-                for frequency in self.frequencies
-                for number, (load, told) in enumerate(sets)
-            ],
+            steps,
+            predicted(steps, expected_sensitivities(target.design, self.loads, count, self.dwell, cell)),
         )
 
     def repeats(self, design: Design, cell: LoadCellCalibration | None, tolerance: float) -> FilmRepeats:

@@ -15,11 +15,13 @@ from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.frequency_response import TACTILE
-from palpate.procedures.engine.plan import FIRST_STEPS, Plan, Step, point_seconds
+from palpate.procedures.engine.plan import Plan, Step, first_steps, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.frequency.expected import expected_corners
 from palpate.procedures.measurements.frequency.result import (
     FEWEST,
     FilmResponse,
@@ -27,6 +29,7 @@ from palpate.procedures.measurements.frequency.result import (
     FrequencyResult,
     evaluate,
 )
+from palpate.procedures.measurements.prospects import expected_ratio, load_cell_of
 from palpate.procedures.measurements.settings import Extrapolate, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import (
@@ -99,10 +102,14 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         steps: list[FrequencyStep] = []
         for frequency in self.frequencies:
             dwell = dwell_at(frequency, self.dwell)
-            seconds = point_seconds(frequency, dwell, first=not steps, steps=FIRST_STEPS)
+            seconds = point_seconds(frequency, dwell, first=not steps, steps=first_steps(self.load))
             what, group = show(frequency, "Hz"), f"mount sample {self.sample}"
             steps.append(FrequencyStep(dwell, seconds, None, frequency, what=what, group=group))
-        return Plan(self.name, steps)
+        ratio = expected_ratio(target.design, self.sample)
+        dwells = [dwell_at(frequency, self.dwell) for frequency in self.frequencies]
+        cell = load_cell_of(target)
+        found = expected_corners(target.design, ratio, self.frequencies, dwells, self.load, cell)
+        return Plan(self.name, steps, predicted(steps, found))
 
     def begin(self, lab: Lab, record: Recorder) -> Sweeping:
         return Sweeping(lab, record, self)

@@ -15,12 +15,14 @@ from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import DeviceError, RangeError, quoted
 from palpate.instrument.quantity import counted, show
-from palpate.procedures.engine.plan import Plan, Step
+from palpate.procedures.engine.plan import MOUNTING, Plan, Step
 from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report
+from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep, load_cell_path
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
+from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
 from palpate.procedures.measurements.load_cell.result import (
     CREEP_TIMES,
     FILTER,
@@ -127,7 +129,10 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
 
     def plan(self, target: Target) -> Plan[WeightStep]:
         """All points: every weight of every run, then the creep test."""
-        return Plan(self.name, list(self._steps()))
+        steps = list(self._steps())
+        readings = 2 * REPEATS * self.runs * len(self.positions)
+        cell = target.load_cell or THESIS_LOAD_CELL
+        return Plan(self.name, steps, predicted(steps, expected_sensitivity(self.loads, readings, self.degree, cell)))
 
     def _steps(self) -> Iterator[WeightStep]:
         several = len(self.positions) > 1
@@ -138,7 +143,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 weights += [*((UNLOADING, load) for load in reversed(self.loads)), (ZERO_AFTER, 0.0)]
                 for direction, load in weights:
                     what = f"{direction}, {1e3 * load / STANDARD_GRAVITY:.0f} gf"
-                    seconds = PLACING + SETTLING + (REPEATS - 1) * INTERVAL
+                    turning = MOUNTING if several and number == 1 and direction == ZERO_BEFORE else 0.0
+                    seconds = turning + PLACING + SETTLING + (REPEATS - 1) * INTERVAL
                     yield WeightStep(None, seconds, None, position, number, direction, load, what=what, group=group)
         for before, time in pairwise((-RECOVERY, *CREEP_TIMES)) if self.creep else ():
             direction, last = f"{CREEP}_{time:.0f}_s", (self.positions[-1], self.runs)

@@ -78,6 +78,11 @@ class LoadCellResult:
         }
 
     @property
+    def unbudgeted(self) -> dict[str, tuple[float, float]]:
+        """The sensitivity and its standard uncertainty [mV/N], which the budgets of loads contain."""
+        return {"sensitivity": (self.calibration.sensitivity_mV_per_N, self.calibration.sensitivity_u)}
+
+    @property
     def budgets(self) -> tuple[Budget, ...]:
         """The budgets of the least load, of the middle of the range, and of the greatest load."""
         c = self.calibration

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
 
@@ -16,13 +16,15 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import STEP, Dwell, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
-from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
+from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-from palpate.procedures.measurements.loads.repeats import Repeats, expected_ratio, floor_of, one_set_suffices
+from palpate.procedures.measurements.loads.repeats import Repeats, floor_of, one_set_suffices
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, valid_ratios
+from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, LoadSets
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
@@ -110,10 +112,11 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
             for name in self.samples
             for number, (load, told) in enumerate(sets)
         ]
-        if self.tolerance is None:
-            return Plan(self.name, steps)
-        seconds, worst = math.fsum(step.seconds for step in steps), max(step.force_ratio_u or 0.0 for step in steps)
-        return Plan(self.name, steps, Predicted(seconds, worst, {"tolerance_of": "point"}))
+        likely = predicted(steps, [self._expected(target.design, name) for name in self.samples])
+        if self.tolerance is not None:
+            worst = max(step.force_ratio_u or 0.0 for step in steps)
+            likely = replace(likely, u=worst, told={**likely.told, "tolerance_of": "point"})
+        return Plan(self.name, steps, likely)
 
     def _repeated(self, repeats: Repeats) -> Plan[LoadStep]:
         steps = []
@@ -135,17 +138,30 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         own = [point for point in points if point.sample == step.sample]
         return bool(own) and repeats.has_enough(step.sample, len(own), valid_ratios(own))
 
+    def _expected(self, design: Design, sample: str) -> Expected:
+        """The mean ratio that is expected of a sample, by the lines of `mean_ratio`."""
+        ratio = expected_ratio(design, sample)
+        dwells = [
+            self.dwell if self.tolerance is None else self._chosen(design, load, ratio).dwell for load in self.loads
+        ]
+        return Expected.of(expected_mean(f"force ratio of sample {sample}", design, ratio, self.loads, dwells))
+
     def _step(self, design: Design, sample: str, load: float, told: str, first: bool) -> LoadStep:
         ratio = expected_ratio(design, sample)
         floor, noise = floor_of(design, ratio), expected_noise(design, load, ratio)
         recording, u = self.dwell, math.hypot(floor_u(floor), noise / math.sqrt(self.dwell))
         if self.tolerance is not None:
-            chosen = dwell_of(self.tolerance, noise, self.frequency, floor)
+            chosen = self._chosen(design, load, ratio)
             recording, u = recording_seconds(chosen.dwell, self.frequency), chosen.u
         seconds = point_seconds(self.frequency, recording, first=first)
         what, group = f"sample {sample}, {told}", f"mount sample {sample}"
         dwell = None if self.tolerance else self.dwell
         return LoadStep(dwell, seconds, u, sample, load, what=what, group=group)
+
+    def _chosen(self, design: Design, load: float, ratio: float) -> Dwell:
+        """The dwell that is expected to be chosen for the tolerance."""
+        assert self.tolerance is not None
+        return dwell_of(self.tolerance, expected_noise(design, load, ratio), self.frequency, floor_of(design, ratio))
 
     def begin(self, lab: Lab, record: Recorder) -> Sweeping:
         return Sweeping(lab, record, self)

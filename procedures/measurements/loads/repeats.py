@@ -17,12 +17,11 @@ from palpate.instrument.allocation.stopping import FIRST, Answer, answer, enough
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER
-from palpate.instrument.models.foundation.springs import force_ratio
 from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import STEP, Floor, floor_u, whole_steps
 from palpate.procedures.engine.plan import MOUNTING, Predicted, expected_noise, point_seconds
+from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.showing.plan import duration
 
 PRIOR_FREEDOM = 7.0  # degrees of freedom of the design's scatter: the thesis' 30 are worth no more
@@ -157,11 +156,6 @@ def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
     scatter = Floor(SCATTER, design.ratio_scatter)
     pickup = pickup_u(design) * math.hypot(1.0, 1 / ratio)
     return (scatter, Floor(PICKUP, pickup)) if pickup else (scatter,)
-
-
-def expected_ratio(design: Design, sample: str) -> float:
-    """The force ratio to be expected of a sample: the thesis' mean, or that of a simple model."""
-    return design.thesis_force_ratio.get(sample) or force_ratio(design, get_sample(sample))
 
 
 def one_set_suffices(design: Design, samples: Sequence[str], tolerance: float) -> bool:

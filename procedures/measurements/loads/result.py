@@ -120,9 +120,9 @@ class SweepResult:
 
     @property
     def achieved_u(self) -> float | None:
-        """Greatest relative standard uncertainty of what the tolerance is of; None: there is none, or one lacks."""
+        """Greatest relative standard uncertainty of what the tolerance is of, else of the means; None: one lacks."""
         of = {"point": [p.relative_u for p in self.points], "mean": [s.relative_u for s in self.samples]}
-        found = of.get(self.tolerance_of or "", [])
+        found = of[self.tolerance_of or "mean"]
         known = [u for u in found if u is not None]
         return max(known) if known and len(known) == len(found) else None
 

@@ -17,11 +17,14 @@ from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLO
 from palpate.instrument.findings.load_line import LEAST_POINTS, Series
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
-from palpate.procedures.engine.plan import APPROACH, MOUNTING, Plan, Step
+from palpate.procedures.engine.plan import MOUNTING, Plan, Step
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report
+from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.modulus.expected import COMPLIANCE, expected_moduli
 from palpate.procedures.measurements.modulus.result import DisplaysPoint, ModulusResult
+from palpate.procedures.measurements.prospects import load_cell_of
 from palpate.procedures.measurements.settings import Extrapolate, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.indicator import READING_INTERVAL, TRACK_SETTLING, steady
@@ -35,6 +38,9 @@ DISPLAYS = 10  # readings at each position
 BARE = (0.05, 0.6)  # least and greatest force on the bare support, as fractions of the force limit
 AREA_U = 0.01  # relative standard uncertainty of the area: 0.05 mm on each edge of 10 mm [A]
 BARE_SUPPORT = "bare"
+SPEED = 1e-3  # m/s, of the positioner, unless it is told another
+STARTING = 0.13  # s, that a move takes beyond its way [M]
+TO_SUPPORT, TO_SAMPLE = 74.0, 12.5  # s, from home to the bare support, lightly and hard; and to the sample [M]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,15 +105,27 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
         """All positions: down on the bare support, then down and up on the sample."""
         down = range(1, self.steps + 1)
         places = [(BARE_SUPPORT, n) for n in down] + [(LOADING, n) for n in down] + [(UNLOADING, n) for n in down[::-1]]
-        return Plan(self.name, [self._step(series, number) for series, number in places])
+        steps = [self._step(series, number, target.force_limit) for series, number in places]
+        bare = BARE[0] * target.force_limit, BARE[1] * target.force_limit
+        sample, cell = get_sample(self.sample), load_cell_of(target)
+        found = expected_moduli(sample, self.strain, self.steps, bare, DISPLAYS, AREA_U, cell)
+        return Plan(self.name, steps, predicted(steps, found))
 
-    def _step(self, series: str, number: int) -> CompressionStep:
-        seconds = TRACK_SETTLING + (DISPLAYS - 1) * READING_INTERVAL
+    def _step(self, series: str, number: int, force_limit: float) -> CompressionStep:
+        seconds = self._moving(series, force_limit) + TRACK_SETTLING + (DISPLAYS - 1) * READING_INTERVAL
         if number == 1 and series != UNLOADING:
-            seconds += MOUNTING + APPROACH
+            seconds += MOUNTING + (TO_SUPPORT if series == BARE_SUPPORT else TO_SAMPLE)
         group = "lay the support bare" if series == BARE_SUPPORT else f"lay sample {self.sample} on the support"
         what = f"{series}, step {number} of {self.steps}"
         return CompressionStep(None, seconds, None, series, number, what=what, group=group)
+
+    def _moving(self, series: str, force_limit: float) -> float:
+        """Time to move from one position of a series to the next [s]."""
+        sample = get_sample(self.sample)
+        forces, yields = (BARE[1] - BARE[0]) * force_limit, COMPLIANCE
+        if series != BARE_SUPPORT:
+            forces, yields = _force(sample, self.strain), yields + sample.thickness / (sample.modulus * sample.area)
+        return STARTING + forces * yields / self.steps / SPEED
 
     def begin(self, lab: Lab, record: Recorder) -> Compressing:
         return Compressing(lab, self)

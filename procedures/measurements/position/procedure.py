@@ -17,9 +17,11 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.position.expected import expected_places
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
@@ -85,7 +87,10 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     def plan(self, target: Target) -> Plan[PositionStep]:
         """Every position, from left to right."""
         seconds = point_seconds(self.frequency, self.dwell, first=True)
-        return Plan(self.name, [self._step(position, seconds) for position in self.positions])
+        steps = [self._step(position, seconds) for position in self.positions]
+        places = [_at(target.design, position) for position in self.positions]
+        found = expected_places(target.design, get_sample(self.sample), places, self.load, self.dwell)
+        return Plan(self.name, steps, predicted(steps, found))
 
     def _step(self, position: float, seconds: float) -> PositionStep:
         group = f"mount sample {self.sample}"

@@ -68,6 +68,11 @@ class PositionResult:
     inside: float | None
     budgets: tuple[Budget, ...] = ()
 
+    @property
+    def unbudgeted(self) -> dict[str, tuple[float, float]]:
+        """Each found place and its standard uncertainty [mm], of the valid points."""
+        return {f"position at {p.position_mm:g} mm": (p.found_mm, p.found_u) for p in self.points if p.valid}
+
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""
         return {"position_rms_mm": self.rms_mm, "inside_interval": self.inside, "thesis_doubt": DOUBT}

@@ -17,13 +17,15 @@ from palpate.instrument.models.curve import RatioCurve, ratio_curve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.plan import Plan, Predicted
+from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
+from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_nameable, keep, model_path
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
+from palpate.procedures.measurements.references.expected import expected_constant
 from palpate.procedures.measurements.references.reference import Reference, read_reference
 from palpate.procedures.measurements.references.result import ReferencesResult, check_range, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, ValidDays
@@ -88,8 +90,11 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
     def plan(self, target: Target) -> Plan[TouchStep]:
         """All points: every load on every reference; predicted is the uncertainty of a modulus by the calibration."""
         steps = self._touches(target.design).plan(target).steps
-        seconds = math.fsum(step.seconds for step in steps)
-        return Plan(self.name, steps, Predicted(seconds, self._predicted_u(target.design)))
+        if self.model in SLOW:
+            return Plan(self.name, steps)
+        question = self._question(target.design)
+        found = expected_constant(target.design, self.references, question, _curve(question), self.loads, self.dwell)
+        return Plan(self.name, steps, predicted(steps, found, self._predicted_u(target.design)))
 
     def _predicted_u(self, design: Design) -> float | None:
         """None: the thesis tells no spread, or the curve takes long."""

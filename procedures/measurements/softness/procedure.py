@@ -11,6 +11,8 @@ from typing import Annotated, Any
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.object_modulus import estimate
+from palpate.instrument.models.curve import ratio_curve
+from palpate.instrument.models.foundation.springs import force_ratio
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.response import response
 from palpate.instrument.quantity import show
@@ -19,10 +21,12 @@ from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets
+from palpate.procedures.measurements.softness.expected import expected_moduli
 from palpate.procedures.measurements.softness.ranking import MOST, Ranking
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
@@ -30,6 +34,7 @@ from palpate.procedures.steps.checks import check_force, check_frequency, check_
 from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.films import check_nodes
 
+EDGE = 1e-9  # distance that an expected ratio keeps from 0 and 1
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
 
 
@@ -117,8 +122,15 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
             for each in self.objects
             for number, (load, told) in enumerate(sets)
         ]
-        likely = None if self.risk is None else self.ranking(target.design, self.risk).predicted()
-        return Plan(self.name, steps, likely)
+        if self.risk is not None:
+            return Plan(self.name, steps, self.ranking(target.design, self.risk).predicted())
+        return Plan(self.name, steps, predicted(steps, self._expected(target)))
+
+    def _expected(self, target: Target) -> list[Expected]:
+        design, slow = target.design, self.model in SLOW
+        question = None if slow else self.model_question(design)
+        ratios = {each.name: _ratio(design, each, question) for each in self.objects}
+        return expected_moduli(design, ratios, self.loads, self.dwell, question, target.references)
 
     def _step(self, name: str, load: float, told: str, scatter: float, first: bool) -> TouchStep:
         seconds = point_seconds(self.frequency, self.dwell, first=first)
@@ -153,6 +165,15 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
 def _ranking(*asked: Any) -> Ranking:
     """A ranking, which is asked before each step."""
     return Ranking(*asked)
+
+
+def _ratio(design: Design, each: Sample, question: Question | None) -> float:
+    """The force ratio that is expected of an object: the thesis' mean, or that of the model which answers."""
+    if question is None or each.name in design.thesis_force_ratio:
+        return design.thesis_force_ratio.get(each.name) or force_ratio(design, each)
+    curve = ratio_curve(question.sensor(), question.load(each.modulus), question.model, question.tolerance)
+    low, high = curve.moduli
+    return min(max(float(curve.force_ratio(min(max(each.modulus, low), high))), EDGE), 1 - EDGE)
 
 
 class Touching(DynamicLoadWork):

@@ -22,10 +22,13 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimators import boxcar, rms
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
+from palpate.procedures.measurements.temperature.expected import expected_change
 from palpate.procedures.measurements.temperature.result import (
     FEWEST,
     FilmWarming,
@@ -44,7 +47,7 @@ from palpate.procedures.steps.standing import BEFORE, LENGTH, RESPONSE, Added, a
 RANGE = (-20.0, 40.0)  # K relative to the start; PVDF loses its polarisation above about 80 °C [S]
 MOST = 50  # greatest number of temperatures
 LONGEST_SOAK = 86400.0  # s
-SETTING = 60.0  # s that a person takes to set a temperature [A]
+SETTING = 10.0  # s that a person takes to set a temperature [A]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +125,9 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
             what, group = show(temperature, "K"), f"mount sample {self.sample}"
             scatter = target.design.ratio_scatter
             steps.append(TemperatureStep(self.dwell, seconds, scatter, temperature, change, what=what, group=group))
-        return Plan(self.name, steps)
+        ratio = expected_ratio(target.design, self.sample)
+        found = expected_change(target.design, ratio, self.load, self.dwell, steps_of(self.temperatures))
+        return Plan(self.name, steps, predicted(steps, found))
 
     def begin(self, lab: Lab, record: Recorder) -> Sweeping:
         return Sweeping(lab, record, self)

@@ -1,0 +1,101 @@
+"""What points under dynamic loads are expected to give, before anything moves: noise of films, readings of loads.
+
+Assumed [A] are the noise of films (`NOISE` of `engine.plan`) and of the load's display. The load cell of the thesis [M]
+stands for one that is not known, because its bench is not open yet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.findings.film_forces import calibration_u, pickup_u
+from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.models.foundation.springs import force_ratio
+from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
+from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.uncertainty.budget import Budget
+from palpate.instrument.uncertainty.rounding import mean_u
+from palpate.procedures.engine.plan import NOISE, expected_noise
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.steps.indicator import READINGS
+
+DISPLAY_NOISE = 0.3  # of the indicator's step: standard deviation of a reading before it is rounded [A]
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedPoint:
+    """What is expected of a point of which the force ratio is sought, as `mean_ratio` takes it."""
+
+    force_ratio: float
+    force_ratio_u: float
+    noise_u: float
+    calibration_u: float
+    pickup_u: float
+    degrees_of_freedom: float | None = None
+
+
+def expected_mean(
+    quantity: str, design: Design, ratio: float, loads: Sequence[float], dwells: Sequence[float]
+) -> Budget:
+    """The budget that is expected of a mean force ratio.
+
+    Args:
+        quantity: name of the mean.
+        design: design of the sensor, with the calibration of its films.
+        ratio: the expected force ratio.
+        loads: load of each point, peak to peak [N].
+        dwells: dwell of each point [s].
+    """
+    films, pickup = ratio * calibration_u(design), pickup_u(design) * math.hypot(ratio, 1.0)
+    points = []
+    for load, dwell in zip(loads, dwells, strict=True):
+        noise = ratio * expected_noise(design, load, ratio) / math.sqrt(dwell)
+        u = math.hypot(ratio * design.ratio_scatter, noise, films, pickup)
+        points.append(ExpectedPoint(ratio, u, noise, films, pickup))
+    return mean_ratio(quantity, points, design.film_freedom)
+
+
+def expected_ratio(design: Design, sample: str) -> float:
+    """The force ratio to be expected of a sample: the thesis' mean, or that of a simple model."""
+    return design.thesis_force_ratio.get(sample) or force_ratio(design, get_sample(sample))
+
+
+def load_cell_of(target: Target) -> LoadCellCalibration:
+    """Calibration of the target's load cell; that of the thesis, if the bench is not open yet."""
+    return target.load_cell or THESIS_LOAD_CELL
+
+
+def reading_u(cell: LoadCellCalibration, load: float) -> float:
+    """Relative standard uncertainty of a measured load [N, peak to peak] without that of the load cell's curve."""
+    return cell.reading_u(READINGS) / cell.sensitivity_mV_per_N / load
+
+
+def display_u(cell: LoadCellCalibration, readings: int) -> float:
+    """Expected standard uncertainty [mV] of the mean of so many displayed values, from which a run tells their scatter.
+
+    The display's scatter is that of the cell's calibration; where that does not tell it, DISPLAY_NOISE is assumed.
+    """
+    step = cell.resolution_mV
+    scatter = step * math.sqrt(DISPLAY_NOISE**2 + 1 / 12) if cell.scatter_mV is None else cell.scatter_mV
+    return mean_u(scatter, step, readings)
+
+
+def load_on(design: Design, film: Film, ratio: float, load: float) -> float:
+    """Force on a film under a load on the whole sensor [N, peak to peak], if all teeth bear alike."""
+    share = ratio if film.kind == FILM_KINDS[0] else 1.0
+    return share * load * len(film.teeth) / len(design.teeth)
+
+
+def film_noise(film: Film, force: float, dwell: float) -> float:
+    """Expected relative standard uncertainty of a film's amplitude by noise.
+
+    Args:
+        film: the film.
+        force: force on it, peak to peak [N].
+        dwell: dwell [s].
+    """
+    return NOISE / (film.sensitivity * force / 2) / math.sqrt(dwell)

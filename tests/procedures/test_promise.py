@@ -1,0 +1,180 @@
+"""What plans predict is kept by runs: the bench time within a tenth, and the uncertainty of each result within bounds.
+
+A scatter that is known before stands for that of a run's own points. So a film's scatter from a few points may be well
+below or above the prediction; the bounds of a case say by how much.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pytest
+
+import palpate
+from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.procedures.engine.plan import first_steps
+from palpate.procedures.engine.procedure import SimpleResult
+from palpate.procedures.engine.promise import Expected, achieved
+from palpate.procedures.lab.chosen import choose
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.lab.session import Outcome
+from palpate.procedures.measurements.characterise.procedure import Characterisation
+from palpate.procedures.measurements.films.procedure import FilmSeries
+from palpate.procedures.measurements.frequency.procedure import FrequencySweep
+from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
+from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.modulus.procedure import ModulusTest
+from palpate.procedures.measurements.position.procedure import PositionSweep
+from palpate.procedures.measurements.references.procedure import ReferenceSeries
+from palpate.procedures.measurements.references.reference import read_reference
+from palpate.procedures.measurements.softness.procedure import SoftnessTest
+from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
+from tests.procedures.conftest import Palpate
+
+TIME = (0.9, 1.1)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A procedure, its scene, how many seeds, and bounds of achieved over predicted uncertainty.
+
+    `rms` bounds the root mean square over the seeds, for each result.
+    """
+
+    procedure: palpate.Procedure[Any, Any, Any]
+    rms: tuple[float, float]
+    scene: str = "thesis_single"
+    seeds: int = 1
+
+
+REFERENCES = tuple(read_reference(f"{name}: {modulus} kPa ± 2 %") for name, modulus in (("A", 40), ("B", 90)))
+QUICK = [
+    Case(LoadCellSeries(), (0.9, 1.15)),
+    Case(LoadSweep(("1",), (2.0, 4.0), 0.2), (0.95, 1.05)),
+]
+THOROUGH = [
+    Case(LoadCellSeries(runs=2, positions=(0.0, 120.0)), (0.7, 1.3), seeds=4),
+    Case(LoadSweep(("1", "5")), (0.97, 1.03), seeds=2),
+    Case(LoadSweep(("2",), (4.0,), 10.0), (0.97, 1.03), "noisy_lab", seeds=2),
+    Case(SoftnessTest(tuple(get_sample(name) for name in "34"), model="auto"), (0.9, 1.1), seeds=3),
+    Case(FilmSeries(), (0.6, 1.4), seeds=8),
+    Case(FilmSeries((2.0, 3.0, 4.0), (5.0, 20.0)), (0.6, 1.4), "thesis_different_base", seeds=4),
+    Case(FrequencySweep(), (0.9, 1.1), seeds=2),
+    Case(FrequencySweep((0.2, 1.0, 10.0, 50.0), load=4.0), (0.85, 1.15), seeds=2),
+    Case(ModulusTest("4"), (0.85, 1.25), seeds=3),
+    Case(ModulusTest("1", strain=0.2, steps=6), (0.7, 1.35), seeds=3),
+    Case(Characterisation(drift_time=60.0), (0.4, 3.0), seeds=4),
+    Case(PositionSweep(), (0.5, 1.7), "thesis_common_base", seeds=4),
+    Case(ReferenceSeries(REFERENCES), (0.85, 1.25), seeds=3),
+    Case(TemperatureSweep(), (0.95, 1.15), "humid_body", seeds=2),
+    Case(TemperatureSweep(soak=0.0, dwell=0.2), (0.95, 1.15)),
+]
+
+
+def _outcomes(case: Case) -> list[Outcome]:
+    found = []
+    for seed in range(1, case.seeds + 1):
+        with palpate.open_bench(scene=case.scene, seed=seed) as bench:
+            found.append(palpate.run(case.procedure, bench).outcome)
+    return found
+
+
+def _check(case: Case) -> None:
+    outcomes = _outcomes(case)
+    times = [one["achieved_seconds"] / one["predicted_seconds"] for one in outcomes]  # type: ignore[operator]
+    assert TIME[0] <= math.fsum(times) / len(times) <= TIME[1]
+    results = outcomes[0]["predicted_results"]
+    assert results
+    for row in results:
+        reached = [each["u"] for one in outcomes for each in one["achieved_results"] if each["name"] == row["name"]]
+        assert len(reached) == len(outcomes), f"{row['name']} was predicted, and not found"
+        rms = math.sqrt(math.fsum(u**2 for u in reached) / len(reached))
+        assert case.rms[0] <= rms / row["u"] <= case.rms[1], row["name"]
+
+
+def _named(case: Case) -> str:
+    return f"{case.procedure.name}-{case.scene}"
+
+
+@pytest.fixture(autouse=True)
+def _own_store(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    monkeypatch.setenv("PALPATE_STORE", str(tmp_path))
+
+
+@pytest.mark.parametrize("case", QUICK, ids=_named)
+def test_a_short_run_keeps_what_its_plan_predicts(case: Case) -> None:
+    _check(case)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", THOROUGH, ids=_named)
+def test_a_run_keeps_what_its_plan_predicts(case: Case) -> None:
+    _check(case)
+
+
+COMMANDS = (
+    "calibrate load-cell",
+    "calibrate films",
+    "calibrate model --model experiment --reference 'A: 48 kPa ± 2 %'",
+    "test modulus --sample 4",
+    "characterise",
+    "softness --modulus '48 kPa'",
+)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_dry_run_tells_time_and_uncertainty_of_each_result(palpate: Palpate, command: str) -> None:
+    words = shlex.split(command)
+    plan = palpate(*words, "--dry-run", "--json").object
+    assert plan["dry_run"]
+    assert plan["predicted_seconds"] == pytest.approx(math.fsum(point["seconds"] for point in plan["points"]))
+    relative = [row["u"] for row in plan["predicted_results"] if row["unit"] == "relative"]
+    assert min(relative) > 0
+    assert plan["predicted_u"] == max(relative) < 1
+
+
+def test_a_dry_run_tells_people_the_uncertainty_of_each_result(palpate: Palpate) -> None:
+    said = palpate("calibrate", "films", "--dry-run").out
+    assert "sensitivity of film rigid" in said
+    assert "1.6 %" in said
+
+
+def test_four_times_the_load_sets_halve_what_is_expected() -> None:
+    target = _target()
+    one, four = (LoadSweep(("1",), (4.0,) * sets).plan(target).predicted.u for sets in (2, 8))
+    assert one is not None and four is not None
+    assert four == pytest.approx(one / 2)
+
+
+def test_a_calibration_of_the_films_is_a_line_of_what_is_expected() -> None:
+    target = _target()
+    films = replace(target.design, film_covariance=((4e-4, 0.0), (0.0, 0.0)), film_freedom=5.0)
+    plain, calibrated = (
+        LoadSweep(("1",)).plan(replace(target, design=each)).predicted.u for each in (target.design, films)
+    )
+    assert plain is not None and calibrated is not None
+    assert calibrated == pytest.approx(math.hypot(plain, 0.02))
+
+
+def test_a_load_cell_that_is_turned_takes_the_time_to_turn_it() -> None:
+    once, turned = (LoadCellSeries(positions=places).plan(_target()) for places in ((0.0,), (0.0, 120.0)))
+    assert turned.seconds == pytest.approx(2 * (once.seconds + 60))
+
+
+def test_a_greater_load_takes_more_servo_steps() -> None:
+    assert [first_steps(load) for load in (0.4, 1.5, 3.0, 4.0, 7.0)] == [2, 3, 3, 4, 4]
+
+
+def test_a_result_that_a_run_does_not_have_is_not_achieved() -> None:
+    budget = Budget("modulus of A, scale", 50.0, "Pa", (Component("scatter", 5.0),))
+    expected = [Expected("modulus of A, scale", 0.2), Expected("modulus of B, scale", 0.2)]
+    result: SimpleResult[Any] = SimpleResult(points=(), budgets=(budget,))
+    assert achieved(expected, result) == [Expected("modulus of A, scale", 0.1)]
+
+
+def _target() -> Target:
+    return choose(None).target
