@@ -24,7 +24,7 @@ def sweep(tolerance: float, samples: tuple[str, ...] = ("2",)) -> LoadSweep:
 
 def test_a_tolerance_above_what_a_load_set_scatters_is_one_of_each_point() -> None:
     point, mean = sweep(0.05).plan(REAL), sweep(0.04).plan(REAL)
-    assert point.predicted.told == {"tolerance_of": "point"}
+    assert point.predicted.told["tolerance_of"] == "point"
     assert (len(point.steps), point.steps[0].dwell_s) == (2, None)
     assert mean.predicted.told["tolerance_of"] == "mean"
     assert mean.predicted.told["planned"]["2"]["sets"] == 10  # whole rounds of two loads
