@@ -62,7 +62,15 @@ class Chosen:
         force_limit = BenchDescription.model_fields["force_limit"].default
         given = [guest.kind for guest in self.scene.devices if guest.table.get("role") == "sensor_node"]
         count, channels = (len(given), given[0].channels) if given else (self.scene.nodes, CHANNELS)
-        target = Target(design, force_limit, count, self.scene.model, channels, drivable=self._check_guests)
+        target = Target(
+            design,
+            force_limit,
+            count,
+            self.scene.model,
+            channels,
+            drivable=self._check_guests,
+            scene=self.scene.identity,
+        )
         return with_kinds(target, self.scene.kind_in)
 
     def _check_guests(self, frequency: float) -> None:

@@ -39,6 +39,7 @@ class Target:
         references: calibration by references of the model that the procedure asks; None: there is none, or the bench is
             not open yet.
         load_cell: calibration of the load cell; None: the bench is not open yet.
+        scene: identity of the scene of a simulated bench; None: the bench may be real.
     """
 
     design: Design
@@ -52,6 +53,7 @@ class Target:
     calibrated: tuple[float, float] | None = None
     references: ByReferences | None = None
     load_cell: LoadCellCalibration | None = None
+    scene: str | None = None
 
 
 def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> Target:

@@ -87,7 +87,7 @@ class OpenBench:
             check_nameable(self.bench, "load_indicator" if calibrating == "load cell" else "sensor_node")
         design = get_design(description.design).with_pickup(description.pickup)
         simulated = self.scene
-        scene = None if simulated is None else f"{simulated.name}, {simulated.model}, seed {simulated.seed}"
+        scene = None if simulated is None else simulated.identity
         references = None
         if logged is not None:
             calibration, films, references = logged.calibration, logged.films, logged.references

@@ -111,6 +111,11 @@ class Scene:
     devices: tuple[Guest, ...] = ()
 
     @property
+    def identity(self) -> str:
+        """What tells its sensor from that of other scenes, for calibrations: name, model and seed."""
+        return f"{self.name}, {self.model}, seed {self.seed}"
+
+    @property
     def pickup(self) -> float:
         """Bound on the force that pickup in the cables adds to a film, as a share of the load; for the bench file."""
         return math.fsum(effect.pickup for effect in self.effects.values())

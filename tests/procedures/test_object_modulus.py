@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from palpate.instrument.errors import RangeError
+from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
@@ -84,7 +86,28 @@ def test_the_bound_of_time_is_never_below_the_predicted_time() -> None:
         assert planned.longest >= planned.allocation.seconds, scatter
 
 
+@pytest.mark.slow
+def test_a_plan_counts_no_references_of_another_scene(palpate: Palpate) -> None:
+    references = ("--reference", "2: 24 kPa ± 2 %", "--loads", "3 N", "--dwell", "0.2 s")
+    assert palpate("calibrate", "model", *references, "--scene", "unknown_curve").status == 0
+    asked = (*MEASURE, "--sample", "4", "--tolerance", "25%", "--dry-run", "--scene")
+    assert palpate(*asked, "unknown_curve").status == 0
+    for other in (("unknown_curve", "--seed", "7"), ("thesis_single",)):
+        assert "cannot be reached: the model binds" in palpate(*asked, *other).complaint
+
+
 # --- what is refused -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", ["surface", "beam_exact"])
+def test_the_best_that_a_refusal_names_is_none_that_it_refuses(model: str) -> None:
+    with pytest.raises(RangeError) as refused:
+        wanted(tolerance=0.001, model=model, mounting_scatter=0.0).prospect(TARGET)
+    best = re.search(r"best now  ([0-9]+(?:\.[0-9]+)?) %", str(refused.value))
+    assert best, str(refused.value)
+    tolerance = float(best[1]) / 100
+    if tolerance <= LARGEST_TOLERANCE:
+        assert wanted(tolerance=tolerance, model=model, mounting_scatter=0.0).prospect(TARGET).allocation.u <= tolerance
 
 
 def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Palpate) -> None:

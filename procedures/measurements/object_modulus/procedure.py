@@ -128,7 +128,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         """The model's calibration by references; before the bench is open, the one that it probably has."""
         if target.calibrated is not None:
             return target.references
-        return probable_references(self.model_question(target.design), target.model is not None)
+        return probable_references(self.model_question(target.design), target.scene)
 
     def loads_on(self, target: Target) -> tuple[float, ...]:
         """The loads among which the plan chooses: the given one, or all that the load cell is calibrated for."""

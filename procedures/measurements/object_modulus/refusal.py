@@ -18,6 +18,8 @@ from palpate.procedures.measurements.object_modulus.prospect import (
     costs_of,
     lines_of,
 )
+from palpate.procedures.measurements.object_modulus.telling import reachable
+from palpate.procedures.measurements.object_modulus.telling import share as told
 from palpate.procedures.showing.plan import duration
 
 NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
@@ -37,14 +39,14 @@ def below_floor(wanted: Wanted, question: Question, found: Expected, design: Des
     if error.line != VALIDATION:
         remedy = REMEDIES.get(error.line, "lower that line")
         return RangeError(
-            f"--tolerance {share} cannot be reached: {error.line} leaves {100 * error.floor:.2g} %, which no time on"
-            f" the bench lowers\n  best now  {100 * error.floor:.2g} %\n  or        {remedy}\n  or        {COMPRESSION}"
+            f"--tolerance {share} cannot be reached: {error.line} leaves {told(error.floor)}, which no time on"
+            f" the bench lowers\n  best now  {reachable(error.floor)}\n  or        {remedy}\n  or        {COMPRESSION}"
         )
     factor = math.exp((found.sensitivity or 1.0) * (found.validation.u or 0.0))
     lines = [
         f"--tolerance {share} absolute cannot be reached: the model binds: {error.line} of {found.model!r} leaves"
-        f" {100 * error.floor:.2g} %, a factor of {factor:.2g} ({found.validation.source})",
-        f"best now  {100 * error.floor:.2g} %",
+        f" {told(error.floor)}, a factor of {factor:.2g} ({found.validation.source})",
+        f"best now  {reachable(error.floor)}",
         *_with_references(question, found),
         f"or        {COMPRESSION}",
         *_on_scale(wanted, found, design),

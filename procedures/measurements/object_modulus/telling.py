@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from palpate.instrument.quantity import counted, show
@@ -42,7 +43,13 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
 
 def share(u: float) -> str:
     """A share in percent, with two digits."""
-    return f"{100 * u:.2g} %"
+    return f"{100 * u:.2g} %" if u < 0.995 else f"{100 * u:.0f} %"
+
+
+def reachable(floor: float) -> str:
+    """A share a little above a floor, in percent with two digits: one that may be asked for."""
+    step = 10.0 ** (math.floor(math.log10(1.01 * floor)) - 1)
+    return share(step * math.ceil(1.01 * floor / step))
 
 
 def parts_of(shares: Mapping[str, float], u: float) -> str:
