@@ -78,7 +78,9 @@ SIGNATURES = {
     "SoftnessTest": "objects loads dwell frequency model risk sets",
     "StaticLoadWork": "lab sample force",
     "Step": "dwell_s seconds force_ratio_u what group",
-    "Target": "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene",
+    "Target": (
+        "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene"
+    ),
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
     "as_dataset": "run",
