@@ -117,7 +117,9 @@ MEMBERS = {  # what a script or a class of its own uses
         "waveform waveform_names waveforms"
     ),
     "StaticLoadWork": "arrange end load",
-    "Target": "calibrated channels design drivable force_limit frequency_step load_cell model nodes references scene travel",
+    "Target": (
+        "calibrated channels design drivable force_limit frequency_step load_cell model nodes references scene travel"
+    ),
     "Work": "arrange end take",
 }
 
