@@ -258,3 +258,9 @@ def outputs(sim: SimulatedBench) -> tuple[bool, bool, float]:
 
 
 OFF = (False, False, 0.0)
+
+
+@pytest.fixture
+def own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs and calibrations of a test are stored for it alone: what it stores must change no other test."""
+    monkeypatch.setenv("PALPATE_STORE", str(tmp_path / "store"))

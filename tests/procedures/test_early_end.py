@@ -14,6 +14,8 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER
 
+pytestmark = pytest.mark.usefixtures("own_store")
+
 T = TypeVar("T")
 SECONDS = 0.5
 

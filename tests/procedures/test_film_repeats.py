@@ -14,6 +14,8 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.films.procedure import FilmSeries
 
+pytestmark = pytest.mark.usefixtures("own_store")
+
 REAL = Target(get_design("single"), 10.0, nodes=1)
 LOADS = (2.0, 3.0, 4.0)
 
@@ -48,7 +50,6 @@ def test_a_run_ends_when_both_films_are_known_well_enough(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(60)
 def test_sensitivities_hold_the_truth_as_often_as_they_say() -> None:
     from tests.benchmarks.repeats import TRUTHS, pressed
 

@@ -14,6 +14,8 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from tests.procedures.conftest import Palpate
 
+pytestmark = pytest.mark.usefixtures("own_store")
+
 SINGLE = get_design("single")
 REAL = Target(SINGLE, 10.0, nodes=1)
 
@@ -71,7 +73,6 @@ def test_the_command_says_of_what_the_tolerance_is(palpate: Palpate) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(60)
 def test_means_of_repeated_sets_hold_the_truth_as_often_as_they_say() -> None:
     from tests.benchmarks.repeats import TRUTHS, repeated
 

@@ -195,7 +195,7 @@ def test_a_table_is_stamped_if_and_only_if_it_is_simulated(
     outcome: dict[str, Any] = {**OUTCOME, "simulated": simulated}
     print_sweep(SWEEP, DESIGN, outcome, Path("plot.png"))
     assert capsys.readouterr().out.count("SIMULATED ") == 2 * simulated
-    print_load_cell(CALIBRATION, outcome, Path("plot.png"))
+    print_load_cell(CALIBRATION, None, outcome, Path("plot.png"))
     assert capsys.readouterr().out.count("SIMULATED ") == simulated
     print_runs([RunSummary(tmp_path, datetime(2025, 3, 14, tzinfo=UTC), "sweep", simulated)], tmp_path)
     assert capsys.readouterr().out.count("SIMULATED") == simulated
@@ -206,7 +206,7 @@ def test_a_table_is_stamped_if_and_only_if_it_is_simulated(
 
 
 def test_the_table_of_a_calibration_shows_its_figures(capsys: pytest.CaptureFixture[str]) -> None:
-    print_load_cell(CALIBRATION, OUTCOME, Path("plot.png"))
+    print_load_cell(CALIBRATION, None, OUTCOME, Path("plot.png"))
     text = capsys.readouterr().out
     assert "sensitivity    10.306 mV/N, u = 0.056 mV/N   (thesis: 10.3 mV/N)" in text
     assert "resolution     1 mV = 97.03 mN" in text

@@ -39,7 +39,7 @@ from palpate.instrument.signals.noise_parts import _power, _typical
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
-from palpate.procedures.measurements.characterise.result import _of_greatest
+from palpate.procedures.measurements.characterise.result import of_greatest
 from palpate.procedures.measurements.frequency import procedure as frequency
 from palpate.procedures.measurements.loads.repeats import floor_of
 from palpate.procedures.measurements.softness import result as softness
@@ -368,7 +368,7 @@ def test_the_greatest_of_normal_noise_scatters_as_its_order_statistics_say(sampl
     density = np.gradient(stats.halfnorm.cdf(x) ** samples, x)
     mean = integrate.trapezoid(x * density, x)
     sd = math.sqrt(integrate.trapezoid((x - mean) ** 2 * density, x))
-    assert _of_greatest(samples) == pytest.approx(sd / mean, rel=0.06)
+    assert of_greatest(samples) == pytest.approx(sd / mean, rel=0.06)
 
 
 def test_the_gain_of_a_film_at_a_frequency_is_as_uncertain_as_its_parts() -> None:

@@ -32,7 +32,7 @@ def print_modulus(result: ObjectModulusResult, outcome: Outcome, plot: Path) -> 
 
 def _seconds(outcome: Outcome) -> str:
     achieved, predicted = outcome["achieved_seconds"], outcome["predicted_seconds"]
-    return f"predicted {predicted:.0f} s" if achieved is None else f"{achieved:.0f} s (predicted {predicted:.0f})"
+    return f"predicted {predicted:z.0f} s" if achieved is None else f"{achieved:z.0f} s (predicted {predicted:z.0f})"
 
 
 def _binds(shares: Mapping[str, float]) -> str:

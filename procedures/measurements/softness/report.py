@@ -68,7 +68,7 @@ def _seconds(outcome: Outcome) -> str:
     """A line with the bench time that was predicted and taken."""
     predicted, achieved = outcome["predicted_seconds"], outcome["achieved_seconds"]
     times = [("predicted", predicted), ("taken", achieved)]
-    return "bench time     " + ", ".join(f"{s:.0f} s {name}" for name, s in times if s is not None)
+    return "bench time     " + ", ".join(f"{s:z.0f} s {name}" for name, s in times if s is not None)
 
 
 def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path:
