@@ -34,7 +34,7 @@ def found() -> Surface:
     return surface.find(ROUND, LOAD)
 
 
-@pytest.mark.parametrize("design", ["single_round", "single"])
+@pytest.mark.parametrize("design", ["single_round", pytest.param("single", marks=pytest.mark.slow)])
 def test_shipped_curves_and_the_films_signals_agree_with_their_model_now(design: str) -> None:
     sensor = get_design(design)
     load = PHYSICAL.load(24e3 * 10 ** np.random.default_rng(len(design)).uniform(-1, 7))

@@ -98,6 +98,7 @@ def test_an_unknown_validation_error_is_not_known_and_never_the_scale(unvalidate
     assert all("not known" in target.why for target in unvalidated.targets if target.absolute)
 
 
+@pytest.mark.slow
 def test_the_picture_is_drawn_of_both_kinds(front: ModulusFront, unvalidated: ModulusFront, tmp_path: Path) -> None:
     for number, drawn in enumerate((front, unvalidated)):
         path = plot_modulus_front(drawn, True, tmp_path / str(number))

@@ -43,6 +43,7 @@ def test_what_is_left_out_changes_no_answer_by_more_than_the_fidelity(fidelity: 
         assert max(force.max(), ratio.max()) <= fidelity
 
 
+@pytest.mark.slow
 def test_a_run_says_what_was_left_out_and_goes_on_without_it(palpate: Palpate) -> None:
     done = palpate(*SWEEP, "--fidelity", "1e-2", "--out", "day", "--json")
     assert "--fidelity 0.01 leaves out of scene ideal: " in done.err

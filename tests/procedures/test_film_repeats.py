@@ -41,6 +41,7 @@ def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said()
         series(0.0003).check(replace(REAL, load_cell=better))
 
 
+@pytest.mark.slow
 def test_a_run_ends_when_both_films_are_known_well_enough(tmp_path: Path) -> None:
     with palpate.open_bench(scene="thesis_single") as bench:
         done = palpate.run(series(0.015), bench, out=tmp_path / "run")

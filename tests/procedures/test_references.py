@@ -23,6 +23,7 @@ SOFTNESS = ("softness", "--samples", "1", "--model", "auto", *QUICK, "--json")
 REAL = Target(get_design("single"), 10.0, nodes=1)
 
 
+@pytest.mark.slow
 def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Palpate) -> None:
     made = palpate(*CALIBRATE, "--json", "--budget").object
     path = Path(made["model_calibration_file"])

@@ -48,6 +48,7 @@ def test_films_whose_calibration_is_worse_than_the_tolerance_are_named_with_what
     assert "palpate calibrate films" in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_run_repeats_the_loads_until_the_mean_has_the_tolerance_and_resumes_to_the_same(tmp_path: Path) -> None:
     def stop(done: int, _all: int, _what: str) -> None:
         if done == 3:

@@ -40,6 +40,7 @@ def test_nothing_is_expected_of_unknown_objects() -> None:
     assert plan.predicted.told["planned"]["sets"] == {"a": 5, "b": 5}
 
 
+@pytest.mark.slow
 def test_a_run_ends_as_soon_as_the_order_is_known_and_resumes_to_the_same(tmp_path: Path) -> None:
     def stop(done: int, _all: int, _what: str) -> None:
         if done == 1:
