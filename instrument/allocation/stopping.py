@@ -160,9 +160,8 @@ def enough(
     reached = answer(lines, plan, sensitivity, ratios)
     fewest = FEWEST_MOUNTINGS if found.mountings_refuted else 1
     if reached.u <= tolerance * (1 + ROUNDING) and len(done) >= fewest:
-        return Verdict(
-            len(done), sum(done), f"{reached.u:.2%} reached with {sum(done)} sets; {tolerance:.2%} was asked for"
-        )
+        told = f"{100 * reached.u:.2g} % reached, {100 * tolerance:.2g} % was asked for"
+        return Verdict(len(done), sum(done), told)
     mountings = max(mountings, len(done) + (done[-1] >= each))
     return Verdict(mountings, mountings * each, "")
 

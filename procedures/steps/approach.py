@@ -116,5 +116,6 @@ def _lowered(bench: Bench, calibration: LoadCellCalibration, force: float, first
         before = position, load
     raise UnreachableError(
         f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm, and the positioner "
-        f"ends at {1e3 * travel:.3f} mm; ask for smaller loads or mount a stiffer sample"
+        f"ends at {1e3 * travel:.3f} mm; see that a sample is "
+        "mounted, ask for smaller loads, or mount a stiffer one"
     )

@@ -119,7 +119,8 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
             return load
     raise UnreachableError(
         f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm, and the positioner "
-        f"ends at {1e3 * travel:.3f} mm; ask for smaller loads or mount a stiffer sample"
+        f"ends at {1e3 * travel:.3f} mm; see that a sample is "
+        "mounted, ask for smaller loads, or mount a stiffer one"
     )
 
 

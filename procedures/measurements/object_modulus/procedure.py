@@ -213,9 +213,8 @@ def _prospect(
     if tolerance is not None:
         check_mountings(wanted, found, tolerance)
     if (sets := prospect.allocation.sets) > MOST_SETS:
-        raise RangeError(
-            f"the plan has {sets} sets, above {MOST_SETS}; ask for a greater --tolerance, or give less --time"
-        )
+        remedy = "ask for a greater --tolerance" if tolerance is not None else "give less --time"
+        raise RangeError(f"the plan has {sets} sets, above {MOST_SETS}; {remedy}")
     return prospect
 
 
