@@ -76,11 +76,13 @@ class Chosen:
     def _check_guests(self, frequency: float) -> None:
         """Check by the scene alone that its additional devices can work with a load of a frequency [Hz].
 
-        Raises RangeError, ConfigError: a device cannot, or its section lacks a key.
+        One that fills no role, as a node that only sends SYNC, measures and drives nothing. Raises RangeError,
+        ConfigError: a device cannot, or its section lacks a key.
         """
         assert self.scene is not None
         for guest in self.scene.devices:
-            check_alone(guest.name, guest.kind, guest.settings, frequency)
+            if guest.table.get("role") or "exciter" in guest.kind.roles:
+                check_alone(guest.name, guest.kind, guest.settings, frequency)
 
     def check_names(self) -> None:
         """Raises ConfigError: a device, the design or an effect has a name that an installed package uses as well."""

@@ -29,7 +29,7 @@ BUSES = {"can", "canopen", "pymodbus", "serial"}
             "model modulus --design single_round --model surface --force-ratio 0.3 --json",
             {"scipy", "skfem", "pydantic", "pint", "matplotlib", "rich", *TABLES, *BUSES},
         ),
-        pytest.param("scene explain ideal", {"pint", "matplotlib", *ROOTFINDERS, *TABLES, *BUSES}, marks=slow),
+        pytest.param("scene explain ideal", {"pint", "matplotlib", *ROOTFINDERS, *TABLES}, marks=slow),
         pytest.param(
             "sweep loads --samples 1 --loads 2N --json", {"pint", "rich.progress", *ROOTFINDERS, *TABLES}, marks=slow
         ),
