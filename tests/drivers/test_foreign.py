@@ -129,6 +129,7 @@ def test_the_generators_driver_uses_a_device_of_another_stack(nothing_left_behin
         assert held("frequency") == [raw >> 16, raw & 0xFFFF]
 
 
+@pytest.mark.slow
 @stacks
 def test_another_make_on_another_stack_is_refused(stack: Stack) -> None:
     with (

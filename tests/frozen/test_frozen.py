@@ -44,6 +44,7 @@ def test_old_bench_files_are_read() -> None:
     assert list(differences(read(FROZEN)[name], answers(name, CELLS[name]))) == []
 
 
+@pytest.mark.slow
 def test_a_run_measures_what_it_measured() -> None:
     assert [line.endswith(": same") for line in compared(QUICK)] == [True, False]
 

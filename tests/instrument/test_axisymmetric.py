@@ -46,6 +46,7 @@ def test_case_a_has_the_converged_ratio() -> None:
     assert case_a(4).force_ratio == pytest.approx(CASE_A_RATIO, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_error_falls_at_least_five_times_a_refinement() -> None:
     errors = [
         max(abs(solve(replace(CASE_A, sensed_modulus=m), refinement).force_ratio - RATIOS[m]) for m in RATIOS)
@@ -55,6 +56,7 @@ def test_the_error_falls_at_least_five_times_a_refinement() -> None:
     assert all(finer < coarser / 5 for coarser, finer in itertools.pairwise(errors))
 
 
+@pytest.mark.slow
 def test_a_soft_object_of_poisson_ratio_0_3_errs_less_with_its_pressure_as_an_unknown() -> None:
     for degree, layers, gain in ((4, 2, 2.5), (5, 3, 3.0)):
         with_it, without = (
@@ -171,6 +173,7 @@ def test_forces_balance_at_any_modulus_of_the_object(modulus: float) -> None:
     assert solve(replace(CASE_A, sensed_modulus=modulus), 2).imbalance < 1e-10
 
 
+@pytest.mark.slow
 def test_the_ratio_is_continuous_as_the_gap_closes() -> None:
     ratios = [solve(replace(CASE_A, ring_inner_radius=1.4e-3 + gap), 2).force_ratio for gap in (1e-4, 1e-6, 1e-9, 0)]
     assert ratios[0] < ratios[1] < ratios[2]

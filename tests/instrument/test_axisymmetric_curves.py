@@ -76,6 +76,7 @@ def test_the_ratio_does_not_jump_where_the_object_gets_as_hard_as_a_film(support
     assert above == pytest.approx(below, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poisson", [0.3, 0.5])
 def test_a_foil_whose_curve_is_rounded_says_so(poisson: float) -> None:
     """One that bends on a soft ring: its stiffness is a difference of numbers that are larger by 1e10."""

@@ -113,6 +113,7 @@ def test_thin_films_hold_up_an_iterative_solver_and_not_the_shipped_one() -> Non
     assert solution.films["base"].force == pytest.approx(1.0, abs=1e-13)
 
 
+@pytest.mark.slow
 def test_a_gap_below_what_counts_costs_nothing_where_a_plain_mesh_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     slits = [replace(CASE_A, ring_inner_radius=1.4e-3 + gap) for gap in (1e-6, 1e-12)]
     shipped = [solve(slit, 1) for slit in slits]
@@ -138,6 +139,7 @@ def test_the_tooth_may_take_a_hundredth_or_nearly_all_of_the_face(radius: float)
     assert solve(film, 1).force_ratio == pytest.approx(((radius + 0.5e-6) / 5e-3) ** 2, rel=5e-4)
 
 
+@pytest.mark.slow
 def test_a_uniform_mesh_of_linear_elements_converges_at_first_order_and_a_graded_one_beats_it_with_a_tenth() -> None:
     plain = replace(RIGID, sensed_modulus=240e3, compliant_poisson=0.3)
     exact = solve(plain, 2).force_ratio

@@ -87,6 +87,7 @@ def test_a_bias_within_its_noise_is_no_floor() -> None:
     assert recommended[0.01] == pytest.approx(2 * 2 * 0.3**2 / RATE / 0.01**2, rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frequency", "told"),
     [("10 Hz", "tells the mains' hum from the drive"), ("48 Hz", "over 0.1 s lets 0.89 of the mains' hum into")],

@@ -44,6 +44,7 @@ def pressed(bench: Bench) -> tuple[Films, LoadServo]:
     return films, LoadServo(bench, THESIS_LOAD_CELL, FREQUENCY, preloaded)
 
 
+@pytest.mark.slow
 def test_the_devices_have_the_shape_of_blueskys_protocols(bench: Bench) -> None:
     from bluesky.protocols import HasParent, Movable, Readable, Status, Triggerable
 

@@ -39,6 +39,7 @@ def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- what is said --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds(palpate: Palpate) -> None:
     found = palpate("scene", "explain", "thesis_single", "--load", "4 N", "--json").object
     assert set(found) == {

@@ -185,6 +185,7 @@ def test_a_real_bench_is_not_shared_by_workers(pytester: pytest.Pytester) -> Non
     result.stderr.fnmatch_lines(["ERROR: --bench lab.toml: one bench cannot serve several workers; give -n0"])
 
 
+@pytest.mark.slow
 def test_the_example_project_passes(pytester: pytest.Pytester) -> None:
     shutil.copytree(EXAMPLES / "lab", pytester.path, dirs_exist_ok=True)
     result = pytester.runpytest_inprocess(*ALONE, "-p", "pytest_timeout")

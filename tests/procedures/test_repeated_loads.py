@@ -76,6 +76,7 @@ def test_repetitions_do_not_show_that_a_film_is_linear() -> None:
         FilmSeries(loads=(2.0, 2.0, 4.0)).check(_target(read_scene("thesis_single")))
 
 
+@pytest.mark.slow
 def test_a_study_keeps_repetitions_apart_in_its_table_and_its_dataset() -> None:
     study = study_from('name = "s"\nloads = "4 N, 4 N"\ndwell = "0.5 s"\n[axes]\nseed = [1]\n')
     rows = Sweep.of(study, "s")(study.cell(0))

@@ -166,6 +166,7 @@ for file in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_without_faults_their_code_is_not_imported(tmp_path: Path) -> None:
     files = [tmp_path / "without.toml", tmp_path / "with.toml"]
     files[0].write_text(HEAD)

@@ -374,6 +374,7 @@ for file in files:
 """
 
 
+@pytest.mark.slow
 def test_the_module_of_an_absent_effect_is_never_imported(tmp_path: Path) -> None:
     together = [name for name in EFFECTS if name != "voltage_amplifier"]  # it excludes the charge amplifier
     growing = [tuple(together)[-count:] if count else () for count in range(len(together) + 1)]
