@@ -19,7 +19,7 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.hum import tuned
 from palpate.instrument.signals.noise import MAINS, noise_at
 from palpate.instrument.signals.noise_parts import short_noise
-from palpate.instrument.signals.sine_columns import COEFFICIENTS, WANDER, SineColumns, sine_columns
+from palpate.instrument.signals.sine_columns import COEFFICIENTS, WANDER, SineColumns, correlated, sine_columns
 
 Floats = npt.NDArray[np.float64]
 
@@ -65,7 +65,8 @@ class SineFit:
             the drive (see `noise_at`).
         correlation: (channels, channels), correlation of the noise.
         degrees_of_freedom: degrees of freedom of `amplitude_u`.
-        amplitude_correlation: (channels, channels), correlation of the errors of `amplitude`.
+        amplitude_correlation, phase_correlation: (channels, channels), correlations of the errors of `amplitude` and of
+            `phase`.
         condition: condition number of the scaled columns; 1 is the least.
         hum: what 1 V of mains hum that was not fitted may add to an amplitude, at its worst phase [V]; 0 where hum was
             fitted.
@@ -90,6 +91,7 @@ class SineFit:
     correlation: Floats
     degrees_of_freedom: float
     amplitude_correlation: Floats
+    phase_correlation: Floats
     condition: float
     hum: float
     most_hum: float
@@ -136,17 +138,15 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     at_middle = np.arctan2(-b, a)
     spent = basis.columns.shape[1]
     residual = np.sqrt((residuals**2).sum(axis=1) / (t.size - spent))
-    direction = basis.direction(at_middle)
-    spread = np.linalg.norm(direction, axis=0)
-    across = np.linalg.norm(basis.direction(at_middle + np.pi / 2), axis=0)
+    along, across = basis.direction(at_middle), basis.direction(at_middle + np.pi / 2)
     around = short_noise(basis, residuals, step) or noise_at(frequency, residuals, step, spent)
-    amplitude, noise_u, across_u = np.hypot(a, b), around.sigma * spread, around.sigma * across
-    hum_u = _wandering(basis, scaled)
-    amplitude_u = np.hypot(noise_u, hum_u)
-    of_noise = np.divide(noise_u, amplitude_u, out=np.ones_like(noise_u), where=amplitude_u > 0)
-    amplitude_correlation = around.correlation * ((direction / spread).T @ (direction / spread))
-    amplitude_correlation *= np.outer(of_noise, of_noise)
-    np.fill_diagonal(amplitude_correlation, 1.0)
+    amplitude, hum_u = np.hypot(a, b), _wandering(basis, scaled)
+    noise_u, across_u = (around.sigma * np.linalg.norm(each, axis=0) for each in (along, across))
+    amplitude_u, turned_u = np.hypot(noise_u, hum_u), np.hypot(across_u, hum_u)
+    of_noise, turned_by_noise = (
+        np.divide(part, whole, out=np.ones_like(part), where=whole > 0)
+        for part, whole in ((noise_u, amplitude_u), (across_u, turned_u))
+    )
     turns = math.remainder(frequency * basis.middle, 1.0)
     return SineFit(
         frequency=float(frequency),
@@ -155,9 +155,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         offset=level[:, 0] + offset,
         trend=trend,
         amplitude_u=amplitude_u,
-        phase_u=np.divide(
-            np.hypot(across_u, hum_u), amplitude, out=np.full_like(amplitude, np.inf), where=amplitude > 0
-        ),
+        phase_u=np.divide(turned_u, amplitude, out=np.full_like(amplitude, np.inf), where=amplitude > 0),
         amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - across_u**2, 0.0)),
         hum_u=hum_u,
         residual=residual,
@@ -165,7 +163,8 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         noise=around.sigma,
         correlation=around.correlation,
         degrees_of_freedom=float((around.degrees_of_freedom / np.maximum(of_noise, LEAST_SHARE) ** 4).min()),
-        amplitude_correlation=amplitude_correlation,
+        amplitude_correlation=correlated(around.correlation, along, of_noise),
+        phase_correlation=correlated(around.correlation, across, turned_by_noise),
         condition=basis.condition,
         hum=basis.hum,
         most_hum=max((basis.hum, *basis.strays)),

@@ -1,4 +1,4 @@
-"""Fits to a film's gain over frequency: the charge amplifier's corner, and a resonance of the drive."""
+"""Phase of one film over another, and fits to gains over frequency: a charge amplifier's corner, and a resonance."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.errors import EstimateError
+from palpate.instrument.signals.estimate import SineFit
 
 Floats = npt.NDArray[np.float64]
 TACTILE = 20.0
@@ -41,6 +42,26 @@ class Resonance:
     frequency_u: float
     damping: float
     damping_u: float
+
+
+def phase_lead(fit: SineFit, film: int, reference: int) -> tuple[float, float]:
+    """Phase lead of a film over another one, −π to π, and its standard uncertainty by noise and hum [rad].
+
+    u² = u₁² + u₂² − 2 r u₁u₂, where u is noise across the drive over its amplitude, and r is the correlation of the two
+    phases: noise that both films share turns both by the same angle where their amplitudes are the same.
+
+    Args:
+        fit: fit of both films together.
+        film, reference: numbers of the two.
+
+    Returns: the lead, and its uncertainty, which is infinite where an amplitude is zero.
+    """
+    lead = math.remainder(float(fit.phase[film] - fit.phase[reference]), 2 * math.pi)
+    one, other = float(fit.phase_u[film]), float(fit.phase_u[reference])
+    if math.isinf(one) or math.isinf(other):
+        return lead, math.inf
+    common = float(fit.phase_correlation[film, reference]) * one * other
+    return lead, math.sqrt(max(one**2 + other**2 - 2 * common, 0.0))
 
 
 def fit_corner(frequency: npt.ArrayLike, gain: npt.ArrayLike, gain_u: npt.ArrayLike) -> Corner | None:

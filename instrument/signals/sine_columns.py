@@ -170,6 +170,20 @@ def _columns(time: Floats, frequency: float) -> SineColumns:
     return basis.with_leaks()
 
 
+def correlated(noise: Floats, direction: Floats, of_noise: Floats) -> Floats:
+    """Correlation (channels, channels) of errors, as of amplitudes or of phases.
+
+    Args:
+        noise: (channels, channels), correlation of the noise.
+        direction: (columns, channels), effect of white noise on each, as `SineColumns.direction` has it.
+        of_noise: (channels,), part of each standard uncertainty that is by noise. The rest is independent.
+    """
+    scaled = direction / np.linalg.norm(direction, axis=0) * of_noise
+    found: Floats = noise * (scaled.T @ scaled)
+    np.fill_diagonal(found, 1.0)
+    return found
+
+
 def _factored(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, middle: float) -> SineColumns:
     # Over many cycles the factors give each column an rms near 1. They are fixed, because a column scaled by its own
     # norm

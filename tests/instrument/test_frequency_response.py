@@ -1,14 +1,47 @@
-"""Corner and resonance come back from gains that have them, as well as is stated; and not from others."""
+"""Phases, corner and resonance come back from films that have them, as well as is stated; and not from others."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals.frequency_response import fit_corner, fit_resonance, high_pass, mass_on_spring
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.instrument.signals.frequency_response import (
+    fit_corner,
+    fit_resonance,
+    high_pass,
+    mass_on_spring,
+    phase_lead,
+)
 
 FREQUENCY = np.geomspace(0.1, 100, 13)
+
+
+@pytest.mark.parametrize("turned", [0.0, 1.2])
+def test_the_stated_uncertainty_of_a_phase_lead_is_its_scatter(turned: float) -> None:
+    """Noise that both films share cancels only where they move in step."""
+    random, pairs, shared = np.random.default_rng(8), 20, 0.9
+    time = np.arange(250) / 250
+    clean = np.array([np.cos(20 * np.pi * time + turned), 0.8 * np.cos(20 * np.pi * time)])
+    found = []
+    for _ in range(25):
+        first, other = random.normal(size=(2, pairs, time.size))
+        noise = np.stack([first, shared * first + math.sqrt(1 - shared**2) * other], axis=1)
+        fit = fit_sine(time, (clean + 1e-3 * noise).reshape(2 * pairs, -1), 10.0)
+        found += [phase_lead(fit, 2 * pair, 2 * pair + 1) for pair in range(pairs)]
+    leads, us = np.array(found).T
+    assert leads.mean() == pytest.approx(turned, abs=4 * us.mean() / math.sqrt(len(found)))
+    assert leads.std() == pytest.approx(us.mean(), rel=0.12)
+
+
+def test_a_film_does_not_lead_itself_and_one_without_a_signal_has_no_phase() -> None:
+    time = np.arange(250) / 250
+    fit = fit_sine(time, [np.cos(20 * np.pi * time) + 1e-3 * np.sin(7 * time**2), np.zeros(250)], 10.0)
+    assert phase_lead(fit, 0, 0) == (0.0, 0.0)
+    assert phase_lead(fit, 1, 0)[1] == math.inf
 
 
 def test_an_exact_high_pass_gives_its_corner_and_time_constant() -> None:

@@ -14,7 +14,7 @@ from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.frequency_response import TACTILE
+from palpate.instrument.signals.frequency_response import TACTILE, phase_lead
 from palpate.procedures.engine.plan import Plan, Step, first_steps, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import predicted
@@ -192,8 +192,7 @@ def _point(design: Design, frequency: float, measured: FilmPoint, amplitude: flo
     films = []
     for i, film in enumerate(design.films):
         gain = 2 * float(fit.amplitude[i]) / measured.load_N
-        phase = math.remainder(float(fit.phase[i] - fit.phase[reference]), 2 * math.pi)
-        phase_u = 0.0 if i == reference else math.hypot(float(relative_u[i]), float(relative_u[reference]))
+        phase, phase_u = phase_lead(fit, i, reference)
         relative = math.hypot(film.scatter, float(relative_u[i]), measured.load_u / measured.load_N)
         films.append(FilmResponse(film.name, gain, gain * relative, math.degrees(phase), math.degrees(phase_u)))
     return FrequencyPoint(

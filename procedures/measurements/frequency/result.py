@@ -27,7 +27,7 @@ class FilmResponse:
     Attributes:
         film: name of the film.
         gain_V_per_N, gain_u: voltage over load.
-        phase_deg, phase_u: phase lead over the first base film.
+        phase_deg, phase_u: phase lead over the first base film, and its standard uncertainty by noise and hum.
     """
 
     film: str
