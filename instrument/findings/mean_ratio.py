@@ -13,6 +13,7 @@ from typing import Protocol
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 
 SCATTER, NOISE, CALIBRATION, PICKUP = "gain scatter", "noise", "films' calibration", "pick-up in step with the load"
+PRIOR_FREEDOM = 7.0  # degrees of freedom of a design's `ratio_scatter`: the thesis' 30 are worth no more
 
 
 class RatioPoint(Protocol):

@@ -21,7 +21,7 @@ ANY_TIME = 1000.0  # s; each point of the front has a time of its own
 )
 @option("--sample", help="Rubber sample (default: 4, if no modulus is given).")
 @option("--modulus", callback=texts.quantity("Pa"), help="Young modulus that is expected of an object.")
-@option("--thickness", callback=texts.quantity("m"), default="3 mm", help="Thickness of an object of that modulus.")
+@options.thickness_option
 @option("--scene", metavar="NAME|FILE", help="Scene of a simulated bench (default: thesis_single).")
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench; nothing is sent to it.")
 @option("--model", metavar="NAME", default="auto", help="Sensor model that turns the ratio into the modulus.")
@@ -29,7 +29,7 @@ ANY_TIME = 1000.0  # s; each point of the front has a time of its own
 @options.frequency_option
 @option(
     "--mounting-scatter",
-    callback=texts.quantity(""),
+    callback=texts.quantity("", "1 %"),
     help="Relative standard deviation of the ratio from mounting to mounting, if it is known.",
 )
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot modulus.png (default: no plot).")
@@ -37,7 +37,7 @@ ANY_TIME = 1000.0  # s; each point of the front has a time of its own
 def modulus_command(
     sample: str | None,
     modulus: float | None,
-    thickness: float,
+    thickness: float | None,
     scene: str | None,
     bench: Path | None,
     model: str,

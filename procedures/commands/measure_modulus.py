@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 @option("--relative-to-model", is_flag=True, help="The tolerance is about the model's scale, not absolute.")
 @option("--sample", help="Rubber sample.")
 @option("--modulus", callback=texts.quantity("Pa"), help="Young modulus of an unknown object; on a real bench a guess.")
-@option("--thickness", callback=texts.quantity("m"), default="3 mm", help="Thickness of an unknown object.")
+@options.thickness_option
 @option("--model", metavar="NAME", default="auto", help="Sensor model that turns the ratio into the modulus.")
 @option("--load", callback=texts.quantity("N"), help="Load, peak to peak (default: the plan chooses it).")
 @options.frequency_option
 @option("--mountings", type=click.INT, help="How often the object is mounted (default: the plan chooses it).")
 @option(
     "--mounting-scatter",
-    callback=texts.quantity(""),
+    callback=texts.quantity("", "1 %"),
     help="Relative standard deviation of the ratio from mounting to mounting, if it is known.",
 )
 @options.DRY_RUN
@@ -45,7 +45,7 @@ def modulus(
     relative_to_model: bool,
     sample: str | None,
     modulus: float | None,
-    thickness: float,
+    thickness: float | None,
     model: str,
     load: float | None,
     frequency: float,
@@ -75,8 +75,13 @@ def modulus(
     (plan if dry_run else measure)(procedure, choice, output)
 
 
-def object_to_touch(design: Design, sample: str | None, modulus: float | None, thickness: float, real: bool) -> Sample:
-    """The object to mount. Raises UsageError: sample and modulus are both given, or neither for a simulated bench."""
+def object_to_touch(
+    design: Design, sample: str | None, modulus: float | None, thickness: float | None, real: bool
+) -> Sample:
+    """The object to mount.
+
+    Raises UsageError: sample and modulus are both given, or neither for a simulated bench; or a sample and a thickness.
+    """
     from palpate.instrument.errors import UsageError
     from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.measurements.object_modulus.procedure import UNKNOWN
@@ -84,8 +89,9 @@ def object_to_touch(design: Design, sample: str | None, modulus: float | None, t
 
     if sample is not None and modulus is not None:
         raise UsageError("--sample and --modulus: give either a sample or the modulus of an unknown object, not both")
+    thick = options.unknown_thickness(thickness, sample)
     if sample is not None:
         return get_sample(sample)
     if modulus is None and not real:
         raise UsageError("--sample or --modulus is missing: name the object that the simulated bench touches")
-    return unknown_object(design, thickness, UNKNOWN if modulus is None else modulus, "unknown" if real else None)
+    return unknown_object(design, thick, UNKNOWN if modulus is None else modulus, "unknown" if real else None)

@@ -22,6 +22,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 LONGEST = 1000  # characters of a command's summary, more than any has
+UNKNOWN_THICKNESS = 3e-3  # m
 MANY = 100  # entries of a list in JSON
 LOAD_SETS = "first:last:step or a list, in which a load may be repeated; peak to peak."
 
@@ -83,7 +84,20 @@ DRY_RUN = option(
 sample_option = option("--sample", default="1", help="Rubber sample.")
 load_option = option("--load", callback=quantity("N"), default="2 N", help="Load, peak to peak.")
 dwell_option = option("--dwell", callback=quantity("s"), default="1 s", help="Time over which each point is averaged.")
+thickness_option = option("--thickness", callback=quantity("m"), help="Thickness of an unknown object (default: 3 mm).")
 frequency_option = option("--frequency", callback=quantity("Hz"), default="10 Hz", help="Frequency of the load.")
+
+
+def unknown_thickness(given: float | None, samples: object) -> float:
+    """Thickness of an unknown object [m]: the given one, or 3 mm.
+
+    Raises UsageError: it is given for samples, which have their own; `samples`: None: there are none.
+    """
+    if given is not None and samples is not None:
+        raise UsageError(
+            "--thickness is that of an unknown object, and a sample has its own; leave it out, or give --modulus"
+        )
+    return UNKNOWN_THICKNESS if given is None else given
 
 
 def extrapolate_option(command: F) -> F:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     callback=texts.quantities("Pa"),
     help="Young modulus of unknown objects on a simulated bench, or a list with commas.",
 )
-@option("--thickness", callback=texts.quantity("m"), default="3 mm", help="Thickness of an unknown object.")
+@options.thickness_option
 @option(
     "--loads",
     callback=texts.loads,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 def softness(
     samples: tuple[str, ...] | None,
     modulus: tuple[float, ...] | None,
-    thickness: float,
+    thickness: float | None,
     loads: tuple[float, ...],
     dwell: float,
     frequency: float,
@@ -87,25 +87,26 @@ def softness(
 
 
 def _objects(
-    design: Design, samples: Sequence[str] | None, modulus: Sequence[float] | None, thickness: float, real: bool
+    design: Design, samples: Sequence[str] | None, modulus: Sequence[float] | None, thickness: float | None, real: bool
 ) -> tuple[Sample, ...]:
     """The objects to mount, in order.
 
     Raises:
-        UsageError: samples and moduli are both given, neither is given for a simulated bench, or a modulus is given
-            for a real bench.
+        UsageError: samples and moduli are both given, neither is given for a simulated bench, a modulus is given for
+            a real bench, or a thickness beside samples.
     """
     from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.measurements.softness.procedure import unknown_object
 
     if samples is not None and modulus is not None:
         raise UsageError("--samples and --modulus: give either samples or moduli of unknown objects, not both")
+    thick = options.unknown_thickness(thickness, samples)
     if samples is not None:
         return tuple(get_sample(name) for name in samples)
     if real and modulus is not None:
         raise UsageError("--modulus: on a real bench the object has its own modulus; leave this option out")
     if modulus is not None:
-        return tuple(unknown_object(design, thickness, value) for value in modulus)
+        return tuple(unknown_object(design, thick, value) for value in modulus)
     if not real:
         raise UsageError("--samples or --modulus is missing: name the objects that the simulated bench touches")
-    return (unknown_object(design, thickness),)
+    return (unknown_object(design, thick),)

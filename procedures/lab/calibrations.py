@@ -192,15 +192,16 @@ def model_of(
     return _checked(path, read_model_calibration(path), check)
 
 
-def probable_references(question: Question, scene: str | None) -> ByReferences | None:
+def probable_references(question: Question, scene: str | None, today: date) -> ByReferences | None:
     """The newest stored calibration of the model that answers a question, before it is known which bench will answer.
 
-    Of a simulated bench only those of its scene count. A damaged one does not count, and an expired one does: the bench
-    will tell of both when it is open.
+    Of a simulated bench only those of its scene count. One that is damaged or has expired does not count: the bench
+    will tell of it when it is open.
 
     Args:
         question: what is asked.
         scene: identity of the scene of a simulated bench; None: the bench may be real.
+        today: date by which calibrations expire.
     """
     from palpate.instrument.findings.object_modulus import ByReferences, answering
 
@@ -209,7 +210,7 @@ def probable_references(question: Question, scene: str | None) -> ByReferences |
     found = []
     for each in path.parent.glob(f"{path.stem.replace('model---', 'model-*-', 1)}*.toml"):
         with suppress(PalpateError):
-            found.append(read_model_calibration(each))
+            found.append(_checked(each, read_model_calibration(each), lambda c: c.check_date(today)))
     found = [each for each in found if scene is None or each.scene == scene]
     if not found:
         return None

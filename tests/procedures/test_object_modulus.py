@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from palpate.instrument.calibration.files import read_model_calibration, write_calibration
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.designs import get_design
@@ -17,6 +18,7 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.object_modulus.course import Course
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.procedures.measurements.object_modulus.prospect import curve_of
+from palpate.procedures.measurements.object_modulus.refusal import MOST_SETS
 from palpate.procedures.measurements.object_modulus.result import ModulusPoint, mounting_scatter, ratios_of
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
@@ -87,16 +89,28 @@ def test_the_bound_of_time_is_never_below_the_predicted_time() -> None:
 
 
 @pytest.mark.slow
-def test_a_plan_counts_no_references_of_another_scene(palpate: Palpate) -> None:
+def test_a_plan_counts_no_references_of_another_scene_and_none_that_have_expired(palpate: Palpate) -> None:
     references = ("--reference", "2: 24 kPa ± 2 %", "--loads", "3 N", "--dwell", "0.2 s")
-    assert palpate("calibrate", "model", *references, "--scene", "unknown_curve").status == 0
+    made = palpate("calibrate", "model", *references, "--scene", "unknown_curve", "--json").object
     asked = (*MEASURE, "--sample", "4", "--tolerance", "25%", "--dry-run", "--scene")
     assert palpate(*asked, "unknown_curve").status == 0
     for other in (("unknown_curve", "--seed", "7"), ("thesis_single",)):
         assert "cannot be reached: the model binds" in palpate(*asked, *other).complaint
+    path = Path(made["model_calibration_file"])
+    write_calibration(path, read_model_calibration(path).model_copy(update={"expires": "2024-02-29"}))
+    assert "cannot be reached: the model binds" in palpate(*asked, "unknown_curve").complaint
 
 
 # --- what is refused -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance", [0.0008, 0.0009])  # below the floor, and above it with 85,837 sets
+def test_what_no_time_reaches_and_what_takes_too_many_sets_name_the_same_best(tolerance: float) -> None:
+    with pytest.raises(RangeError, match="cannot be reached") as refused:
+        wanted(tolerance=tolerance, relative_to_model=True, mounting_scatter=0.0).prospect(TARGET)
+    assert "\n  best now  0.13 %" in str(refused.value)
+    best = wanted(tolerance=0.0013, relative_to_model=True, mounting_scatter=0.0).prospect(TARGET)
+    assert MOST_SETS / 2 < best.allocation.sets <= MOST_SETS
 
 
 @pytest.mark.parametrize("model", ["surface", "beam_exact"])
@@ -133,6 +147,8 @@ def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Pa
         (("--tolerance", "60 %"), "above the 50 % that a tolerance may be"),
         (("--time", "2 min", "--mountings", "0"), "--mountings 0 is outside 1 to 100"),
         (("--time", "2 min", "--mounting-scatter", "2"), "--mounting-scatter 2 is outside 0 to 0.5"),
+        (("--time", "2 min", "--mounting-scatter", "nan"), "'nan' is not a quantity; write for example '1 %'"),
+        (("--time", "2 min", "--thickness", "5 mm"), "--thickness is that of an unknown object, and a sample has its"),
         (("--time", "2 min", "--modulus", "50 kPa"), "--sample and --modulus: give either"),
         (("--time", "2 min", "--model", "nothing"), "nothing"),
         (("--time", "2 min", "--load", "9.5 N"), "force limit"),

@@ -14,6 +14,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
 from palpate.procedures.measurements.references.reference import Reference, read_reference
+from palpate.procedures.measurements.references.result import MODULUS
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 
@@ -36,6 +37,7 @@ def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Pa
     assert [each["references"] for each in made["worth"]] == [2, 3, None]
     assert made["worth"][0]["modulus_u"] > made["worth"][1]["modulus_u"] > made["worth"][2]["modulus_u"]
     assert made["achieved_u"] == made["worth"][0]["modulus_u"] == pytest.approx(made["predicted_u"], rel=0.4)
+    assert made["achieved_results"][-1] == {"name": MODULUS, "u": made["achieved_u"], "unit": "relative"}
     constant = made["budgets"][-1]
     assert constant["value"] == made["constant"] == pytest.approx(0.24, abs=0.1)
 
@@ -92,6 +94,11 @@ def test_a_calibration_of_a_model_is_replayed_from_its_bus_log(palpate: Palpate)
     again = palpate("bus", "replay", "log.pcapng", "--out", "again", "--json").object
     assert again["references"] == whole["references"]
     assert Run.open(Path("again")).digest() == Run.open(Path(whole["run"])).digest()
+
+
+def test_the_dry_run_tells_what_the_calibration_will_be_worth_for_a_modulus(palpate: Palpate) -> None:
+    said = palpate("calibrate", "model", "--reference", "A: 48 kPa ± 2 %", "--dry-run").out
+    assert "modulus of an object        16 %  relative" in said
 
 
 @pytest.mark.slow

@@ -19,7 +19,6 @@ from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.measurements.object_modulus.procedure import MOST_SETS
 from palpate.procedures.measurements.object_modulus.prospect import (
     Expected,
     Prospect,
@@ -30,7 +29,7 @@ from palpate.procedures.measurements.object_modulus.prospect import (
     lines_of,
     shortest,
 )
-from palpate.procedures.measurements.object_modulus.refusal import below_floor, not_known
+from palpate.procedures.measurements.object_modulus.refusal import MOST_SETS, below_floor, not_known, too_many_sets
 
 TARGETS = (0.2, 0.1, 0.05, 0.02, 0.01)  # relative standard uncertainty
 POINTS = 48  # of the front
@@ -167,13 +166,13 @@ class ModulusFront:
                     raise not_known(asked, found, design)
                 plan = best_of(design, found, asked, loads)
             except BelowFloor as error:
-                why = str(below_floor(asked, question, found, design, error))
+                why = str(below_floor(asked, question, found, design, loads, error))
             except RangeError as error:
                 why = str(error)
             else:
-                if (sets := plan.allocation.sets) <= MOST_SETS:
+                if plan.allocation.sets <= MOST_SETS:
                     return Target(tolerance, absolute, plan, _after(plan, frequency))
-                why = f"it takes {sets:,} load sets, above {MOST_SETS:,}"
+                why = str(too_many_sets(asked, found, design, loads, plan))
             return Target(tolerance, absolute, None, why=why)
 
         targets = [target(tolerance, absolute) for absolute in (False, True) for tolerance in TARGETS]

@@ -20,7 +20,7 @@ from palpate.instrument.allocation.stopping import FIRST, enough
 from palpate.instrument.calibration.films import LOAD_CELL, REPEATS
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import NOISE
+from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.plan import MOUNTING, Predicted, point_seconds
@@ -28,7 +28,6 @@ from palpate.procedures.engine.plan import NOISE as VOLTS
 from palpate.procedures.measurements.films.result import PressedPoint
 from palpate.procedures.showing.plan import duration
 
-PRIOR_FREEDOM = 7.0  # degrees of freedom of the design's scatter: the thesis' 30 are worth no more
 MOST = 5, 20  # times the planned sets, and sets besides: a tooth that needs more ends without the tolerance
 MOST_SETS = 10_000  # of a tooth
 

@@ -16,7 +16,7 @@ from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
 from palpate.instrument.allocation.stopping import FIRST, Answer, answer, enough
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER
+from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.dwell import STEP, Floor, floor_u, whole_steps
@@ -24,7 +24,6 @@ from palpate.procedures.engine.plan import MOUNTING, Predicted, expected_noise, 
 from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.showing.plan import duration
 
-PRIOR_FREEDOM = 7.0  # degrees of freedom of the design's scatter: the thesis' 30 are worth no more
 MOST = 5, 20  # times the planned sets, and sets besides: a sample that needs more ends without the tolerance
 MOST_SETS = 10_000  # of a sample
 REMEDIES = {

@@ -10,6 +10,7 @@ from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.allocation.lines import Costs, Line, Unit
 from palpate.instrument.allocation.stopping import FIRST, SETS, Ratios, Verdict, answer, enough, first_sets, pooled
 from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM
 from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import show
@@ -18,7 +19,6 @@ from palpate.procedures.measurements.object_modulus.prospect import (
     BOUND_SETS,
     CURVE,
     MOUNTED,
-    PRIOR_FREEDOM,
     Prospect,
     Wanted,
     costs_of,

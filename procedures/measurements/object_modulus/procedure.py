@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import partial
 from typing import Annotated
 
@@ -34,7 +35,13 @@ from palpate.procedures.measurements.object_modulus.prospect import (
     for_bound,
     shortest,
 )
-from palpate.procedures.measurements.object_modulus.refusal import below_floor, check_mountings, not_known
+from palpate.procedures.measurements.object_modulus.refusal import (
+    MOST_SETS,
+    below_floor,
+    check_mountings,
+    not_known,
+    too_many_sets,
+)
 from palpate.procedures.measurements.object_modulus.result import ModulusPoint, ObjectModulusResult
 from palpate.procedures.measurements.object_modulus.telling import planned_lines
 from palpate.procedures.measurements.object_modulus.work import Measuring
@@ -47,7 +54,7 @@ from palpate.procedures.steps.films import check_nodes
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
 UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known
 MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without its tolerance
-MOST_MOUNTINGS, MOST_SETS = 100, 10_000
+MOST_MOUNTINGS = 100
 LARGEST_SCATTER = 0.5
 
 
@@ -128,7 +135,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         """The model's calibration by references; before the bench is open, the one that it probably has."""
         if target.calibrated is not None:
             return target.references
-        return probable_references(self.model_question(target.design), target.scene)
+        today = datetime.now(UTC).date()
+        return probable_references(self.model_question(target.design), target.scene, today)
 
     def loads_on(self, target: Target) -> tuple[float, ...]:
         """The loads among which the plan chooses: the given one, or all that the load cell is calibrated for."""
@@ -209,12 +217,13 @@ def _prospect(
     try:
         prospect = best_of(design, found, wanted, loads)
     except BelowFloor as error:
-        raise below_floor(wanted, question, found, design, error) from None
+        raise below_floor(wanted, question, found, design, loads, error) from None
     if tolerance is not None:
         check_mountings(wanted, found, tolerance)
     if (sets := prospect.allocation.sets) > MOST_SETS:
-        remedy = "ask for a greater --tolerance" if tolerance is not None else "give less --time"
-        raise RangeError(f"the plan has {sets} sets, above {MOST_SETS}; {remedy}")
+        if tolerance is not None:
+            raise too_many_sets(wanted, found, design, loads, prospect)
+        raise RangeError(f"the plan has {sets} sets, above {MOST_SETS}; give less --time")
     return prospect
 
 

@@ -17,7 +17,7 @@ from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
 from palpate.instrument.allocation.stopping import FIRST, longest
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER
+from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.findings.modulus_of_ratio import MOST_SENSITIVE, modulus_of_ratio
 from palpate.instrument.findings.object_modulus import ByReferences, estimate, validation_of
 from palpate.instrument.models.corrected_curve import corrected
@@ -32,7 +32,6 @@ from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
 from palpate.procedures.steps.servo import RELEASED, window
 
 MOUNTED, CURVE, VALIDATION = "mounting scatter", "discretisation", "validation"
-PRIOR_FREEDOM = 7.0  # degrees of freedom of the design's scatter: the thesis' 30 are worth no more
 ZERO = 1.2  # s, the load cell's zero at the start [M]
 END, END_PER_NEWTON = 4.7, 0.6  # s, and s/N of the load: the probe home and the zero again at the end [M]
 FIRST_TOUCH, PER_NEWTON = 3.7, 2.2  # s, and s/N of the preload: the quick approach [M]

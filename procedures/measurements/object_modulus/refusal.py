@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 from palpate.instrument.allocation.allocate import BelowFloor, allocate
 from palpate.instrument.errors import PalpateError, RangeError, UsageError
 from palpate.instrument.findings.mean_ratio import CALIBRATION, PICKUP
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import validate
+from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements.object_modulus.prospect import (
     CURVE,
     VALIDATION,
     Expected,
+    Prospect,
     Wanted,
+    best_of,
     costs_of,
     lines_of,
 )
@@ -22,10 +28,13 @@ from palpate.procedures.measurements.object_modulus.telling import reachable
 from palpate.procedures.measurements.object_modulus.telling import share as told
 from palpate.procedures.showing.plan import duration
 
+MOST_SETS = 10_000  # of a run
 NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
 REFERENCES, REFERENCE_U, REFERENCE_SECONDS = 6, 0.02, 400.0  # as many as pay; u of the modulus of each; each once [M]
 COMPRESSION = "2 to 4 % in 272 s, where the object can be taken off: palpate test modulus"
 """The compression test of this bench [M]."""
+LEAST_TOLERANCE = 1e-6
+CLOSE_TO = 1.002  # the ratio of two tolerances that are told alike
 REMEDIES = {
     CALIBRATION: "calibrate the films at more points: palpate calibrate films",
     PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
@@ -33,25 +42,54 @@ REMEDIES = {
 }
 
 
-def below_floor(wanted: Wanted, question: Question, found: Expected, design: Design, error: BelowFloor) -> RangeError:
+def below_floor(
+    wanted: Wanted, question: Question, found: Expected, design: Design, loads: Sequence[float], error: BelowFloor
+) -> RangeError:
     """The refusal of a tolerance below the floor."""
+    best = f"best now  {reachable(_least_tolerance(design, found, wanted, tuple(loads), error.floor))}"
     share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
     if error.line != VALIDATION:
         remedy = REMEDIES.get(error.line, "lower that line")
         return RangeError(
             f"--tolerance {share} cannot be reached: {error.line} leaves {told(error.floor)}, which no time on"
-            f" the bench lowers\n  best now  {reachable(error.floor)}\n  or        {remedy}\n  or        {COMPRESSION}"
+            f" the bench lowers\n  {best}\n  or        {remedy}\n  or        {COMPRESSION}"
         )
     factor = math.exp((found.sensitivity or 1.0) * (found.validation.u or 0.0))
     lines = [
         f"--tolerance {share} absolute cannot be reached: the model binds: {error.line} of {found.model!r} leaves"
         f" {told(error.floor)}, a factor of {factor:.2g} ({found.validation.source})",
-        f"best now  {reachable(error.floor)}",
+        best,
         *_with_references(question, found),
         f"or        {COMPRESSION}",
         *_on_scale(wanted, found, design),
     ]
     return RangeError("\n  ".join(lines))
+
+
+def too_many_sets(
+    wanted: Wanted, found: Expected, design: Design, loads: Sequence[float], prospect: Prospect
+) -> RangeError:
+    """The refusal of a tolerance above the floor that takes more load sets than a run has."""
+    plan = prospect.allocation
+    least = _least_tolerance(design, found, wanted, tuple(loads), 0.0)
+    return RangeError(
+        f"--tolerance {100 * (wanted.tolerance or 0.0):.3g} % cannot be reached: {plan.binds} binds: it takes"
+        f" {plan.sets:,} load sets, above the {MOST_SETS:,} of a run\n  best now  {reachable(least)}"
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _least_tolerance(design: Design, found: Expected, wanted: Wanted, loads: tuple[float, ...], floor: float) -> float:
+    """The least tolerance whose plan has no more load sets than a run; it is above `floor`, which no time lowers."""
+    low, high = max(floor, LEAST_TOLERANCE), max(LARGEST_TOLERANCE, 2 * floor)
+    while high > CLOSE_TO * low:
+        middle = math.sqrt(low * high)
+        try:
+            sets = best_of(design, found, replace(wanted, tolerance=middle, time=None), loads).allocation.sets
+        except RangeError:  # so little above the floor that it takes centuries
+            sets = MOST_SETS + 1
+        low, high = (low, middle) if sets <= MOST_SETS else (middle, high)
+    return high
 
 
 def not_known(wanted: Wanted, found: Expected, design: Design) -> RangeError:

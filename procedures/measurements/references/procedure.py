@@ -19,7 +19,7 @@ from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
-from palpate.procedures.engine.promise import predicted
+from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_nameable, keep, model_path
 from palpate.procedures.lab.lab import Lab, Target
@@ -27,7 +27,7 @@ from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.references.expected import expected_constant
 from palpate.procedures.measurements.references.reference import Reference, read_reference
-from palpate.procedures.measurements.references.result import ReferencesResult, check_range, evaluate
+from palpate.procedures.measurements.references.result import MODULUS, ReferencesResult, check_range, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, ValidDays
 from palpate.procedures.measurements.softness.procedure import SLOW, SoftnessTest, Touching, TouchStep
 from palpate.procedures.measurements.softness.result import SoftnessPoint
@@ -94,7 +94,9 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
             return Plan(self.name, steps)
         question = self._question(target.design)
         found = expected_constant(target.design, self.references, question, _curve(question), self.loads, self.dwell)
-        return Plan(self.name, steps, predicted(steps, found, self._predicted_u(target.design)))
+        u = self._predicted_u(target.design)
+        moduli = [] if u is None else [Expected(MODULUS, u)]
+        return Plan(self.name, steps, predicted(steps, [*found, *moduli], u))
 
     def _predicted_u(self, design: Design) -> float | None:
         """None: the thesis tells no spread, or the curve takes long."""

@@ -23,6 +23,8 @@ from palpate.instrument.uncertainty.budget import Budget, Component, coverage_fa
 from palpate.procedures.measurements.references.reference import Reference
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 
+MODULUS = "modulus of an object"
+
 
 @dataclass(frozen=True, slots=True)
 class Worth:
@@ -61,6 +63,11 @@ class ReferencesResult:
     def achieved_u(self) -> float | None:
         """Relative standard uncertainty of a modulus by the calibration alone; None: the spread is not known."""
         return self.worth[0].modulus_u if self.worth else None
+
+    @property
+    def unbudgeted(self) -> dict[str, tuple[float, float]]:
+        """The modulus of an object in units of itself, with the uncertainty that the calibration alone leaves it."""
+        return {} if self.achieved_u is None else {MODULUS: (1.0, self.achieved_u)}
 
     def summary(self) -> dict[str, Any]:
         """The calibration for JSON, without its origin."""

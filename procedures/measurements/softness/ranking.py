@@ -19,7 +19,7 @@ from palpate.instrument.allocation.order import (
     what_it_takes,
 )
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import NOISE, SCATTER
+from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample
@@ -28,7 +28,6 @@ from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.measurements.softness.result import NotTold, Ranked, SoftnessPoint
 from palpate.procedures.showing.plan import duration
 
-PRIOR_FREEDOM = 7.0  # degrees of freedom of the design's scatter: the thesis' 30 are worth no more
 SMALLEST_RISK, LARGEST_RISK = 1e-6, 0.5
 MOST, MOST_SETS = 5, 100  # sets of an object: usually, and at most
 LEAST_RATIO = 0.1  # by which the noise of an unknown object is judged
