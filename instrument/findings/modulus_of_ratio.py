@@ -144,12 +144,7 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
     They are infinite where an end of the curve lies between: the curve tells nothing of moduli beyond its end.
     """
     first, last = np.full(low.shape, np.inf), np.full(low.shape, -np.inf)
-    for start, end in zip(curve.turns[:-1], curve.turns[1:], strict=True):
-        nodes = curve.line.x
-        nodes = np.array([start, *nodes[(nodes > start) & (nodes < end)], end])
-        ratios = curve.line(nodes)
-        if ratios[-1] < ratios[0]:
-            nodes, ratios = nodes[::-1], ratios[::-1]
+    for nodes, ratios in curve.stretches:
         hit = (high >= ratios[0]) & (low <= ratios[-1])
         sides: list[tuple[Array, Literal["left", "right"]]] = [(low, "left"), (high, "right")]
         for ends, side in sides[: 1 if low is high else 2]:  # on this part of the curve each ratio has one modulus
@@ -173,13 +168,16 @@ def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side
 
 
 def _root(of: Callable[..., Array], below: Array, above: Array) -> Array:
-    """Roots by Newton's method, or by halving where it leaves the interval or hardly moves its ends.
+    """Roots by Newton's method from the chord, or by halving where it leaves the interval or hardly moves its ends.
 
     Args:
         of: function, with its derivative by `nu=1`, of which the roots are sought.
         below, above: ends of each interval, where the function is not above 0 and not below.
     """
-    at = np.where(of(below) == 0, below, np.where(of(above) == 0, above, (below + above) / 2))
+    least, greatest = of(below), of(above)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        chord = below - (above - below) * least / (greatest - least)
+    at = np.where(least == 0, below, np.where(greatest == 0, above, chord))
     for step in range(STEPS):
         value, slope = of(at), of(at, nu=1)
         below, above = np.where(value <= 0, at, below), np.where(value >= 0, at, above)

@@ -9,9 +9,12 @@ logarithm of the modulus; a spline of degree five there has the eleventh digit o
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
@@ -75,7 +78,7 @@ class PoleLine:
         return found.reshape(at.shape)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RatioCurve:
     """A model's force ratio over the modulus of the object.
 
@@ -96,11 +99,22 @@ class RatioCurve:
         """Least and greatest modulus of the curve [Pa]."""
         return math.exp(self.turns[0]), math.exp(self.turns[-1])
 
-    @property
+    @cached_property
     def ratios(self) -> tuple[float, float]:
         """Least and greatest force ratio."""
         values = self.line(self.turns)
         return float(values.min()), float(values.max())
+
+    @cached_property
+    def stretches(self) -> list[tuple[Array, Array]]:
+        """Parts between turns: logarithms of moduli, and the ratios there, which rise, each of shape (nodes,)."""
+        found = []
+        for start, end in pairwise(self.turns):
+            nodes = self.line.x
+            nodes = np.array([start, *nodes[(nodes > start) & (nodes < end)], end])
+            ratios = self.line(nodes)
+            found.append((nodes, ratios) if ratios[0] <= ratios[-1] else (nodes[::-1], ratios[::-1]))
+        return found
 
     def force_ratio(self, moduli: ArrayLike) -> Array:
         """Tooth force over total force, of the shape of `moduli` [Pa].
@@ -120,6 +134,7 @@ class RatioCurve:
         return value
 
 
+@functools.lru_cache(maxsize=16)
 def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None = None) -> RatioCurve:
     """The curve of a model for a design and a load; the modulus of the load's object has no effect.
 

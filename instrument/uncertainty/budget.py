@@ -105,14 +105,15 @@ class Budget:
 
         Inputs that `correlations` connects count as one input, with the fewest degrees of freedom among them.
         """
-        total = self.u
+        contributions, factor = self._contributions(), self._factor()
+        total = _length(contributions, factor)
         if total == 0:
             return math.inf
-        contributions, factor = self._contributions(), self._factor()
         spent = 0.0
         for group in groups([c.name for c in self.components], self.correlations):
             fewest = min(self.components[i].degrees_of_freedom for i in group)
-            spent += (_length(contributions[group], factor[group]) / total) ** 4 / fewest
+            if math.isfinite(fewest):
+                spent += (_length(contributions[group], factor[group]) / total) ** 4 / fewest
         return 1 / spent if spent > 0 else math.inf
 
     def expanded(self, coverage: float = COVERAGE) -> float:
@@ -201,14 +202,14 @@ def correlation_factor(names: Sequence[str], correlations: Correlations) -> Floa
     if len(place) < len(names):
         raise EstimateError(f"two inputs of one name among {', '.join(names)}; give each a name of its own")
     matrix = np.eye(len(names))
-    if not correlations:
-        return matrix
     for (one, other), coefficient in correlations.items():
         if one not in place or other not in place or one == other:
             raise EstimateError(f"correlation of {one!r} and {other!r}: give two of {', '.join(names)}")
         if not -1 <= coefficient <= 1:
             raise EstimateError(f"correlation {coefficient} of {one!r} and {other!r} is outside -1 to 1")
         matrix[place[one], place[other]] = matrix[place[other], place[one]] = coefficient
+    if not any(correlations.values()):
+        return matrix
     values, vectors = np.linalg.eigh(matrix)
     if values[0] < -INDEFINITE * len(names):
         raise EstimateError(

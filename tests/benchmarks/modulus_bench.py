@@ -132,8 +132,13 @@ class Done:
     began: list[tuple[int, int]]
 
 
-def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None) -> Done:
-    """A run by the procedure's own plan, course and answer, on drawn ratios; at most so many sets."""
+def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every: bool = False) -> Done:
+    """A run by the procedure's own plan, course and answer, on drawn ratios; at most so many sets.
+
+    The course is asked after every set, as a procedure asks it, only with `every`. Else it is asked again after half of
+    the sets that it still wants in a mounting: what it wants moves by less than that. Part of the last of several
+    mountings may be enough: there it is asked after every set, too.
+    """
     lab: Any = SimpleNamespace(design=truth.design, target=truth.target)
     course, draws = asked.course(lab), Draws(truth)
     load, plan = course.prospect.load, course.prospect.allocation
@@ -142,9 +147,9 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None) -> Done:
     points: list[ModulusPoint] = []
     began: list[tuple[int, int]] = []
     taken, spent, mounting, mounted = costs.start - END, costs.start - END, 0, 0
-    for number in range(len(asked.plan(truth.target).steps) if steps is None else steps):
-        # Before the first sets are complete, a course by a tolerance alone goes on: it is not asked, to save time.
-        verdict = course.verdict(points) if number >= first_sets(plan) else None
+    following = 1 if every else first_sets(plan)  # before the first sets are complete, a tolerance alone goes on
+    for number in range(_most_sets(asked, truth.target) if steps is None else steps):
+        verdict = course.verdict(points) if number >= following else None
         if verdict and verdict.why:
             break
         if not points or (verdict and _remounts(points, verdict)):
@@ -152,6 +157,9 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None) -> Done:
             mounted = round(1e9 * taken)
             spent += costs.mounting
             taken += costs.mounting
+        if verdict:
+            more = verdict.sets // verdict.mountings - sum(point.mounting == mounting for point in points)
+            following = number + (1 if every or mounting > 1 else max(1, more // 2))
         began.append((round(1e9 * taken), mounted))
         ratio = draws.ratio(*began[-1])
         noise = draws.noise(load, plan.dwell, ratio)
@@ -160,6 +168,11 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None) -> Done:
         points.append(_point(mounting, load, ratio, ratio * noise, plan.dwell, spent))
         spent = 0.0
     return Done(points, course.answer(points), taken + END, began)
+
+
+@functools.lru_cache(maxsize=256)
+def _most_sets(asked: ObjectModulus, target: Target) -> int:
+    return len(asked.plan(target).steps)
 
 
 def _point(mounting: int, load: float, ratio: float, noise: float, dwell: float, seconds: float) -> ModulusPoint:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.benchmarks.modulus_budget import block
+from tests.benchmarks.modulus_bench import fast
+from tests.benchmarks.modulus_budget import KINDS, asked, block
 from tests.benchmarks.modulus_figures import Run
 from tests.benchmarks.modulus_wire import compared
 from tests.chance import plausible
@@ -15,6 +16,16 @@ def test_drawn_ratios_are_those_of_the_bench_and_take_its_time() -> None:
     deviates, seconds, drawn = compared("mounting scatter 1 %", 0.03, 60e3, 5)
     assert plausible(deviates)
     assert seconds == pytest.approx(drawn, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "modulus"), [("scatter drawn", 500e3), ("mounting scatter 1 %", 120e3)])
+def test_a_course_that_is_asked_seldom_ends_as_one_that_is_asked_after_every_set(kind: str, modulus: float) -> None:
+    truth = KINDS[kind].truth(modulus, 4)
+    measuring = asked(KINDS[kind], 0.02, truth)
+    seldom, every = fast(measuring, truth), fast(measuring, truth, every=True)
+    assert seldom.points == every.points
+    assert seldom.seconds == every.seconds
 
 
 @pytest.mark.slow
