@@ -41,5 +41,5 @@ def price(what: str, seconds: float, then: str = "") -> None:
 def _duration(seconds: float) -> str:
     """A duration [s] to one or two digits, for people."""
     if seconds < 90:
-        return f"{seconds:.1g} s" if seconds < 10 else f"{round(seconds, -1 if seconds > 20 else 0):.0f} s"
+        return f"{round(seconds, -1 if seconds > 20 else 0):.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 90 * 60 else f"{seconds / 3600:.1f} h"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,13 +19,14 @@ if TYPE_CHECKING:
 STAMP = "SIMULATED"
 PIPE_WIDTH = 160  # columns if the output is no terminal
 WIDEST = 100_000  # columns, more than any table has
+_LABEL = re.compile(r" *\S+(?: \S+)*  +")
 
 
 def print_all(*things: object) -> None:
     """Print texts and tables. Texts are not read as markup.
 
-    A table that is too wide goes beyond the edge, so that no number is cut off. Its title stands on one line,
-    even if it is longer than the table is wide.
+    A terminal gets texts in lines of its width. A table that is too wide goes beyond the edge, so that no number is cut
+    off. Its title stands on one line, even if it is longer than the table is wide.
     """
     from rich.table import Table
 
@@ -37,7 +40,22 @@ def print_all(*things: object) -> None:
         if isinstance(thing, Table) and all(column.no_wrap for column in thing.columns):
             whole = out.measure(thing, options=out.options.update(width=WIDEST)).maximum
             out.width = max(width, whole)
+        if isinstance(thing, str) and out.is_terminal:
+            thing = "\n".join(folded(line, width) for line in thing.splitlines())
         out.print(thing, soft_wrap=not isinstance(thing, Table))
+
+
+def folded(line: str, width: int) -> str:
+    """A line folded between words where it is wider than some columns. A longer word, such as a path, stays whole.
+
+    Further lines begin below the text after a label, `label          text`.
+    """
+    if len(line) <= width:
+        return line
+    label = _LABEL.match(line)
+    at = label.end() if label and label.end() < width // 2 else 0
+    lines = textwrap.wrap(line[at:], width - at, break_long_words=False, break_on_hyphens=False)
+    return line[:at] + ("\n" + " " * at).join(lines)
 
 
 def new_table(title: Text | None, *columns: str) -> Table:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.errors import ConfigError, EstimateError
-from palpate.procedures.console.terminal import console
+from palpate.procedures.showing.text import print_all
 from palpate.simulators.planning.plan import Plan, plan
 from palpate.simulators.planning.plan import Question as Question  # commands ask by it
 from palpate.simulators.planning.settle import read_scene
@@ -17,7 +17,10 @@ from palpate.simulators.scenes.scene import Scene
 if TYPE_CHECKING:
     from rich.table import Table
 
-MEASURED = ("force changes", "ratio changes", "ms")  # titles of the columns
+    from palpate.simulators.planning.steady import SteadyState
+
+MEASURED = ("force\nchanges", "ratio\nchanges", "ms")  # titles of columns
+WHY = "why"  # the column that is folded in a narrow terminal
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,16 +84,10 @@ class Explained:
 def print_explained(found: Explained) -> None:
     """Print the path, the simulated and the omitted effects, the settled state if it was asked for, and warnings."""
     scene, answer, tolerance = found.scene, found.answer, found.tolerance
-    out = console()
-    out.print(f"Scene {scene.name}: {scene.purpose}", soft_wrap=True)
-    out.print(f"path: {answer.path}: {answer.why}", soft_wrap=True)
-    out.print(f"{answer.transitions:g} transitions a second, about {answer.seconds:.2g} s of computing")
     inside = [
         (e.name, e.kind, "yes" if e.cancels_in_ratio else "no", *_measured(found.weights[e.name]), e.why)
         for e in answer.included
     ]
-    out.print("simulated")
-    out.print(_table(("effect", "kind", "cancels in ratio", *MEASURED, "why"), inside))
     outside = [
         (
             e.name, e.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in (e.force, e.ratio)),
@@ -98,23 +95,33 @@ def print_explained(found: Explained) -> None:
         )
         for e in answer.omitted
     ]  # fmt: skip
-    out.print(f"left out, and the most that it could change (* above {tolerance:g})", soft_wrap=True)
-    out.print(_table(("effect", "kind", "force at most", "ratio at most", *MEASURED), outside))
     changes = f"measured with and without it, the root mean square over {DRAWS} draws of all noise and scatter"
-    out.print(f"force changes, ratio changes: {changes if not found.unmeasured else found.unmeasured}", soft_wrap=True)
-    out.print("ms: processor time that it adds to a second of bench", soft_wrap=True)
-    out.print("-: not known: the films do not show what it changes, or it cannot be put in", soft_wrap=True)
-    if answer.steady is not None:
-        films = [
-            (f.film, f"{1e3 * f.amplitude:.6g}", f"{f.phase:.4f}", "" if f.ratio is None else f"{f.ratio:.6g}")
-            for f in answer.steady.films
-        ]
-        out.print(f"settled, at {answer.steady.force:.6g} N peak to peak on the load cell", soft_wrap=True)
-        out.print(_table(("film", "amplitude (mV)", "phase (rad)", "force ratio"), films))
-    for fault in scene.file.fault or []:
-        out.print("fault: " + ", ".join(f"{key} {value}" for key, value in fault.items()), soft_wrap=True)
-    for warning in answer.warnings:
-        out.print(f"warning: {warning}", soft_wrap=True)
+    print_all(
+        f"Scene {scene.name}: {scene.purpose}",
+        f"path: {answer.path}: {answer.why}",
+        f"{answer.transitions:g} transitions a second, about {answer.seconds:.2g} s of computing",
+        "simulated",
+        _table(("effect", "kind", "cancels\nin ratio", *MEASURED, WHY), inside),
+        f"left out, and the most that it could change (* above {tolerance:g})",
+        _table(("effect", "kind", "force\nat most", "ratio\nat most", *MEASURED), outside),
+        f"force changes, ratio changes: {found.unmeasured or changes}",
+        "ms: processor time that it adds to a second of bench; below 0: it saves time, or adds next to none",
+        "-: not known: the films do not show what it changes, or it cannot be put in",
+        *([] if answer.steady is None else _settled(answer.steady)),
+        *("fault: " + ", ".join(f"{key} {value}" for key, value in fault.items()) for fault in scene.file.fault or []),
+        *(f"warning: {warning}" for warning in answer.warnings),
+    )
+
+
+def _settled(steady: SteadyState) -> list[object]:
+    films = [
+        (f.film, f"{1e3 * f.amplitude:.6g}", f"{f.phase:.4f}", "" if f.ratio is None else f"{f.ratio:.6g}")
+        for f in steady.films
+    ]
+    return [
+        f"settled, at {steady.force:.6g} N peak to peak on the load cell",
+        _table(("film", "amplitude (mV)", "phase (rad)", "force ratio"), films),
+    ]
 
 
 def _measured(weight: Weight) -> tuple[str, ...]:
@@ -126,7 +133,7 @@ def _measured(weight: Weight) -> tuple[str, ...]:
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     from rich.table import Column, Table
 
-    table = Table(Column(columns[0], no_wrap=True), *columns[1:], box=None)
+    table = Table(*(Column(name, no_wrap=name != WHY) for name in columns), box=None)
     for row in rows:
         table.add_row(*row)
     return table

@@ -12,6 +12,7 @@ from palpate.instrument.notice import price, told
     [
         (2.0, []),
         (2.1, ["solving takes about 2 s; kept"]),
+        (9.7, ["solving takes about 10 s; kept"]),
         (14.2, ["solving takes about 14 s; kept"]),
         (47.0, ["solving takes about 50 s; kept"]),
         (600.0, ["solving takes about 10 min; kept"]),

@@ -54,6 +54,7 @@ def test_the_absolute_uncertainty_is_flat_at_the_models_error(front: ModulusFron
     assert all("palpate calibrate model" in target.why for target in absolute)
 
 
+@pytest.mark.usefixtures("own_store")
 def test_each_plan_is_the_one_that_measure_modulus_makes(front: ModulusFront) -> None:
     bench = choose(None, "thesis_single").target
     for target in front.targets[:5]:

@@ -36,9 +36,35 @@ def test_a_table_too_wide_for_the_terminal_is_printed_in_blocks_that_repeat_its_
     assert lines[0].strip() == "T"
 
 
+def test_a_terminal_gets_no_line_wider_than_itself_but_one_that_a_single_word_makes_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(text, "console", lambda: Console(width=40, force_terminal=True, color_system=None))
+    path = "/" + 5 * "a-folder/" + "plot.png"
+    words = "the scatter of mountings was never measured and counts as none"
+    print_all(f"note           {words}", words, f"  best now  {words}\nplot           {path}")
+    assert capsys.readouterr().out.splitlines() == [
+        "note           the scatter of mountings",
+        "               was never measured and",
+        "               counts as none",
+        "the scatter of mountings was never",
+        "measured and counts as none",
+        "  best now  the scatter of mountings was",
+        "            never measured and counts as",
+        "            none",
+        f"plot           {path}",
+    ]
+
+
 def test_where_the_output_is_no_terminal_a_table_stays_whole() -> None:
     table = new_table(None, *COLUMNS)
     assert blocks(table) == [table]
+
+
+def test_where_the_output_is_no_terminal_a_line_stays_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    line = "note           " + 40 * "word "
+    print_all(line)
+    assert capsys.readouterr().out == f"{line}\n"
 
 
 def test_one_is_singular() -> None:

@@ -32,9 +32,13 @@ def title_of(front: ModulusFront) -> str:
 
 
 def plan_text(plan: Prospect) -> str:
-    """A plan in a few words."""
-    each = f"{show(plan.load, 'N')}, {show(plan.allocation.dwell, 's')}"
-    return f"{counted(plan.allocation.mountings, 'mounting')}, {counted(plan.allocation.sets, 'set')} of {each}"
+    """A plan in a few words; one mounting is not told."""
+    return f"{_sets_text(plan)} of {show(plan.load, 'N')}, {show(plan.allocation.dwell, 's')}"
+
+
+def _sets_text(plan: Prospect) -> str:
+    mountings, sets = plan.allocation.mountings, plan.allocation.sets
+    return counted(sets, "set") if mountings == 1 else f"{mountings} mountings x {counted(sets // mountings, 'set')}"
 
 
 def percent(u: float | None) -> str:
@@ -50,14 +54,14 @@ def print_modulus_front(front: ModulusFront, simulated: bool, plot: Path | None)
     half = len(front.targets) // 2
     for scale, absolute in zip(front.targets[:half], front.targets[half:], strict=True):
         asked.add_row(f"{100 * scale.tolerance:g} %", *_cells(scale), _absolute(absolute))
-    table = new_table(None, "bench time", "best plan", "scale", "absolute", "largest part of the variance")
+    table = new_table(None, "bench time", "best plan", "scale", "absolute", "largest part\nof the variance")
     table.columns[1].justify = table.columns[4].justify = "left"
     for point in front.points[:: -(-len(front.points) // ROWS)]:
         plan, shares = point.plan, point.scale_shares if point.absolute_shares is None else point.absolute_shares
         binds = max(shares, key=lambda name: shares[name])
         table.add_row(
             duration(plan.allocation.seconds), plan_text(plan), percent(plan.scale_u), percent(plan.absolute_u),
-            f"{binds} {shares[binds]:.1%}",
+            f"{binds} {100 * shares[binds]:.1f} %",
         )  # fmt: skip
     refused = [target for target in front.targets[half:] if target.plan is None]
     mounted = (
@@ -163,9 +167,7 @@ def _draw_front(front: ModulusFront, ax: Axes, times: Sequence[float]) -> None:
 
 
 def _short(plan: Prospect) -> str:
-    mountings, sets = plan.allocation.mountings, plan.allocation.sets
-    told = counted(sets, "set") if mountings == 1 else f"{mountings} x {sets // mountings} sets"
-    return f"{told}, {duration(plan.allocation.seconds)} in all"
+    return f"{_sets_text(plan)}, {duration(plan.allocation.seconds)} in all"
 
 
 def _annotate(ax: Axes, text: str, at: tuple[float, float], below: bool) -> None:

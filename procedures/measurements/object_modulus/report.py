@@ -37,7 +37,7 @@ def _seconds(outcome: Outcome) -> str:
 
 def _binds(shares: Mapping[str, float]) -> str:
     name = max(shares, key=lambda each: shares[each])
-    return f"binds          {name}, {shares[name]:.0%} of the variance"
+    return f"binds          {name}, {share(shares[name])} of the variance"
 
 
 def _measured(result: ObjectModulusResult) -> list[str]:
