@@ -102,9 +102,9 @@ def quantities(
     zero = float(curve.coefficients[0])
     up = np.array([run.loading_mV - _zero(run, zero) for run in runs])
     down = np.array([run.unloading_mV - _zero(run, zero) for run in runs])
-    by_position = _by_position(runs, up)
-    first = np.array([own[0] for own in by_position])
-    repeated = [own for own in by_position if len(own) > 1]
+    groups = by_position(runs, up)
+    first = np.array([own[0] for own in groups])
+    repeated = [own for own in groups if len(own) > 1]
     fitted = curve.reading(load) - zero
     mean = np.mean([run.mean_mV() for run in runs], axis=0) - zero
     returns = [
@@ -126,13 +126,14 @@ def quantities(
 
 def spread_over_positions(load: Floats, runs: Sequence[Run]) -> float:
     """Standard deviation [mV/N] of the slopes of straight lines over the positions of the cell; 0 for one position."""
-    by_position = _by_position(runs, np.array([run.mean_mV() for run in runs]))
-    if len(by_position) == 1:
+    groups = by_position(runs, np.array([run.mean_mV() for run in runs]))
+    if len(groups) == 1:
         return 0.0
-    return float(np.std([interpolate(load, own.mean(axis=0), 0.0).coefficients[1] for own in by_position], ddof=1))
+    return float(np.std([interpolate(load, own.mean(axis=0), 0.0).coefficients[1] for own in groups], ddof=1))
 
 
-def _by_position(runs: Sequence[Run], values: Floats) -> list[Floats]:
+def by_position(runs: Sequence[Run], values: Floats) -> list[Floats]:
+    """Rows of values (runs, k), grouped by the position of the cell in their runs, in the order of the runs."""
     positions = [run.position for run in runs]
     return [values[[p == position for p in positions]] for position in dict.fromkeys(positions)]
 
@@ -165,11 +166,20 @@ def classify_iso_376(load: Floats, found: Quantities) -> Classification:
             first = int(bad[-1]) + 1 if bad.size else 0
             if first < low.size:
                 return Classification(name=name, least_N=float(load[first]), greatest_N=float(load[-1]))
+    must = must_hold(load)
     for key, values in known.items():
-        worst, limit = 100 * float(values[max(low.size - 1, 0) :].max()), 100 * ISO_376["2"][key]
+        worst, limit = 100 * float(values[must:].max()), 100 * ISO_376["2"][key]
         if worst > limit:
-            reasons.append(f"{key.replace('_', ' ')} {worst:.3g} % exceeds the {limit:.3g} % of ISO 376 class 2")
+            reasons.append(
+                f"{key.replace('_', ' ')} {worst:.3g} % from {load[must]:.4g} N on exceeds the "
+                f"{limit:.3g} % of ISO 376 class 2"
+            )
     return _none(*reasons)
+
+
+def must_hold(load: Floats) -> int:
+    """Number of the load from which a class must hold at the latest: the greatest one of half the greatest or less."""
+    return max(int((load <= ISO_376_PART * load[-1]).sum()) - 1, 0)
 
 
 def iso_376_class_of(key: str, worst: float) -> str:

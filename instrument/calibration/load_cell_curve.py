@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict
 
-from palpate.instrument.calibration.classification import Run, spread_over_positions
+from palpate.instrument.allocation.stopping import pooled
+from palpate.instrument.calibration.classification import Run, by_position, spread_over_positions
 from palpate.instrument.config import Config, Positive
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.uncertainty.budget import Budget, Component
@@ -81,6 +82,7 @@ def load_cell_curve(
     sensitivity = Budget("sensitivity", float(curve.coefficients[1]), "mV/N", (
         Component("curve", math.sqrt(curve.covariance[1, 1]), degrees_of_freedom=freedom, kind="A"),
         Component("positions", spread, degrees_of_freedom=max(positions - 1, 1), kind="A"),
+        *_repeatability(load, runs, curve, scatter),
     ))  # fmt: skip
     if not sensitivity.value > 3 * sensitivity.u:
         raise EstimateError(
@@ -90,6 +92,28 @@ def load_cell_curve(
     span = float(line.coefficients[1] * np.ptp(load))
     linearity = float(np.abs(mean - line.reading(load)).max()) / span
     return LoadCellCurve(curve, scatter, sensitivity, span, linearity)
+
+
+def _repeatability(
+    load: npt.NDArray[np.float64], runs: Sequence[Run], curve: Interpolation, scatter: float | None
+) -> list[Component]:
+    """What the slopes of the runs in one position differ by more than noise explains (χ² at 1 %); empty: no more."""
+    degree = curve.coefficients.size - 1
+    means = by_position(runs, np.array([run.mean_mV() for run in runs]))
+    slopes = [[float(interpolate(load, mean, 0.0, degree).coefficients[1]) for mean in own] for own in means]
+    if scatter is None or min(map(min, slopes)) <= 0:
+        return []
+    noise = slope_u(load, degree) * scatter / math.sqrt(2 * runs[0].repeats) / float(curve.coefficients[1])
+    found = pooled(noise, math.inf, *slopes)
+    if not found.refuted:
+        return []
+    u = float(curve.coefficients[1]) * math.sqrt((found.u**2 - noise**2) / len(runs))
+    return [Component("repeatability", u, degrees_of_freedom=found.degrees_of_freedom, kind="A")]
+
+
+def slope_u(load: npt.NDArray[np.float64], degree: int) -> float:
+    """Standard uncertainty [1/N] of a curve's slope at no load, by mean readings with one of 1 at loads (k,) [N]."""
+    return math.sqrt(interpolate(load, load, 1.0, degree).covariance[1, 1])
 
 
 def _check(load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: float) -> None:

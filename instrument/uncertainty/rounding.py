@@ -26,10 +26,11 @@ _EXPONENTS = -4 * np.pi**2 * _HARMONICS**2
 _WITHOUT_NOISE = float(np.sum(1 / (2 * np.pi**2 * _HARMONICS**2)))
 
 
-def mean_u(scatter: float, step: float, count: int) -> float:
+def mean_u(scatter: float, step: float, count: float) -> float:
     """Standard uncertainty of the mean of `count` readings whose standard deviation is `scatter`.
 
-    All are in one unit. For a single reading that noise dithers it is √(σ² + step²/12).
+    All are in one unit. For a single reading that noise dithers it is √(σ² + step²/12). Infinitely many readings leave
+    the error of rounding alone.
     """
     bias = _bias(_noise(scatter / step))
     return step * math.sqrt(bias + (scatter / step) ** 2 / count)

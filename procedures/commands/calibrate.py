@@ -26,6 +26,7 @@ def calibrate() -> None:
 @calibrate.command(
     "load-cell",
     epilog="Examples:\n\n  palpate calibrate load-cell\n\n  palpate calibrate load-cell --bench lab.toml"
+    "\n\n  palpate calibrate load-cell --tolerance '0.3 %' --dry-run"
     "\n\n  palpate calibrate load-cell --loads '100 gf:1000 gf:100 gf' --runs 2 --positions 0,120,240 --creep",
 )
 @option(
@@ -51,7 +52,12 @@ def calibrate() -> None:
     "--class",
     "iso_class",
     metavar="CLASS",
-    help="Class of ISO 376 that shall be reached, 00, 0.5, 1 or 2; refused if these runs and loads cannot give it.",
+    help="Class of ISO 376 that shall be reached, 00, 0.5, 1 or 2: the series is planned for it.",
+)
+@option(
+    "--tolerance",
+    callback=texts.share,
+    help="Relative standard uncertainty of the sensitivity: the series is planned for it, of --loads at hand.",
 )
 @option("--creep", is_flag=True, help="Measure the creep under the greatest load for 300 s.")
 @option("--valid-days", default=365, help="Days until the calibration expires.")
@@ -65,6 +71,7 @@ def load_cell(
     positions: tuple[float, ...],
     degree: str,
     iso_class: str | None,
+    tolerance: float | None,
     creep: bool,
     valid_days: int,
 ) -> LoadCellSeries:
@@ -73,11 +80,15 @@ def load_cell(
     Fits a line, or a curve if it is better, with its uncertainty; classifies the cell by ISO 376 and ASTM E74; writes a
     certificate; and stores the calibration. Later runs with the same indicator use and name it, within its loads and
     until it expires.
+
+    With --tolerance or --class the plan takes as many of the weights and runs as are needed, and refuses beforehand
+    what they cannot give. --runs and --positions are then the fewest. A series ends early where its runs show that the
+    class is out of reach.
     """
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 
     curve = None if degree == "auto" else int(degree)
-    return LoadCellSeries(loads, runs, positions, curve, creep, valid_days, iso_class)
+    return LoadCellSeries(loads, runs, positions, curve, creep, valid_days, iso_class, tolerance)
 
 
 @calibrate.command(

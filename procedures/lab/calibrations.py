@@ -104,6 +104,25 @@ def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
     return _checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
 
 
+def known_load_cell(bench: Bench) -> LoadCellCalibration:
+    """The last calibration of a load cell, which may have expired, or the thesis', as what to expect of it."""
+    path = load_cell_path(bench.role(LoadIndicator).serial)
+    with suppress(PalpateError):
+        if (found := read_calibration(path)).simulated == bench.simulated:
+            return found
+    return THESIS_LOAD_CELL
+
+
+def probable_load_cell(simulated: bool) -> LoadCellCalibration | None:
+    """The newest stored calibration of a load cell, before it is known which bench will answer; None: there is none."""
+    found = []
+    for path in _path("").parent.glob("load_cell-*.toml"):
+        with suppress(PalpateError):
+            found.append(read_calibration(path))
+    found = [each for each in found if each.simulated == simulated]
+    return max(found, key=lambda each: each.created, default=None)
+
+
 def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, today: date) -> bool:
     """Check loads against the stored load-cell calibrations before a bench is opened.
 

@@ -15,11 +15,10 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.logs.bus_log import BusLog, check_log
 from palpate.instrument.bench.operator import Operator
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
-from palpate.procedures.lab.calibrations import check_nameable, films_of, load_cell_of, model_of
+from palpate.procedures.lab.calibrations import check_nameable, films_of, known_load_cell, load_cell_of, model_of
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator, assume
@@ -74,8 +73,8 @@ class OpenBench:
         Args:
             run: name of the run.
             started: when the run began.
-            calibrating: what the run calibrates. The load cell then needs no stored calibration, and no stored
-                calibration of the films is used.
+            calibrating: what the run calibrates. The load cell then needs no calibration that holds: the last one, or
+                the thesis', says what to expect of it. No stored calibration of the films is used.
             question: what the run asks a sensor model, which may be calibrated by references; None: it asks none.
 
         Raises:
@@ -92,7 +91,8 @@ class OpenBench:
         if logged is not None:
             calibration, films, references = logged.calibration, logged.films, logged.references
         else:
-            calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(self.bench, self.today)
+            weighing = calibrating == "load cell"
+            calibration = known_load_cell(self.bench) if weighing else load_cell_of(self.bench, self.today)
             films = None if calibrating else films_of(self.bench, design, self.today)
             if question is not None:
                 references = model_of(self.bench, question, films, scene, self.today)

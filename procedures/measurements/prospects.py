@@ -75,13 +75,18 @@ def reading_u(cell: LoadCellCalibration, load: float) -> float:
 
 
 def display_u(cell: LoadCellCalibration, readings: int) -> float:
-    """Expected standard uncertainty [mV] of the mean of so many displayed values, from which a run tells their scatter.
+    """Expected standard uncertainty [mV] of the mean of so many displayed values, whose scatter a run tells."""
+    return mean_u(display_scatter(cell), cell.resolution_mV, readings)
 
-    The display's scatter is that of the cell's calibration; where that does not tell it, DISPLAY_NOISE is assumed.
+
+def display_scatter(cell: LoadCellCalibration) -> float:
+    """Expected standard deviation of single displayed values about their mean [mV].
+
+    It is that of the cell's calibration; where that does not tell it, DISPLAY_NOISE is assumed.
     """
-    step = cell.resolution_mV
-    scatter = step * math.sqrt(DISPLAY_NOISE**2 + 1 / 12) if cell.scatter_mV is None else cell.scatter_mV
-    return mean_u(scatter, step, readings)
+    if cell.scatter_mV is not None:
+        return cell.scatter_mV
+    return cell.resolution_mV * math.sqrt(DISPLAY_NOISE**2 + 1 / 12)
 
 
 def load_on(design: Design, film: Film, ratio: float, load: float) -> float:

@@ -42,7 +42,7 @@ def test_the_thesis_cell_cannot_be_classified_at_its_loads() -> None:
     astm, iso_376 = THESIS_LOAD_CELL.astm_e74, THESIS_LOAD_CELL.iso_376
     assert (astm.name, iso_376.name) == (NOT_CLASSIFIABLE, NOT_CLASSIFIABLE)
     assert "begins at 400 x 0.1 N = 40 N, above the greatest load of 7.26 N" in astm.reason
-    assert "resolution 2.91 % exceeds the 0.2 % of ISO 376 class 2" in iso_376.reason
+    assert "resolution 2.91 % from 3.334 N on exceeds the 0.2 % of ISO 376 class 2" in iso_376.reason
     assert "repeatability and zero_return, which the runs do not tell" in iso_376.reason
 
 
@@ -126,7 +126,7 @@ def test_one_bad_load_in_the_upper_half_spoils_the_class_and_is_named() -> None:
     assert iso({**PERFECT, "reversibility": bad}).name == "1"
     found = iso({**PERFECT, "repeatability": bad})
     assert found.name == NOT_CLASSIFIABLE
-    assert found.reason == "repeatability 0.3 % exceeds the 0.2 % of ISO 376 class 2"
+    assert found.reason == "repeatability 0.3 % from 5 N on exceeds the 0.2 % of ISO 376 class 2"
     assert iso({**PERFECT, "repeatability": np.where(LOAD == 2.0, 3e-3, 0.0)}).least_N == 3.0
 
 

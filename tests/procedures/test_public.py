@@ -51,7 +51,7 @@ SIGNATURES = {
         "interpolation zero_return creep resolution_mV scatter_mV lower_limit_factor_N astm_e74 iso_376 "
         "gage_factor device simulated source created expires curvature"
     ),
-    "LoadCellSeries": "loads runs positions degree creep valid_days iso_class",
+    "LoadCellSeries": "loads runs positions degree creep valid_days iso_class tolerance",
     "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
     "Measurement": "point waveforms error",
     "ModelCalibration": (

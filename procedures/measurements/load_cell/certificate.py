@@ -17,7 +17,7 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.config import check
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
-from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING
+from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
 from palpate.procedures.showing.text import STAMP
 
@@ -59,6 +59,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
     settings_of = bench.filling("load_indicator")[0].settings
     indicator = settings_of.model_dump(mode="json", exclude={"gage_factor"}, exclude_none=True)
     points = run.points()
+    runs = {p["position_deg"]: p["run"] for p in points if p["direction"] == ZERO_AFTER}  # the last one of each
     pair = ("", "")
     return [
         Section("Identities", pair, [
@@ -73,8 +74,8 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
             *((f"indicator: {name.replace('_', ' ')}", str(value)) for name, value in indicator.items()),
             ("filter, waiting time before a reading", f"{FILTER:g} s, {SETTLING:g} s"),
             ("readings averaged for a point", f"{settings['repeats']}"),
-            ("runs up and down in each position", f"{settings['runs']}"),
-            ("positions", ", ".join(f"{p:g}°" for p in settings["positions"])),
+            ("runs up and down in each position", ", ".join(map(str, runs.values()))),
+            ("positions", ", ".join(f"{place:g}°" for place in runs)),
             ("curve", f"degree {2 if c.curvature else 1}, {'asked for' if settings['degree'] else 'by F-test'}"),
         ]),
         Section("Conditions", pair, [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
@@ -10,42 +10,47 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
+from palpate.drivers.roles import LoadIndicator
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
-from palpate.instrument.errors import DeviceError, RangeError, quoted
-from palpate.instrument.quantity import counted, show
-from palpate.procedures.engine.plan import MOUNTING, Plan, Step
-from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report
+from palpate.instrument.errors import RangeError, UsageError, quoted
+from palpate.instrument.quantity import check_tolerance, counted
+from palpate.procedures.engine.plan import MOUNTING, Plan, Predicted, Step
+from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import keep, load_cell_path
+from palpate.procedures.lab.calibrations import keep, load_cell_path, probable_load_cell
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
 from palpate.procedures.measurements.load_cell.result import (
+    CREEP,
     CREEP_TIMES,
-    FILTER,
-    SETTLING,
+    LOADING,
+    REPEATS,
+    UNLOADING,
+    ZERO_AFTER,
+    ZERO_BEFORE,
     LoadCellPoint,
     LoadCellResult,
     runs_of,
 )
-from palpate.procedures.measurements.load_cell.wanted_class import check_class
+from palpate.procedures.measurements.load_cell.series import (
+    Wanted,
+    learned,
+    most_runs,
+    series_for,
+    told,
+    weighing_seconds,
+)
+from palpate.procedures.measurements.load_cell.series import predicted as promised
+from palpate.procedures.measurements.load_cell.wanted_class import ClassSeries, class_series, why_not
+from palpate.procedures.measurements.load_cell.work import RECOVERY, Weighing
 from palpate.procedures.measurements.settings import ValidDays
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.indicator import steady
-from palpate.procedures.steps.policy import carry_out
 
 LOADS = tuple(1e-3 * m * STANDARD_GRAVITY for m in range(140, 741, 100))  # N, Table 5.1
-REPEATS = 10  # readings of each weight
-INTERVAL = 0.1  # s between two readings: the display is updated ten times a second
-RECOVERY = 300.0  # s without load before the creep test, so that the creep of the runs is gone
-# The zero may move in a run by these steps of the display plus this fraction of the span [A]; ISO 376 has 0.1 %.
-RETURN_STEPS, RETURN_OF_SPAN = 1.5, 0.01
 LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
-CREEP, ZERO_BEFORE, ZERO_AFTER, LOADING, UNLOADING = "creep", "zero_before", "zero_after", "loading", "unloading"
-PLACING = 10.0  # s that a person takes to change the weights [A]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +81,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     calibrating = "load cell"
     manual_work = "places the weights"
     constants = MappingProxyType({"repeats": REPEATS})
-    newer_settings = frozenset({"runs", "positions", "degree", "creep", "valid_days", "iso_class"})
+    newer_settings = frozenset({"runs", "positions", "degree", "creep", "valid_days", "iso_class", "tolerance"})
 
     loads: Annotated[tuple[float, ...], Setting("N", "Increasing weights.")] = LOADS
     runs: Annotated[int, Setting(help="Runs up and down in each position; 2 give repeatability.")] = 1
@@ -87,6 +92,10 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     creep: Annotated[bool, Setting(help="Watch the greatest load for 300 s.")] = False
     valid_days: ValidDays = 365
     iso_class: Annotated[str | None, Setting(help="Class of ISO 376 that shall be reached: 00, 0.5, 1 or 2.")] = None
+    tolerance: Annotated[
+        float | None,
+        Setting(help="Relative standard uncertainty of the sensitivity: weights and runs are chosen for it."),
+    ] = None
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
@@ -94,7 +103,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         Raises:
             RangeError: a load is not positive or exceeds the force limit; loads do not increase, or are too few for
                 the curve; there is no run; positions repeat or are outside 0 to 360 degrees; the validity is outside
-                the limits of ISO 376; the class that is asked for cannot be reached with these runs and loads.
+                the limits of ISO 376; the class or the tolerance cannot be reached with these weights.
+            UsageError: a class and a tolerance are given.
             UnknownName: there is no such class.
         """
         loads = self.loads
@@ -123,46 +133,94 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}, the 26 months of ISO 376; "
                 "give one inside"
             )
+        if self.tolerance is not None and self.iso_class is not None:
+            raise UsageError("--tolerance and --class: the series is planned for one of them; give one")
+        if self.tolerance is not None:
+            check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
+            series_for(self._wanted(self.tolerance, target))
         if self.iso_class is not None:
-            cell = target.load_cell or THESIS_LOAD_CELL
-            check_class(self.iso_class, self.loads, self.runs, self.positions, cell)
+            self._class_series(self.iso_class, target)
+
+    def _wanted(self, tolerance: float, target: Target) -> Wanted:
+        places = len(self.positions)
+        return Wanted(tolerance, tuple(self.loads), self.runs, places, self.degree, _cell(target))
+
+    def _class_series(self, name: str, target: Target) -> ClassSeries:
+        return class_series(name, tuple(self.loads), self.runs, tuple(self.positions), _cell(target))
 
     def plan(self, target: Target) -> Plan[WeightStep]:
-        """All points: every weight of every run, then the creep test."""
-        steps = list(self._steps())
-        readings = 2 * REPEATS * self.runs * len(self.positions)
-        cell = target.load_cell or THESIS_LOAD_CELL
+        """All points: every weight of every run, then the creep test; with a tolerance, those of the most runs."""
+        cell, readings = _cell(target), 2 * REPEATS * self.runs * len(self.positions)
+        if self.tolerance is not None:
+            wanted = self._wanted(self.tolerance, target)
+            series = series_for(wanted)
+            runs = dict.fromkeys(self.positions, most_runs(series))
+            return Plan(self.name, list(self._steps(series.loads, runs)), promised(wanted, series))
+        if self.iso_class is not None:
+            planned = self._class_series(self.iso_class, target)
+            steps = list(self._steps(planned.loads, {place: planned.runs_in(place) for place in planned.positions}))
+            readings = 2 * REPEATS * sum(map(planned.runs_in, planned.positions))
+            likely = predicted(steps, expected_sensitivity(planned.loads, readings, self.degree, cell))
+            lines = planned.lines(self.iso_class)
+            expected = {"class": self.iso_class, "expected": dict(planned.expected), "binds": planned.binds}
+            return Plan(self.name, steps, Predicted(likely.seconds, likely.u, {**likely.told, **expected}, lines))
+        steps = list(self._steps(self.loads, dict.fromkeys(self.positions, self.runs)))
         return Plan(self.name, steps, predicted(steps, expected_sensitivity(self.loads, readings, self.degree, cell)))
 
-    def _steps(self) -> Iterator[WeightStep]:
-        several = len(self.positions) > 1
-        for position in self.positions:
+    def skips(self, step: WeightStep, points: Sequence[LoadCellPoint], lab: Lab) -> bool:
+        """Whether the runs so far show that the tolerance needs no run of the step's number."""
+        if self.tolerance is None or step.creep_s or step.run <= self.runs:
+            return False
+        wanted = self._wanted(self.tolerance, lab.target)
+        loads = series_for(wanted).loads
+        runs = list(runs_of(points, len(loads)))
+        return step.run > learned(wanted, loads, runs, lab.bench.role(LoadIndicator).resolution_mV).runs
+
+    def enough(self, points: Sequence[LoadCellPoint], lab: Lab) -> str:
+        """Why no further run can give the class."""
+        if self.iso_class is None:
+            return ""
+        loads = self._class_series(self.iso_class, lab.target).loads
+        runs = list(runs_of(points, len(loads)))
+        return why_not(self.iso_class, loads, runs, lab.bench.role(LoadIndicator).resolution_mV) if runs else ""
+
+    def _steps(self, loads: Sequence[float], runs: Mapping[float, int]) -> Iterator[WeightStep]:
+        """Steps of the runs with some loads [N], as many in each position as `runs` says, and of the creep test."""
+        several = len(runs) > 1
+        for position, count in runs.items():
             group = f"turn the load cell to {position:g} degrees" if several else "take all weights off"
-            for number in range(1, self.runs + 1):
-                weights = [(ZERO_BEFORE, 0.0), *((LOADING, load) for load in self.loads)]
-                weights += [*((UNLOADING, load) for load in reversed(self.loads)), (ZERO_AFTER, 0.0)]
+            for number in range(1, count + 1):
+                weights = [(ZERO_BEFORE, 0.0), *((LOADING, load) for load in loads)]
+                weights += [*((UNLOADING, load) for load in reversed(loads)), (ZERO_AFTER, 0.0)]
                 for direction, load in weights:
                     what = f"{direction}, {1e3 * load / STANDARD_GRAVITY:.0f} gf"
                     turning = MOUNTING if several and number == 1 and direction == ZERO_BEFORE else 0.0
-                    seconds = turning + PLACING + SETTLING + (REPEATS - 1) * INTERVAL
+                    seconds = turning + weighing_seconds()
                     yield WeightStep(None, seconds, None, position, number, direction, load, what=what, group=group)
         for before, time in pairwise((-RECOVERY, *CREEP_TIMES)) if self.creep else ():
-            direction, last = f"{CREEP}_{time:.0f}_s", (self.positions[-1], self.runs)
-            yield WeightStep(
-                None, time - before, None, *last, direction, self.loads[-1], time, what=direction, group=group
-            )
+            direction, last = f"{CREEP}_{time:.0f}_s", (position, count)
+            yield WeightStep(None, time - before, None, *last, direction, loads[-1], time, what=direction, group=group)
 
     def begin(self, lab: Lab, record: Recorder) -> Weighing:
-        return Weighing(lab.bench, self)
+        turns = len(self.positions) > 1 or self.iso_class is not None
+        return Weighing(lab.bench, turns, self.creep)
 
     def evaluate(self, points: Sequence[LoadCellPoint], lab: Lab) -> LoadCellResult:
-        indicator = lab.bench.role(LoadIndicator)
+        indicator, loads = lab.bench.role(LoadIndicator), self._loads(lab.target)
+        runs, stopped = list(runs_of(points, len(loads))), ""
+        if self.tolerance is not None:
+            found = learned(self._wanted(self.tolerance, lab.target), loads, runs, indicator.resolution_mV)
+            reached = f"{told(found.u)} reached, {told(self.tolerance)} was asked for"
+            stopped = f"{reached}{f'; {found.why_not}' if found.why_not else ''}"
+        elif self.iso_class is not None:
+            stopped = self.enough(points, lab) or "all runs are made"
+        crept = points[-1].direction.startswith(CREEP)
         calibration = calibrate_load_cell(
-            self.loads,
-            list(runs_of(points, len(self.loads))),
+            loads,
+            runs,
             indicator.resolution_mV,
             degree=self.degree,
-            creep_mV=points[-1].reading_mV - points[-2].reading_mV if self.creep else None,
+            creep_mV=points[-1].reading_mV - points[-2].reading_mV if crept else None,
             gage_factor=indicator.gage_factor,
             device=indicator.serial or "unknown",
             simulated=lab.bench.simulated,
@@ -170,7 +228,13 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
             created=lab.started.isoformat(timespec="seconds"),
             expires=(lab.started + timedelta(days=self.valid_days)).date().isoformat(),
         )
-        return LoadCellResult(calibration, points)
+        return LoadCellResult(calibration, points, stopped)
+
+    def _loads(self, target: Target) -> Sequence[float]:
+        """The loads of each run [N]."""
+        if self.tolerance is not None:
+            return series_for(self._wanted(self.tolerance, target)).loads
+        return self.loads if self.iso_class is None else self._class_series(self.iso_class, target).loads
 
     def save_calibration(self, done: Finished[LoadCellResult]) -> Kept:
         from palpate.procedures.measurements.load_cell.certificate import write_certificate
@@ -189,91 +253,6 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         )
 
 
-class Weighing:
-    """The bench work: reads the load cell under one weight after the other."""
-
-    def __init__(self, bench: Bench, series: LoadCellSeries) -> None:
-        self._bench, self._series = bench, series
-        indicator = bench.role(LoadIndicator)
-        bench.rest()
-        bench.role(Positioner).home()
-        indicator.clear_tare()
-        indicator.track(FILTER)
-        self._resolution_mV = indicator.read().resolution_mV
-        self._zero_mV = self._span_mV = 0.0
-        self._creeping_ns = 0
-
-    def arrange(self, step: WeightStep) -> None:
-        if len(self._series.positions) > 1:
-            self._bench.operator.turn_load_cell(step.position_deg)
-
-    def take(self, step: WeightStep) -> Measurement[LoadCellPoint]:
-        if step.creep_s:
-            self._creep(step)
-        else:
-            self._bench.operator.place_weight(step.load_N / STANDARD_GRAVITY)
-            self._bench.clock.wait(SETTLING)
-        point = self._read(step)
-        error = None
-        if step.direction == ZERO_BEFORE:
-            self._zero_mV = point.reading_mV
-        elif step.direction == LOADING:
-            self._span_mV = point.reading_mV - self._zero_mV
-        elif step.direction == ZERO_AFTER:
-            error = self._drift(self._zero_mV, point.reading_mV, self._span_mV)
-        return Measurement(point, error=error)
-
-    def end(self) -> None:
-        if self._series.creep:
-            self._bench.operator.place_weight(0.0)
-
-    def _creep(self, step: WeightStep) -> None:
-        """Wait until the greatest load has been on the cell for the step's time; the first step has it placed."""
-        bench, clock = self._bench, self._bench.clock
-        if step.creep_s == CREEP_TIMES[0]:
-            clock.wait(RECOVERY)
-            bench.operator.place_weight(step.load_N / STANDARD_GRAVITY)
-            self._creeping_ns = clock.now_ns()
-        clock.wait(step.creep_s - (clock.now_ns() - self._creeping_ns) * 1e-9)
-
-    def _read(self, step: WeightStep) -> LoadCellPoint:
-        what = f"{step.direction}, {show(step.load_N, 'N')}"
-        again = partial(self._bench.clock.wait, SETTLING)
-        values = carry_out(self._bench, what, partial(_displays, self._bench), again=again)
-        return LoadCellPoint(
-            position_deg=step.position_deg,
-            run=step.run,
-            direction=step.direction,
-            load_gf=round(1e3 * step.load_N / STANDARD_GRAVITY, 6),
-            load_N=step.load_N,
-            reading_mV=sum(values) / len(values),
-            readings_mV=tuple(values),
-            incidents=self._bench.incidents.new(),
-        )
-
-    def _drift(self, before: float, after: float, span: float) -> DeviceError | None:
-        """An error if the zero has moved too far from before to after a run [mV]; else None."""
-        allowed = RETURN_STEPS * self._resolution_mV + RETURN_OF_SPAN * abs(span)
-        if not abs(after - before) <= allowed:
-            name = self._bench.role(LoadIndicator).name
-            return DeviceError(
-                f"{name}: in a run the zero moved from {before:.4g} to {after:.4g} mV, by more than {allowed:.2g} mV; "
-                "let cell and indicator warm up, look for loose wires, and calibrate again",
-                device=name,
-            )
-        return None
-
-
-def _displays(bench: Bench) -> list[float]:
-    values = []
-    for number in range(REPEATS):
-        if number:
-            bench.clock.wait(INTERVAL)
-        reading = steady(bench)
-        if not reading.valid:
-            name = bench.role(LoadIndicator).name
-            raise DeviceError(
-                f"{name}: {why_invalid(reading)}; check the cell and wait until the weight rests", device=name
-            )
-        values.append(reading.reading_mV)
-    return values
+def _cell(target: Target) -> LoadCellCalibration:
+    """What is known of the cell: its calibration, the one that it probably has, or that of the thesis."""
+    return target.load_cell or probable_load_cell(target.model is not None) or THESIS_LOAD_CELL

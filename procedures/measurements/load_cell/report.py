@@ -9,6 +9,7 @@ from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
 from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 
@@ -30,7 +31,7 @@ def print_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome
                 f"{down[_place(p)]:z.2f}",
             )
     c = result.calibration
-    quantities = new_table(None, "", "greatest", "ISO 376 class")
+    quantities = new_table(None, "", "greatest of\nall loads", "ISO 376 class")
     for name, value in (
         ("repeatability", c.repeatability),
         ("reproducibility", c.reproducibility),
@@ -55,11 +56,17 @@ def print_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome
         f"range          {c.least_N:.4g} to {c.greatest_N:.4g} N, until {c.expires}",
         f"ISO 376        {_held(c.iso_376)}",
         *([] if wanted is None else [f"wanted         class {wanted}: {_reached(c.iso_376, wanted)}"]),
+        *([f"stopped        {result.stopped}{_predicted(outcome)}"] if result.stopped else []),
         f"ASTM E74       {_held(c.astm_e74)}; LLF {c.lower_limit_factor_N:.3g} N",
         f"calibration    {outcome['calibration_file']}",
         f"certificate    {outcome['certificate']}",
         *where({**outcome, "calibration": ""}, plot),
     )
+
+
+def _predicted(outcome: Outcome) -> str:
+    u, seconds = outcome["predicted_u"], outcome["predicted_seconds"]
+    return "" if u is None or seconds is None else f" (predicted {100 * u:.3g} % in {duration(seconds)})"
 
 
 def _place(point: LoadCellPoint) -> tuple[float, int, float]:

@@ -15,7 +15,19 @@ from palpate.instrument.uncertainty.budget import Budget
 
 FILTER = 0.1  # s, time constant of the indicator's filter
 SETTLING = 1.0  # s between placing a weight and reading it
+REPEATS = 10  # readings of each weight
+INTERVAL = 0.1  # s between two readings: the display is updated ten times a second
+PLACING = 10.0  # s that a person takes to change the weights [A]
+CREEP, ZERO_BEFORE, ZERO_AFTER, LOADING, UNLOADING = "creep", "zero_before", "zero_after", "loading", "unloading"
 CREEP_TIMES = (30.0, 300.0)  # s after the weight was placed, ISO 376
+
+
+TOLD = (
+    "sensitivity_mV_per_N", "sensitivity_u", "zero_mV", "zero_u", "least_N", "greatest_N", "linearity", "reversibility",
+    "reversibility_of_reading", "repeatability", "reproducibility", "interpolation", "zero_return", "creep",
+    "lower_limit_factor_N", "astm_e74", "iso_376", "expires",
+)  # fmt: skip
+"""What of a calibration its result tells under the same name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,37 +56,27 @@ class LoadCellPoint:
 
 @dataclass(frozen=True, slots=True)
 class LoadCellResult:
-    """The calibration and the points that it comes from."""
+    """The calibration and the points that it comes from.
+
+    Attributes:
+        stopped: why the series ended, where a tolerance or a class was asked for; empty: it was fixed.
+    """
 
     calibration: LoadCellCalibration
     points: Sequence[LoadCellPoint]
+    stopped: str = ""
 
     def summary(self) -> dict[str, Any]:
         """The results for JSON. Values without a unit are fractions; linearity and reversibility of the span."""
         c = self.calibration
+        found = c.model_dump(include=set(TOLD))
         return {
-            "sensitivity_mV_per_N": c.sensitivity_mV_per_N,
-            "sensitivity_u": c.sensitivity_u,
-            "zero_mV": c.zero_mV,
-            "zero_u": c.zero_u,
+            **{name: found[name] for name in TOLD},
             "curvature_mV_per_N2": c.curvature.mV_per_N2 if c.curvature else None,
             "curvature_u": c.curvature.u if c.curvature else None,
-            "least_N": c.least_N,
-            "greatest_N": c.greatest_N,
-            "linearity": c.linearity,
-            "reversibility": c.reversibility,
-            "reversibility_of_reading": c.reversibility_of_reading,
-            "repeatability": c.repeatability,
-            "reproducibility": c.reproducibility,
-            "interpolation": c.interpolation,
-            "zero_return": c.zero_return,
-            "creep": c.creep,
             "resolution": c.resolution_mV,
             "resolution_N": c.resolution(),
-            "lower_limit_factor_N": c.lower_limit_factor_N,
-            "astm_e74": c.astm_e74.model_dump(),
-            "iso_376": c.iso_376.model_dump(),
-            "expires": c.expires,
+            **({"stopped": self.stopped} if self.stopped else {}),
         }
 
     @property

@@ -1,0 +1,176 @@
+"""`calibrate load-cell --tolerance` and `--class`: weights and runs are planned, and end where more help nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.load_cell_curve import load_cell_curve
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.errors import RangeError
+from palpate.instrument.uncertainty.budget import coverage_factor
+from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
+from palpate.procedures.measurements.load_cell.procedure import LOADS
+from palpate.procedures.measurements.load_cell.result import REPEATS
+from palpate.procedures.measurements.load_cell.series import Wanted, learned, run_seconds, series_for, spread
+from palpate.procedures.measurements.load_cell.wanted_class import why_not
+from tests.chance import plausible
+from tests.procedures.conftest import Palpate
+
+CALIBRATE = ("calibrate", "load-cell")
+SLOPE, STEP = 10.306, 1.0  # mV/N, mV
+
+
+def asked(tolerance: float) -> Wanted:
+    return Wanted(tolerance, LOADS, 1, 1, None, THESIS_LOAD_CELL)
+
+
+def run_up_and_down(
+    random: np.random.Generator,
+    loads: tuple[float, ...],
+    noise: float = 0.3,
+    slope: float = SLOPE,
+    step: float = STEP,
+    zero: float = 1.81,
+) -> Run:
+    """A run on a cell with noise [mV] before its display of some steps [mV]."""
+    shown = np.round((slope * np.array([*loads, *loads]) + zero)[:, None] / step + random.normal(
+        0, noise / step, (2 * len(loads), REPEATS))) * step  # fmt: skip
+    mean = shown.mean(axis=1)
+    scatter = math.sqrt(float(shown.var(axis=1, ddof=1).mean()))
+    return Run(0.0, mean[: len(loads)], mean[len(loads) :], zero, zero, REPEATS, scatter)
+
+
+def measured(
+    random: np.random.Generator, wanted: Wanted, noise: float = 0.3, slope: float = SLOPE
+) -> tuple[tuple[float, ...], list[Run]]:
+    """The loads of a series and its runs, as many as it asks for."""
+    loads, runs, zero = series_for(wanted).loads, [], float(random.uniform(0, STEP))
+    while not runs or learned(wanted, loads, runs, STEP).runs > len(runs):
+        runs.append(run_up_and_down(random, loads, noise, slope, zero=zero))
+    return loads, runs
+
+
+# --- the plan --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance", [0.003, 0.0015, 0.001])
+def test_the_plan_is_the_quickest_of_all_numbers_of_weights_and_runs(tolerance: float) -> None:
+    plan = series_for(asked(tolerance))
+    quickest = min(
+        runs * run_seconds(count)
+        for count in range(5, len(LOADS) + 1)
+        for runs in range(1, 20)
+        if expected_sensitivity(spread(LOADS, count), 2 * REPEATS * runs, 1, THESIS_LOAD_CELL)[0].u <= tolerance
+    )
+    assert plan.allocation.seconds == pytest.approx(quickest)
+    (promised,) = expected_sensitivity(plan.loads, 2 * REPEATS * plan.runs, 1, THESIS_LOAD_CELL)
+    assert plan.allocation.u == pytest.approx(promised.u)
+    assert plan.allocation.u <= tolerance
+
+
+def test_what_the_steps_of_the_display_leave_no_run_lowers_and_the_refusal_says_what_would() -> None:
+    with pytest.raises(RangeError, match=r"resolution leaves 0\.0694 %: the display") as refused:
+        series_for(asked(0.0005))
+    assert "best now  0.0701 %" in str(refused.value)
+    assert series_for(asked(0.000701)).allocation.u <= 0.000701
+    finer = replace(asked(0.0005), cell=THESIS_LOAD_CELL.model_copy(update={"resolution_mV": 0.1}))
+    assert series_for(finer).allocation.u <= 0.0005
+
+
+def test_class_and_tolerance_are_not_asked_together(palpate: Palpate) -> None:
+    assert "give one" in palpate(*CALIBRATE, "--tolerance", "1%", "--class", "1").complaint
+
+
+# --- the end ---------------------------------------------------------------------------------------------
+
+
+def test_a_display_that_scatters_more_than_was_expected_takes_more_runs() -> None:
+    wanted = asked(0.0015)
+    usual, noisy = (len(measured(np.random.default_rng(1), wanted, noise)[1]) for noise in (0.3, 0.9))
+    assert usual <= series_for(wanted).runs + 1
+    assert noisy > 2 * usual
+
+
+def test_a_cell_that_is_off_its_curve_ends_the_series_and_says_so() -> None:
+    loads, random = series_for(asked(0.0015)).loads, np.random.default_rng(2)
+    bent = run_up_and_down(random, loads)
+    off = 2.0 * (-1) ** np.arange(len(loads))
+    found = learned(asked(0.0015), loads, [replace(bent, loading_mV=bent.loading_mV + off)], STEP)
+    assert found.runs == 1
+    assert found.why_not.startswith("deviation from the curve leaves")
+
+
+def test_runs_whose_slopes_differ_more_than_noise_explains_count_in_the_uncertainty() -> None:
+    random = np.random.default_rng(3)
+    slopes = (SLOPE * 0.99, SLOPE, SLOPE * 1.01)
+    alike, apart = (
+        load_cell_curve(np.array(LOADS), [run_up_and_down(random, LOADS, slope=each) for each in each_slope], STEP, 1)
+        for each_slope in ((SLOPE,) * 3, slopes)
+    )
+    assert [part.name for part in alike.sensitivity.components] == ["curve", "positions"]
+    assert apart.sensitivity.u == pytest.approx(SLOPE * 0.01 / math.sqrt(3), rel=0.2)
+    assert apart.sensitivity.degrees_of_freedom == pytest.approx(2, rel=0.2)
+
+
+def test_a_quantity_that_only_grows_and_is_above_its_limit_ends_a_series_for_a_class() -> None:
+    loads, random = tuple(float(load) for load in range(1, 9)), np.random.default_rng(4)
+    fine, wide = (
+        [run_up_and_down(random, loads, noise, slope, step=0.001) for slope in (SLOPE, SLOPE * 1.0015)]
+        for noise in (0.001, 0.001)
+    )
+    assert why_not("1", loads, fine[:1], 0.001) == ""
+    assert why_not("1", loads, wide, 0.001).startswith("repeatability is 0.151 %, above the 0.1 % of class 1")
+    assert why_not("2", loads, wide, 0.001) == ""
+
+
+def test_a_series_to_a_tolerance_ends_when_it_is_reached_and_tells_predicted_and_achieved(palpate: Palpate) -> None:
+    planned = palpate(*CALIBRATE, "--tolerance", "0.3 %", "--dry-run", "--json").object
+    found = palpate(*CALIBRATE, "--tolerance", "0.3 %", "--json").object
+    assert found["achieved_u"] == found["sensitivity_u"] / found["sensitivity_mV_per_N"] <= 0.003
+    assert found["achieved_u"] == pytest.approx(found["predicted_u"], rel=0.1)
+    assert found["predicted_results"] == planned["predicted_results"]
+    assert found["achieved_seconds"] == pytest.approx(planned["planned"]["seconds"], rel=0.02)
+    assert found["stopped"].endswith("reached, 0.3 % was asked for")
+    assert {point["load_N"] for point in found["points"]} == {0.0, *planned["planned"]["loads_N"]}
+    certificate = Path(found["certificate"]).read_text(encoding="utf-8")
+    assert "runs up and down in each position | 1 |" in certificate
+
+
+@pytest.mark.slow
+def test_a_class_is_planned_as_the_standard_has_it_and_reached(palpate: Palpate, tmp_path: Path) -> None:
+    scene = tmp_path / "cell.toml"
+    scene.write_text(
+        'name = "good cell"\npurpose = "A cell with a fine display."\ndesign = "single"\n'
+        '[effects.load_cell]\nzero = "0 mV"\nnoise = "2 uV"\ndecimals = 3\n',
+        encoding="utf-8",
+    )
+    weights = ("--loads", "300 gf:1000 gf:100 gf", "--scene", str(scene))
+    assert "resolution binds" in palpate(*CALIBRATE, *weights, "--class", "0.5").complaint  # not calibrated yet
+    palpate(*CALIBRATE, *weights, "--quiet")
+    found = palpate(*CALIBRATE, *weights, "--class", "0.5", "--json").object
+    runs = {(point["position_deg"], point["run"]) for point in found["points"]}
+    assert runs == {(0.0, 1), (0.0, 2), (120.0, 1), (240.0, 1)}
+    assert found["iso_376"]["name"] in ("00", "0.5")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.3, 0.6])
+def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivity(noise: float) -> None:
+    random, wanted, number = np.random.default_rng(5), asked(0.0012), 400
+    held, scores = 0, []
+    for _ in range(number):
+        slope = SLOPE * random.uniform(0.95, 1.05)  # else the display rounds equal steps of load alike, see 0182
+        loads, runs = measured(random, wanted, noise, slope)
+        found = load_cell_curve(np.array(loads), runs, STEP, None).sensitivity
+        scores.append((found.value - slope) / found.u)
+        held += abs(scores[-1]) <= coverage_factor(found.degrees_of_freedom)
+        reached = learned(wanted, loads, runs, STEP)
+        assert found.u / found.value <= 0.0012 or reached.why_not
+    assert 0.93 <= held / number <= 0.98
+    assert plausible(scores)
