@@ -15,7 +15,7 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import RangeError, UsageError, quoted
 from palpate.instrument.quantity import check_tolerance, counted
-from palpate.procedures.engine.plan import MOUNTING, Plan, Predicted, Step
+from palpate.procedures.engine.plan import MOUNTING, Plan, Predicted
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
@@ -45,31 +45,12 @@ from palpate.procedures.measurements.load_cell.series import (
 )
 from palpate.procedures.measurements.load_cell.series import predicted as promised
 from palpate.procedures.measurements.load_cell.wanted_class import ClassSeries, class_series, why_not
-from palpate.procedures.measurements.load_cell.work import RECOVERY, Weighing
+from palpate.procedures.measurements.load_cell.work import RECOVERY, Weighing, WeightStep
 from palpate.procedures.measurements.settings import ValidDays
 from palpate.procedures.records.record import Recorder
 
 LOADS = tuple(1e-3 * m * STANDARD_GRAVITY for m in range(140, 741, 100))  # N, Table 5.1
 LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
-
-
-@dataclass(frozen=True, slots=True)
-class WeightStep(Step):
-    """One weight on the load cell.
-
-    Attributes:
-        position_deg: position of the cell about its axis.
-        run: number of the run, from 1.
-        direction: "loading", "unloading", "zero_before", "zero_after", or "creep_..._s".
-        load_N: the load.
-        creep_s: time since the weight was placed [s]; 0: no creep test, it is read once it has settled.
-    """
-
-    position_deg: float
-    run: int
-    direction: str
-    load_N: float
-    creep_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.quantity import show
+from palpate.procedures.engine.plan import Step
 from palpate.procedures.engine.procedure import Measurement
 from palpate.procedures.measurements.load_cell.result import (
     CREEP_TIMES,
@@ -25,12 +26,28 @@ from palpate.procedures.measurements.load_cell.result import (
 from palpate.procedures.steps.indicator import steady
 from palpate.procedures.steps.policy import carry_out
 
-if TYPE_CHECKING:
-    from palpate.procedures.measurements.load_cell.procedure import WeightStep
-
 RECOVERY = 300.0  # s without load before the creep test, so that the creep of the runs is gone
 # The zero may move in a run by these steps of the display plus this fraction of the span [A]; ISO 376 has 0.1 %.
 RETURN_STEPS, RETURN_OF_SPAN = 1.5, 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class WeightStep(Step):
+    """One weight on the load cell.
+
+    Attributes:
+        position_deg: position of the cell about its axis.
+        run: number of the run, from 1.
+        direction: "loading", "unloading", "zero_before", "zero_after", or "creep_..._s".
+        load_N: the load.
+        creep_s: time since the weight was placed [s]; 0: no creep test, it is read once it has settled.
+    """
+
+    position_deg: float
+    run: int
+    direction: str
+    load_N: float
+    creep_s: float = 0.0
 
 
 class Weighing:
