@@ -11,12 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 
-GRID = 5e-5  # m
+Floats = npt.NDArray[np.float64]
+
+GRID = 1e-5  # m
 TAILS = (0.025, 0.975)  # probabilities at the ends of a 95 % interval
 
 
@@ -65,3 +68,29 @@ def locate(
     below = np.cumsum(weight)
     low, high = (float(x[min(int(np.searchsorted(below, p)), x.size - 1)]) for p in TAILS)
     return Located(best, math.sqrt(float(weight @ (x - best) ** 2)), min(low, best), max(high, best))
+
+
+def deviations(
+    design: Design,
+    sample: Sample,
+    position: float,
+    shares: Sequence[Sequence[float]],
+    noise_u: Sequence[float],
+    scatter: Sequence[float],
+) -> Floats:
+    """How far load sets lie from their mean, in the direction in which the shares change with the place of the load.
+
+    Args:
+        design, sample, noise_u, scatter: as for `locate`, for one load set.
+        position: place of the load [m].
+        shares: (sets, 2), shares of both teeth in each load set.
+
+    Returns: (sets,), in standard deviations of one load set by noise and scatter.
+    """
+    ends = np.clip([position - GRID, position + GRID], 0.0, design.plate.length)
+    rise = np.diff(shares_along(design, sample, ends))[:, 0]
+    each = np.asarray(shares, dtype=np.float64)
+    mean = each.mean(axis=0)
+    spread = rise * np.hypot(noise_u, np.asarray(scatter) * mean)
+    found: Floats = (each - mean) @ rise / np.linalg.norm(spread)
+    return found

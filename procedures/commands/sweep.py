@@ -149,23 +149,47 @@ def temperature(
 @sweep.command(
     epilog="Examples:\n\n  palpate sweep position"
     "\n\n  palpate sweep position --positions '6 mm, 12 mm, 18 mm' --sample 6 --load '3 N'"
+    "\n\n  palpate sweep position --positions '2 mm, 12 mm' --tolerance '0.1 mm' --dry-run"
 )
 @option("--positions", callback=texts.positions, default="0 mm:24 mm:2 mm", help="first:last:step or a list; along x.")
 @options.sample_option
 @options.load_option
-@options.dwell_option
+@option("--dwell", callback=texts.quantity("s"), help="Time over which each point is averaged (default: 1 s).")
+@option(
+    "--tolerance",
+    callback=texts.quantity("m", "0.1 mm"),
+    help="Instead of --dwell: standard uncertainty of each found place; load sets are repeated until it is reached.",
+)
+@option(
+    "--time",
+    callback=texts.quantity("s", "30 min"),
+    help="Instead of --dwell: bench time of the sweep, which is filled with load sets and not exceeded.",
+)
 @options.frequency_option
 @options.extrapolate_option
 @options.DRY_RUN
 @options.bench_options
 @conducts("thesis_common_base")
 def position(
-    positions: tuple[float, ...], sample: str, load: float, dwell: float, frequency: float, extrapolate: bool
+    positions: tuple[float, ...],
+    sample: str,
+    load: float,
+    dwell: float | None,
+    tolerance: float | None,
+    time: float | None,
+    frequency: float,
+    extrapolate: bool,
 ) -> PositionSweep:
     """Move a point load along the base of two teeth, and find its place and size from the films.
 
-    The default scene is thesis_common_base. The thesis' Table A2.7 is shown next to it, with its doubts.
+    With --tolerance or --time a plan says, before anything moves, how many load sets there are at each position, what
+    they take and how well the places will be known. A tolerance that some positions cannot have is refused with what
+    binds there, and with the positions that can. The default scene is thesis_common_base. The thesis' Table A2.7 is
+    shown next to it, with its doubts.
     """
     from palpate.procedures.measurements.position.procedure import PositionSweep
 
-    return PositionSweep(positions, sample, load, dwell, frequency, extrapolate)
+    if dwell is not None and (tolerance is not None or time is not None):
+        raise UsageError("--dwell and --tolerance or --time: these determine the dwell; leave --dwell out")
+    dwell = 1.0 if dwell is None else dwell
+    return PositionSweep(positions, sample, load, dwell, frequency, extrapolate, tolerance, time)

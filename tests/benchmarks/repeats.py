@@ -1,23 +1,33 @@
-"""Monte Carlo of repeated load sets, for means of samples and for films: coverage, uncertainty, bench time."""
+"""Monte Carlo of repeated load sets, for means of samples, films and places: coverage, uncertainty, bench time."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import fields
 
 import numpy as np
 
+from palpate.instrument.allocation.stopping import FIRST
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.findings.film_forces import scatter_covariance
+from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.measurements.films.repeats import FilmRepeats
 from palpate.procedures.measurements.films.result import PressedPoint
 from palpate.procedures.measurements.loads.repeats import Repeats
+from palpate.procedures.measurements.position.expected import share_noise
+from palpate.procedures.measurements.position.repeats import PlaceRepeats
+from palpate.procedures.measurements.position.result import PositionPoint
 from tests.benchmarks.row import Row
 
 RUNS = 1000
 SINGLE, LOADS, SAMPLE = get_design("single"), (2.0, 3.0, 4.0), "4"
 COVERED, ACHIEVED, TIMES = (0.93, 0.97), (0.9, 1.2), (0.9, 1.1)
+PLACES = ((2e-3, 1e-4), (10e-3, 0.9e-4), (22e-3, 0.9e-4))  # m; the tolerance of each is near the best there
+BOUNDED = 0.93  # where most of the uncertainty has a bound, intervals hold more often than they say
 TRUTHS = (("known scatter", 1.0, False), ("scatter x 1.5", 1.5, False), ("scatter drawn from the prior", 1.0, True))
 
 
@@ -27,6 +37,9 @@ def measure() -> Iterator[Row]:
             yield from repeated(name, factor, drawn, tolerance, RUNS)
     for name, factor, drawn in TRUTHS:
         yield from pressed(name, factor, drawn, 0.012, RUNS)
+    for truth in TRUTHS:
+        for place, tolerance in PLACES:
+            yield from located(*truth, place, tolerance, RUNS)
 
 
 def repeated(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -> Iterator[Row]:
@@ -87,3 +100,47 @@ def pressed(name: str, factor: float, drawn: bool, tolerance: float, runs: int) 
     yield Row(f"{what}: achieved over predicted uncertainty", f"{achieved:.2f}", f"{ACHIEVED[0]:g} to {ACHIEVED[1]:g}",
               ACHIEVED[0] <= achieved <= ACHIEVED[1])  # fmt: skip
     yield Row(f"{what}: bench time over the plan's", f"{seconds / runs / plan.seconds:.2f}", "", None)
+
+
+def located(name: str, factor: float, drawn: bool, place: float, tolerance: float, runs: int) -> Iterator[Row]:
+    """A load at a place [m] that is found to a tolerance [m]: gains of all films and the table's errors are drawn.
+
+    The gains correlate as the design says. The errors of the table are anywhere within their bound.
+    """
+    rng = np.random.default_rng(23)
+    design, sample = get_design("common_base"), get_sample("1")
+    asked = PlaceRepeats(design, sample, (place,), 2.0, 10.0, tolerance, None)
+    plan, expected = asked.allocations()[place], np.array(tooth_shares(design, sample, (place, design.cell[1] / 2)))
+    noise = np.array(share_noise(design, expected.tolist(), 2.0)) / math.sqrt(plan.dwell)
+    gains = np.linalg.cholesky(scatter_covariance(design) + 1e-12 * np.eye(3))
+    deviations, us, inside, seconds = [], [], 0, 0.0
+    for _ in range(runs):
+        each = factor * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)
+        true, points = np.maximum(expected + rng.uniform(-ERROR, ERROR, 2), 0.0), list[PositionPoint]()
+        while not asked.has_enough(place, points) and len(points) < asked.most(place):
+            for _ in range(1 if points else FIRST):
+                left, right, base = 1 + each * gains @ rng.standard_normal(3)
+                shares = true * (left, right) / base + noise * rng.standard_normal(2)
+                points.append(_set_at(place, *shares.tolist()))
+        found = asked.place(place, points)
+        assert found is not None
+        deviations.append(found.found_mm - 1e3 * place)
+        us.append(found.found_u)
+        inside += found.found_low_mm <= 1e3 * place <= found.found_high_mm
+        seconds += asked.costs.seconds(1, len(points), plan.dwell)
+    covered, achieved = inside / runs, float(np.std(deviations) / np.mean(us))
+    over, known = seconds / runs / plan.seconds, factor == 1.0 and not drawn
+    what = f"place {1e3 * place:g} mm, {name}, {1e3 * tolerance:g} mm"
+    yield Row(f"{what}: 95 % intervals that hold the truth", f"{covered:.1%}", f">= {BOUNDED:.0%}",
+              covered >= BOUNDED)  # fmt: skip
+    yield Row(f"{what}: achieved over predicted uncertainty", f"{achieved:.2f}", f"{ACHIEVED[0]:g} to {ACHIEVED[1]:g}",
+              ACHIEVED[0] <= achieved <= ACHIEVED[1])  # fmt: skip
+    yield Row(f"{what}: bench time over the plan's", f"{over:.2f}", f"{TIMES[0]:g} to {TIMES[1]:g}" if known else "",
+              TIMES[0] <= over <= TIMES[1] if known else None)  # fmt: skip
+
+
+def _set_at(place: float, left: float, right: float) -> PositionPoint:
+    """A valid load set at a place [m], of which the shares alone count."""
+    numbers = {each.name: 0.0 for each in fields(PositionPoint)}
+    told = {"position_mm": 1e3 * place, "share_left": left, "share_right": right, "valid": True, "flags": ()}
+    return PositionPoint(**(numbers | told))  # type: ignore[arg-type]

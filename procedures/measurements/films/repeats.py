@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import Costs, Line, Unit
 from palpate.instrument.allocation.stopping import FIRST, enough
 from palpate.instrument.calibration.films import LOAD_CELL, REPEATS
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -26,10 +26,8 @@ from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.plan import MOUNTING, Predicted, point_seconds
 from palpate.procedures.engine.plan import NOISE as VOLTS
 from palpate.procedures.measurements.films.result import PressedPoint
+from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, share
 from palpate.procedures.showing.plan import duration
-
-MOST = 5, 20  # times the planned sets, and sets besides: a tooth that needs more ends without the tolerance
-MOST_SETS = 10_000  # of a tooth
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class FilmRepeats:
 
     def most(self) -> int:
         """The most load sets on a tooth at one frequency, in whole rounds."""
-        return len(self.loads) * math.ceil((MOST[0] * self.allocation().sets + MOST[1]) / len(self.loads))
+        return most_sets(self.allocation(), len(self.loads))
 
     def has_enough(self, points: Sequence[PressedPoint]) -> bool:
         """Whether the points of a tooth at one frequency are enough for each of its films."""
@@ -140,13 +138,4 @@ def _allocation(asked: FilmRepeats) -> Allocation:
             f"--tolerance {share(asked.tolerance)} takes {found.sets} load sets on each tooth, above the limit of "
             f"{MOST_SETS}; ask for more"
         )
-    sets = len(asked.loads) * math.ceil(found.sets / len(asked.loads))
-    reached = budget(lines, 1, sets, asked.dwell)
-    shares = {row["name"]: row["share"] for row in reached.rows()}
-    binds = max(shares, key=lambda name: shares[name])
-    return Allocation(1, sets, asked.dwell, asked.costs.seconds(1, sets, asked.dwell), reached.u, shares, binds)
-
-
-def share(u: float) -> str:
-    """A share in percent, with three digits."""
-    return f"{100 * u:.3g} %"
+    return in_rounds(lines, asked.costs, found.sets, asked.dwell, len(asked.loads))

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import Costs, Line, Unit
 from palpate.instrument.allocation.stopping import FIRST, Answer, answer, enough
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
@@ -22,10 +22,9 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.dwell import STEP, Floor, floor_u, whole_steps
 from palpate.procedures.engine.plan import MOUNTING, Predicted, expected_noise, point_seconds
 from palpate.procedures.measurements.prospects import expected_ratio
+from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, share
 from palpate.procedures.showing.plan import duration
 
-MOST = 5, 20  # times the planned sets, and sets besides: a sample that needs more ends without the tolerance
-MOST_SETS = 10_000  # of a sample
 REMEDIES = {
     CALIBRATION: "calibrate the films with more load sets: palpate calibrate films",
     PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
@@ -79,8 +78,7 @@ class Repeats:
 
     def most(self, sample: str) -> int:
         """The most load sets of a sample, in whole rounds."""
-        plan = self.allocation(sample)
-        return len(self.loads) * math.ceil((MOST[0] * plan.sets + MOST[1]) / len(self.loads))
+        return most_sets(self.allocation(sample), len(self.loads))
 
     def has_enough(self, sample: str, taken: int, ratios: Sequence[float]) -> bool:
         """Whether the valid `ratios` of a sample are enough; `taken` counts all its sets."""
@@ -142,12 +140,8 @@ def _allocation(asked: Repeats, sample: str) -> Allocation:
             f"--tolerance {share(asked.tolerance)} takes {counted(found.sets, 'load set')} of sample {sample}, "
             f"{duration(found.seconds)}, above the limit of {MOST_SETS} sets; ask for more"
         )
-    sets = len(asked.loads) * math.ceil(found.sets / len(asked.loads))
     dwell = whole_steps(max(found.dwell, shortest))
-    reached = budget(lines, 1, sets, dwell)
-    shares = {row["name"]: row["share"] for row in reached.rows()}
-    binds = max(shares, key=lambda name: shares[name])
-    return Allocation(1, sets, dwell, asked.costs.seconds(1, sets, dwell), reached.u, shares, binds)
+    return in_rounds(lines, asked.costs, found.sets, dwell, len(asked.loads))
 
 
 def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
@@ -160,8 +154,3 @@ def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
 def one_set_suffices(design: Design, samples: Sequence[str], tolerance: float) -> bool:
     """Whether one load set of each sample can have a tolerance; if not, it is one of the mean."""
     return all(tolerance > floor_u(floor_of(design, expected_ratio(design, sample))) for sample in samples)
-
-
-def share(u: float) -> str:
-    """A share in percent, with three digits."""
-    return f"{100 * u:.3g} %"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
 
@@ -21,7 +22,9 @@ from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-from palpate.procedures.measurements.position.expected import expected_places
+from palpate.procedures.measurements.position.expected import ONCE, expected_places, place_seconds
+from palpate.procedures.measurements.position.refusal import FEWEST, mm
+from palpate.procedures.measurements.position.repeats import PlaceRepeats
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
@@ -30,7 +33,8 @@ from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.probe import lower, mount, withdraw
 
-FEWEST = 2  # positions
+LARGEST_TOLERANCE = 0.3e-3  # m; a single load set has a greater one wherever many have
+SMALLEST_TOLERANCE = 1e-5  # m
 TABLE = "A2.7"
 
 
@@ -50,7 +54,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     pausable = True
     manual_work = "sets the point probe"
     automated_by = "probe_stage"
-    newer_settings = frozenset({"extrapolate"})
+    newer_settings = frozenset({"extrapolate", "tolerance", "time"})
 
     positions: Annotated[tuple[float, ...], Setting("m", "Increasing positions along the centre line.")] = tuple(
         round(2e-3 * number, 12) for number in range(13)
@@ -60,13 +64,21 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     extrapolate: Extrapolate = False
+    tolerance: Annotated[
+        float | None,
+        Setting("m", "Standard uncertainty of each found place: load sets are repeated, with a dwell that is chosen."),
+    ] = None
+    time: Annotated[
+        float | None, Setting("s", "Bench time of the sweep, which is filled with repeated load sets and not exceeded.")
+    ] = None
 
     def check(self, target: Target) -> None:
         """Refuse what cannot be done, before any device is spoken to.
 
         Raises:
             RangeError: too few positions, one off the sensor, a design without a table of point loads, a load beyond
-                the force limit in N, a frequency or dwell that gives no estimate, or too few sensor nodes.
+                the force limit in N, a frequency or dwell that gives no estimate, or too few sensor nodes; a tolerance
+                that no load sets reach, or a time that holds too few.
             UnknownName: an unknown sample.
         """
         check_nodes(target.design, target.nodes, target.channels)
@@ -79,28 +91,75 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
             tooth_shares(target.design, sample, _at(target.design, position))
         check_force((self.load,), target.force_limit)
         check_frequency(self.frequency, target)
-        check_time(self.dwell, self.frequency)
+        if (repeats := self.repeats(target.design)) is None:
+            check_time(self.dwell, self.frequency)
+            return
+        if self.tolerance is not None and not SMALLEST_TOLERANCE <= self.tolerance <= LARGEST_TOLERANCE:
+            raise RangeError(
+                f"--tolerance {mm(self.tolerance)} is outside {mm(SMALLEST_TOLERANCE)} to "
+                f"{mm(LARGEST_TOLERANCE)}; give one inside, such as '0.1 mm'. Single load sets have a greater "
+                "one wherever many have: leave --tolerance out"
+            )
+        if self.time is not None and not 0 < self.time < math.inf:
+            raise RangeError(f"--time {self.time:g} s is not above 0 and finite; give a time such as '30 min'")
+        repeats.allocations()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads((self.load,), self.extrapolate)
 
+    def repeats(self, design: Design) -> PlaceRepeats | None:
+        """The repeated load sets, where a tolerance or a time is given; None: neither is."""
+        if self.tolerance is None and self.time is None:
+            return None
+        sample, positions = get_sample(self.sample), tuple(self.positions)
+        return PlaceRepeats(design, sample, positions, self.load, self.frequency, self.tolerance, self.time)
+
     def plan(self, target: Target) -> Plan[PositionStep]:
-        """Every position, from left to right."""
-        seconds = point_seconds(self.frequency, self.dwell, first=True)
-        steps = [self._step(position, seconds) for position in self.positions]
+        """Every position, from left to right; with a tolerance or a time, the most load sets at each."""
+        if repeats := self.repeats(target.design):
+            return self._repeated(repeats)
+        steps = [self._step(position, self.dwell, 1) for position in self.positions]
         places = [_at(target.design, position) for position in self.positions]
         found = expected_places(target.design, get_sample(self.sample), places, self.load, self.dwell)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def _step(self, position: float, seconds: float) -> PositionStep:
+    def _repeated(self, repeats: PlaceRepeats) -> Plan[PositionStep]:
+        plans = repeats.allocations()
+        steps = [
+            self._step(position, plans[position].dwell, number)
+            for position in self.positions
+            for number in range(1, repeats.most(position) + 1)
+        ]
+        return Plan(self.name, steps, repeats.predicted())
+
+    def _step(self, position: float, dwell: float, number: int) -> PositionStep:
+        seconds = point_seconds(self.frequency, dwell, first=False)
+        if number == 1:
+            seconds = place_seconds(self.frequency, dwell, self.load)
+            seconds += ONCE if position == self.positions[0] else 0.0
+        what = show(position, "m") + (f", set {number}" if number > 1 else "")
         group = f"mount sample {self.sample}"
-        return PositionStep(self.dwell, seconds, None, 1e3 * position, what=show(position, "m"), group=group)
+        return PositionStep(dwell, seconds, None, 1e3 * position, what=what, group=group)
+
+    def skips(self, step: PositionStep, points: Sequence[PositionPoint], lab: Lab) -> bool:
+        """Whether a position has the load sets that the tolerance needs, or that the time allows."""
+        repeats = self.repeats(lab.design)
+        return repeats is not None and repeats.has_enough(self.place(step), points)
+
+    def place(self, step: PositionStep) -> float:
+        """Position of a step [m], to the last digit."""
+        return next(place for place in self.positions if 1e3 * place == step.position_mm)
 
     def begin(self, lab: Lab, record: Recorder) -> Sweeping:
         return Sweeping(lab, record, self)
 
     def evaluate(self, points: Sequence[PositionPoint], lab: Lab) -> PositionResult:
-        return evaluate(points)
+        repeats = self.repeats(lab.design)
+        if repeats is None:
+            return evaluate(points)
+        found = [repeats.place(position, points) for position in self.positions]
+        places = [place for place in found if place is not None]
+        return evaluate(points, places, repeats.stopped(places))
 
     def report(self, result: PositionResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.position.report import plot_sweep, print_sweep
@@ -113,21 +172,36 @@ class Sweeping(DynamicLoadWork):
     """A position sweep on the bench: the point probe presses at one place after the other."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: PositionSweep) -> None:
+        self._began_ns = lab.bench.clock.now_ns() if sweep.time is not None else None
         super().__init__(lab, record, (sweep.load,), sweep.frequency, (sweep.sample,), sweep.extrapolate)
         self._sweep, self._sample = sweep, get_sample(sweep.sample)
-        self._places = {1e3 * place: place for place in sweep.positions}  # in m, by the steps' mm: to the last digit
+        self._pressed: float | None = None  # position on which the probe presses [mm]
 
     def arrange(self, step: PositionStep) -> None:
         mount(self.lab.bench, self._sample)
 
     def take(self, step: PositionStep) -> Measurement[PositionPoint]:
-        bench, design, position = self.lab.bench, self.lab.design, self._places[step.position_mm]
+        design, position = self.lab.design, self._sweep.place(step)
+        if self._pressed != step.position_mm:
+            self._press(position, step.position_mm)
+        measured = self.load_set(self._sweep.load, step.what, float(step.dwell_s or 0.0))
+        point = replace(_point(design, self._sample, position, measured), seconds=self._seconds())
+        return Measurement(point, measured.waveforms(design))
+
+    def _press(self, position: float, position_mm: float) -> None:
+        bench = self.lab.bench
         withdraw(bench)
-        bench.operator.place_probe(*_at(design, position))
-        onto = f"sample {self._sweep.sample} at {step.what}"
+        bench.operator.place_probe(*_at(self.lab.design, position))
+        onto = f"sample {self._sweep.sample} at {show(position, 'm')}"
         self.hold(lower(bench, self.lab.calibration, self.preload, onto))
-        measured = self.measured(self._sweep.load, step.what, self._sweep.dwell)
-        return Measurement(_point(design, self._sample, position, measured), measured.waveforms(design))
+        self._pressed = position_mm
+
+    def _seconds(self) -> float | None:
+        """Bench time since it was asked before, or since the beginning; None: the sweep has no time to keep."""
+        if self._began_ns is None:
+            return None
+        began_ns, self._began_ns = self._began_ns, self.lab.bench.clock.now_ns()
+        return 1e-9 * (self._began_ns - began_ns)
 
 
 def _at(design: Design, position: float) -> tuple[float, float]:

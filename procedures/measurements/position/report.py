@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from palpate.instrument.models.influence import ERROR
+from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.position.result import DOUBT, PositionResult
+from palpate.procedures.measurements.position.expected import name_of
+from palpate.procedures.measurements.position.result import DOUBT, FoundPlace, PositionPoint, PositionResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: Path) -> None:
@@ -38,7 +45,30 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
         said.append(
             f"position       {result.rms_mm:z.2f} mm rms from the place set; {result.inside:.0%} in their 95 % interval"
         )
-    print_all(points, *legend(points), *said, *where(outcome, plot))
+    if result.stopped:
+        said.append(f"stopped        {result.stopped}; {counted(len(result.points), 'load set')}, {_seconds(outcome)}")
+    tables = [points, *([_places(result, outcome)] if result.places else [])]
+    print_all(*tables, *legend(points), *said, *where(outcome, plot))
+
+
+def _places(result: PositionResult, outcome: Outcome) -> Table:
+    """A table of the places that repeated load sets tell, with what was predicted."""
+    foreseen = {row["name"]: row["u"] for row in outcome["predicted_results"]}
+    table = new_table(
+        stamped(outcome["simulated"], "Places by the mean of all load sets"),
+        "x\nmm", "load\nsets", "found\nmm", "u", "u\npredicted", "95 %\nmm",
+    )  # fmt: skip
+    for p in result.places:
+        table.add_row(
+            f"{p.position_mm:g}", str(p.sets), f"{p.found_mm:z.2f}", f"{p.found_u:z.3f}",
+            f"{foreseen[name_of(1e-3 * p.position_mm)]:z.3f}", f"{p.found_low_mm:z.2f} to {p.found_high_mm:z.2f}",
+        )  # fmt: skip
+    return table
+
+
+def _seconds(outcome: Outcome) -> str:
+    achieved, predicted = outcome["achieved_seconds"], outcome["predicted_seconds"]
+    return f"predicted {predicted:z.0f} s" if achieved is None else f"{achieved:z.0f} s (predicted {predicted:z.0f})"
 
 
 def plot_sweep(result: PositionResult, design: Design, simulated: bool, folder: Path) -> Path:
@@ -55,11 +85,10 @@ def plot_sweep(result: PositionResult, design: Design, simulated: bool, folder: 
         left.plot(x, thesis, "x", ms=5, color=color, label=f"{side}, thesis A2.7")
     left.set(xlabel="place of the load (mm)", ylabel="share of the force (bars: standard uncertainty)")
     left.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    found = [p.found_mm for p in result.points]
-    spread = [
-        [p.found_mm - p.found_low_mm for p in result.points], [p.found_high_mm - p.found_mm for p in result.points],
-    ]  # fmt: skip
-    right.errorbar(x, found, spread, fmt="o", ms=4, capsize=2, label="found (bars: 95 %)")
+    places: Sequence[FoundPlace | PositionPoint] = result.places or result.points
+    at, found = [p.position_mm for p in places], [p.found_mm for p in places]
+    spread = [[p.found_mm - p.found_low_mm for p in places], [p.found_high_mm - p.found_mm for p in places]]
+    right.errorbar(at, found, spread, fmt="o", ms=4, capsize=2, label="found (bars: 95 %)")
     right.plot(x, x, "k-", lw=1, label="set")
     right.set(xlabel="place of the load (mm)", ylabel="found by the films (mm)")
     right.legend(fontsize=8)

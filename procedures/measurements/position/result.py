@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from palpate.instrument.uncertainty.budget import Budget
@@ -25,6 +25,7 @@ class PositionPoint:
         found_mm, found_u: place that the films alone find, and its standard uncertainty.
         found_low_mm, found_high_mm: ends of its 95 % interval.
         found_force_N, found_force_u: force by the base film, and its standard uncertainty.
+        seconds: bench time since the point before, or since the beginning [s]; None: the sweep has no time to keep.
     """
 
     position_mm: float
@@ -50,6 +51,26 @@ class PositionPoint:
     settling_s: float
     attempts: int
     flags: tuple[str, ...]
+    seconds: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPlace:
+    """The place that all valid load sets at a position tell, in a sweep that repeats them.
+
+    Attributes:
+        position_mm: where the load was set.
+        found_mm, found_u: place that the films alone find, and its standard uncertainty.
+        found_low_mm, found_high_mm: ends of its 95 % interval.
+        sets: number of valid load sets.
+    """
+
+    position_mm: float
+    found_mm: float
+    found_u: float
+    found_low_mm: float
+    found_high_mm: float
+    sets: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,30 +80,42 @@ class PositionResult:
     Attributes:
         points: the points.
         rms_mm: root mean square of the distances between found and set places; None: no point is valid.
-        inside: share of the points whose interval holds the set place; None: no point is valid.
+        inside: share of the places whose interval holds the set place; None: no point is valid.
+        places: the place at each position with a valid point, where load sets are repeated.
+        stopped: why a sweep that repeats load sets ended, for people; empty: it repeats none.
         budgets: none, because a place is found by its likelihood, which is no sum of contributions.
     """
 
     points: list[PositionPoint]
     rms_mm: float | None
     inside: float | None
+    places: tuple[FoundPlace, ...] = ()
+    stopped: str = ""
     budgets: tuple[Budget, ...] = ()
 
     @property
     def unbudgeted(self) -> dict[str, tuple[float, float]]:
-        """Each found place and its standard uncertainty [mm], of the valid points."""
-        return {f"position at {p.position_mm:g} mm": (p.found_mm, p.found_u) for p in self.points if p.valid}
+        """Each found place and its standard uncertainty [mm]."""
+        found: Sequence[FoundPlace | PositionPoint] = self.places or [point for point in self.points if point.valid]
+        return {f"position at {p.position_mm:g} mm": (p.found_mm, p.found_u) for p in found}
 
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""
-        return {"position_rms_mm": self.rms_mm, "inside_interval": self.inside, "thesis_doubt": DOUBT}
+        repeated = {"places": [asdict(place) for place in self.places], "stopped": self.stopped}
+        return {
+            **(repeated if self.stopped else {}),
+            "position_rms_mm": self.rms_mm,
+            "inside_interval": self.inside,
+            "thesis_doubt": DOUBT,
+        }
 
 
-def evaluate(points: Sequence[PositionPoint]) -> PositionResult:
-    """How far the found places are from the set ones, by the valid points."""
-    valid = [point for point in points if point.valid]
-    if not valid:
-        return PositionResult(list(points), None, None)
-    squares = math.fsum((p.found_mm - p.position_mm) ** 2 for p in valid)
-    inside = sum(p.found_low_mm <= p.position_mm <= p.found_high_mm for p in valid)
-    return PositionResult(list(points), math.sqrt(squares / len(valid)), inside / len(valid))
+def evaluate(points: Sequence[PositionPoint], places: Sequence[FoundPlace] = (), stopped: str = "") -> PositionResult:
+    """How far the found places are from the set ones: `places`, or those of the valid points where there are none."""
+    found: Sequence[FoundPlace | PositionPoint] = places or [point for point in points if point.valid]
+    if not found:
+        return PositionResult(list(points), None, None, stopped=stopped)
+    squares = math.fsum((p.found_mm - p.position_mm) ** 2 for p in found)
+    inside = sum(p.found_low_mm <= p.position_mm <= p.found_high_mm for p in found)
+    rms = math.sqrt(squares / len(found))
+    return PositionResult(list(points), rms, inside / len(found), tuple(places), stopped)

@@ -1,0 +1,92 @@
+"""`sweep position --tolerance` and `--time`: load sets are repeated at each position until its place is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import palpate
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.position.procedure import PositionSweep
+from tests.procedures.conftest import Benches, Palpate, refused
+
+pytestmark = pytest.mark.usefixtures("own_store")
+
+REAL = Target(get_design("common_base"), 10.0, nodes=1)
+ASKED = PositionSweep((2e-3, 12e-3), tolerance=1e-4)
+
+
+def test_a_smaller_tolerance_takes_more_sets_where_the_scatter_counts() -> None:
+    sets = [
+        [each["sets"] for each in replace(ASKED, tolerance=u).plan(REAL).predicted.told["planned"]]
+        for u in (2e-4, 1e-4, 0.9e-4)
+    ]
+    assert sets == [[10, 10], [11, 10], [21, 10]]
+    assert {row["name"]: row["unit"] for row in ASKED.plan(REAL).predicted.told["predicted_results"]} == {
+        "position at 2 mm": "mm", "position at 12 mm": "mm",
+    }  # fmt: skip
+
+
+def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can() -> None:
+    with pytest.raises(RangeError, match="at 6 positions: the error of the table of point loads leaves") as error:
+        replace(ASKED, positions=PositionSweep().positions).check(REAL)
+    assert "--positions '0 mm, 2 mm, 10 mm, 12 mm, 14 mm, 22 mm, 24 mm', which reach it" in str(error.value)
+    ASKED.check(REAL)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--tolerance", "1 mm"), "--tolerance 1 mm is outside 0.01 mm to 0.3 mm"),
+        (("--tolerance", "5 %"), "where m belongs"),
+        (("--time", "2 min"), "one load set at each of 13 positions takes"),
+        (("--time", "0 s"), "--time 0 s is not above 0"),
+        (("--dwell", "1 s", "--time", "1 h"), "these determine the dwell; leave --dwell out"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_a_bench_starts(
+    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
+) -> None:
+    assert message in refused(palpate("sweep", "position", *arguments), benches)
+
+
+@pytest.mark.slow
+def test_a_sweep_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: Path) -> None:
+    with palpate.open_bench(scene="thesis_common_base") as bench:
+        whole = palpate.run(ASKED, bench, out=tmp_path / "whole")
+    assert all(place.found_u <= 0.1 and place.sets >= 10 for place in whole.result.places)
+    assert whole.result.stopped == "0.1 mm reached at each position"
+    assert whole.outcome["achieved_results"] == [
+        {"name": f"position at {p.position_mm:g} mm", "u": p.found_u, "unit": "mm"} for p in whole.result.places
+    ]
+    with palpate.open_bench(scene="thesis_common_base") as bench:
+        short = palpate.run(replace(ASKED, time=245.0), bench, out=tmp_path / "short")
+    assert short.outcome["achieved_seconds"] is not None
+    assert 235 < short.outcome["achieved_seconds"] <= 245
+    assert short.result.stopped == "0.1 mm NOT REACHED within 245 s at 2 mm"
+
+
+@pytest.mark.slow
+def test_a_sweep_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
+    def stop(done: int, _all: int, _what: str) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    asked = replace(ASKED, time=255.0)
+    with palpate.open_bench(scene="thesis_common_base") as bench:
+        whole = palpate.run(asked, bench, out=tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="thesis_common_base") as bench:
+        palpate.run(asked, bench, out=tmp_path / "cut", progress=stop)
+    assert palpate.resume(tmp_path / "cut").run.digest() == whole.run.digest()
+
+
+@pytest.mark.slow
+def test_places_hold_the_truth_as_often_as_they_say() -> None:
+    from tests.benchmarks.repeats import TRUTHS, located
+
+    rows = list(located(*TRUTHS[0], place=10e-3, tolerance=0.9e-4, runs=100))
+    assert all(row.met is not False for row in rows), rows
