@@ -11,6 +11,7 @@ import tomli_w
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.config import Hashed, read_data, read_hashed
 from palpate.instrument.errors import RecordError, check_path, reason
 
@@ -35,7 +36,14 @@ def read_model_calibration(path: str | Path) -> ModelCalibration:
     return read_hashed(Path(path), ModelCalibration)
 
 
-def accept_calibration(path: Path, today: date) -> LoadCellCalibration | FilmCalibration | ModelCalibration | None:
+def read_mounting_scatter(path: str | Path) -> MountingScatter:
+    """Read the scatter of mountings from a TOML file. Raises ConfigError as `read_calibration` does."""
+    return read_hashed(Path(path), MountingScatter)
+
+
+def accept_calibration(
+    path: Path, today: date
+) -> LoadCellCalibration | FilmCalibration | ModelCalibration | MountingScatter | None:
     """Accept a calibration file that was edited by hand: hash it anew and note the day in it.
 
     Returns:
@@ -46,7 +54,10 @@ def accept_calibration(path: Path, today: date) -> LoadCellCalibration | FilmCal
         RecordError: as in `write_calibration`.
     """
     data = read_data(path)
-    model = FilmCalibration if "films" in data else ModelCalibration if "references" in data else LoadCellCalibration
+    kinds: dict[str, type[FilmCalibration | ModelCalibration | MountingScatter]] = {
+        "films": FilmCalibration, "references": ModelCalibration, "scatter_u": MountingScatter,
+    }  # fmt: skip
+    model = next((kind for key, kind in kinds.items() if key in data), LoadCellCalibration)
     found = read_hashed(path, model, edited=True)
     if found.verified:
         return None

@@ -15,12 +15,14 @@ from palpate.instrument.calibration.files import (
     read_calibration,
     read_film_calibration,
     read_model_calibration,
+    read_mounting_scatter,
     write_calibration,
 )
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.calibration.model_calibration import ModelCalibration
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.config import Hashed
 from palpate.instrument.errors import ConfigError, PalpateError
 from palpate.instrument.quantity import show
@@ -53,6 +55,32 @@ def model_path(serial: str, design: str, model: str, parameters: str, thickness:
     """
     of = f"model-{serial or 'unknown'}-{design}-{model}-{parameters}-{show(thickness, 'm')}"
     return _path(f"{of}-{scene}" if scene else of)
+
+
+def mountings_path(serial: str, design: str, scene: str | None) -> Path:
+    """File for the scatter of mountings of a sensor, which is told as for `model_path`."""
+    of = f"mountings-{serial or 'unknown'}-{design}"
+    return _path(f"{of}-{scene}" if scene else of)
+
+
+def mountings_of(
+    design: str, scene: str | None, simulated: bool, today: date, serial: str = "*"
+) -> MountingScatter | None:
+    """The newest stored scatter of mountings of a sensor. None: none is stored that holds, or it is damaged.
+
+    Args:
+        design: design of the sensor.
+        scene: identity of a simulated sensor; None: a real one.
+        simulated: whether the bench is simulated.
+        today: date by which it expires.
+        serial: serial number of the sensor node; "*": it is not known yet which bench will answer.
+    """
+    found = []
+    for path in _path("").parent.glob("mountings-*.toml"):
+        with suppress(PalpateError):
+            found.append(read_mounting_scatter(path))
+    mine = [each for each in found if serial in ("*", each.device) and each.holds_for(design, scene, simulated, today)]
+    return max(mine, key=lambda each: each.created, default=None)
 
 
 def _path(name: str) -> Path:

@@ -13,6 +13,7 @@ from palpate.instrument.bench.kinds import DeviceKind, Role, frequency_step
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
 
@@ -40,6 +41,7 @@ class Target:
             not open yet.
         load_cell: calibration of the load cell; None: the bench is not open yet.
         scene: identity of the scene of a simulated bench; None: the bench may be real.
+        mountings: scatter of the sensor's mountings; None: none is stored, or the bench is not open yet.
     """
 
     design: Design
@@ -54,6 +56,7 @@ class Target:
     references: ByReferences | None = None
     load_cell: LoadCellCalibration | None = None
     scene: str | None = None
+    mountings: MountingScatter | None = None
 
 
 def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> Target:
@@ -79,6 +82,7 @@ class Lab:
         started: when the run began.
         references: calibration by references of the model that the procedure asks; None: there is none.
         scene: name, model and seed of the simulated sensor; None: it is a real one.
+        mountings: scatter of the sensor's mountings by an earlier run; None: none is stored.
     """
 
     bench: Bench
@@ -89,6 +93,7 @@ class Lab:
     started: datetime = field(default_factory=lambda: datetime.now(UTC))
     references: ModelCalibration | None = None
     scene: str | None = None
+    mountings: MountingScatter | None = None
 
     @property
     def same_films(self) -> bool:
@@ -107,7 +112,7 @@ class Lab:
         channels = self.bench.named(nodes[0]).kind.channels if nodes else CHANNELS
         covered = self.calibration.least_N, self.calibration.greatest_N
         target = Target(self.design, self.bench.force_limit, len(nodes), channels=channels, calibrated=covered)
-        target = replace(target, references=self._by_references(), load_cell=self.calibration)
+        target = replace(target, references=self._by_references(), load_cell=self.calibration, mountings=self.mountings)
         return with_kinds(target, self.bench.description.kind_in)
 
     def _by_references(self) -> ByReferences | None:

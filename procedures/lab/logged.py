@@ -10,6 +10,7 @@ from palpate.drivers.logs.bus_replay import BusReplay
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.config import check, parse
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.operator import Mounting
@@ -47,6 +48,8 @@ class LoggedRun:
             self.films = None if films is None else check(films, FilmCalibration, where)
             references = header.get("model_calibration")
             self.references = None if references is None else check(references, ModelCalibration, where)
+            mountings = header.get("mounting_scatter")
+            self.mountings = None if mountings is None else check(mountings, MountingScatter, where)
             scene = header["scene"]
             self.scene = None if scene is None else _scene(scene["toml"], self.wire.path)
         except (KeyError, TypeError, ValueError) as error:

@@ -14,11 +14,19 @@ from typing import TYPE_CHECKING, Literal
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.logs.bus_log import BusLog, check_log
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
-from palpate.procedures.lab.calibrations import check_nameable, films_of, known_load_cell, load_cell_of, model_of
+from palpate.procedures.lab.calibrations import (
+    check_nameable,
+    films_of,
+    known_load_cell,
+    load_cell_of,
+    model_of,
+    mountings_of,
+)
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator, assume
@@ -87,17 +95,20 @@ class OpenBench:
         design = get_design(description.design).with_pickup(description.pickup)
         simulated = self.scene
         scene = None if simulated is None else simulated.identity
-        references = None
+        references, mountings = None, None
         if logged is not None:
             calibration, films, references = logged.calibration, logged.films, logged.references
+            mountings = logged.mountings
         else:
             weighing = calibrating == "load cell"
             calibration = known_load_cell(self.bench) if weighing else load_cell_of(self.bench, self.today)
             films = None if calibrating else films_of(self.bench, design, self.today)
             if question is not None:
                 references = model_of(self.bench, question, films, scene, self.today)
+                serial = self.bench.role(SensorNode).serial or "unknown"
+                mountings = mountings_of(design.name, scene, self.bench.simulated, self.today, serial)
         calibrated = films.apply(design) if films else design
-        return Lab(self.bench, calibrated, calibration, films, run, started, references, scene)
+        return Lab(self.bench, calibrated, calibration, films, run, started, references, scene, mountings)
 
 
 @contextmanager

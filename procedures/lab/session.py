@@ -68,6 +68,7 @@ class Outcome(Promise):
     certificate: NotRequired[str]
     film_calibration_file: NotRequired[str]
     model_calibration_file: NotRequired[str]
+    mounting_scatter_file: NotRequired[str]
     fidelity: NotRequired[float]
     left_out: NotRequired[list[str]]
 
@@ -88,6 +89,7 @@ class Kept(TypedDict, total=False):
     certificate: str
     film_calibration_file: str
     model_calibration_file: str
+    mounting_scatter_file: str
 
 
 def reserved() -> frozenset[str]:
@@ -233,6 +235,7 @@ def recording(
         "calibration": lab.calibration.model_dump(),
         "film_calibration": lab.films.model_dump() if lab.films else None,
         **({} if lab.references is None else {"model_calibration": lab.references.model_dump()}),
+        **({} if lab.mountings is None else {"mounting_scatter": lab.mountings.model_dump()}),
         "calibration_files": _calibration_files(lab),
         "versions": versions() | added_by(lab.bench.description, scene, outside),
         "arithmetic": arithmetic(),

@@ -172,7 +172,7 @@ def _run(kind: Kind, tolerance: float, truth: Truth) -> list[float]:
 def _longest(measuring: ObjectModulus, target: Target) -> float:
     """Bench time that 95 % of the runs do not pass [s]."""
     plan = measuring.prospect(target)
-    lines = prospect.lines_of(target.design, plan.found, plan.load, measuring.wanted, absolute=False)
+    lines = prospect.lines_of(target.design, plan.found, plan.load, measuring.wanted(), absolute=False)
     costs = prospect.costs_of(plan.load, measuring.frequency)
     return longest(lines, costs, measuring.tolerance or math.nan, plan.allocation)
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from palpate.instrument.calibration.files import read_model_calibration, write_calibration
-from palpate.instrument.errors import RangeError
+from palpate.instrument.calibration.files import read_model_calibration, read_mounting_scatter, write_calibration
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
@@ -35,7 +37,7 @@ def wanted(**settings: Any) -> ObjectModulus:
 
 def course(procedure: ObjectModulus) -> Course:
     question = procedure.model_question(TARGET.design)
-    return Course(TARGET.design, question, curve_of(question), procedure.wanted, procedure.prospect(TARGET))
+    return Course(TARGET.design, question, curve_of(question), procedure.wanted(), procedure.prospect(TARGET))
 
 
 def points(*deviations: float, mounting: int = 1, seconds: float = 0.6, valid: bool = True) -> list[ModulusPoint]:
@@ -80,6 +82,38 @@ def test_mountings_that_scatter_are_planned_for() -> None:
     assert (plan.mountings, plan.binds) == (5, "mounting scatter")
     given = wanted(tolerance=0.02, relative_to_model=True, mountings=3).prospect(TARGET).allocation
     assert (given.mountings, given.sets % 3) == (3, 0)
+
+
+def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated() -> None:
+    stored = MountingScatter(
+        scatter_u=0.02, degrees_of_freedom=2, design="single", device="N1", simulated=True, source="run", created="now",
+        expires="2999-01-01",
+    )  # fmt: skip
+    target = replace(TARGET, calibrated=(1.0, 8.0), mountings=stored)
+    asked = wanted(tolerance=0.03, relative_to_model=True)
+    planned = asked.plan(target).predicted
+    assert planned.told["planned"]["mountings"] > 1
+    assert "mountings      scatter by 2 % of the ratio: run, 2 degrees of freedom" in planned.lines
+    assert planned.u is not None
+    assert asked.prospect(target).allocation.degrees_of_freedom < 10
+    for other in (replace(asked, mounting_scatter=0.0), replace(asked, mountings=3)):
+        assert not [line for line in other.plan(target).predicted.lines if line.startswith("mountings ")]
+    with pytest.raises(UsageError, match="was never measured"):
+        asked.plan(replace(target, mountings=None))
+
+
+@pytest.mark.slow
+def test_what_three_mountings_scatter_is_stored_for_the_sensor_and_used_by_the_next_plan(palpate: Palpate) -> None:
+    asked = (*MEASURE, "--sample", "4", "--relative-to-model")
+    made = palpate(*asked, "--tolerance", "4 %", "--mountings", "3", "--json").object
+    stored = read_mounting_scatter(made["mounting_scatter_file"])
+    assert (stored.degrees_of_freedom, stored.design) == (2, "single")
+    assert stored.scatter_u >= made["mounting_scatter"]
+    following = (*asked, "--tolerance", "4.5 %", "--dry-run")
+    assert f"of the ratio: {stored.source}, 2 degrees of freedom" in palpate(*following).out
+    assert "needs the scatter" in palpate(*following, "--seed", "7").complaint
+    write_calibration(Path(made["mounting_scatter_file"]), stored.model_copy(update={"expires": "2024-02-29"}))
+    assert "needs the scatter" in palpate(*following).complaint
 
 
 def test_the_bound_of_time_is_never_below_the_predicted_time() -> None:

@@ -6,11 +6,13 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Annotated
 
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.allocation.allocate import BelowFloor
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.object_modulus import ByReferences, answering
 from palpate.instrument.models.ratio import Question
@@ -20,10 +22,11 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Predicted, Step
-from palpate.procedures.engine.procedure import Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import probable_references
+from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path, probable_references
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.object_modulus.course import Course
 from palpate.procedures.measurements.object_modulus.prospect import (
     Prospect,
@@ -42,7 +45,13 @@ from palpate.procedures.measurements.object_modulus.refusal import (
     not_known,
     too_many_sets,
 )
-from palpate.procedures.measurements.object_modulus.result import ModulusPoint, ObjectModulusResult
+from palpate.procedures.measurements.object_modulus.result import (
+    LEAST_MOUNTINGS,
+    ModulusPoint,
+    ObjectModulusResult,
+    mounting_spread,
+    ratios_of,
+)
 from palpate.procedures.measurements.object_modulus.telling import planned_lines
 from palpate.procedures.measurements.object_modulus.work import Measuring
 from palpate.procedures.measurements.settings import Frequency
@@ -56,6 +65,7 @@ UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known
 MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without its tolerance
 MOST_MOUNTINGS = 100
 LARGEST_SCATTER = 0.5
+VALID_DAYS = 365  # of a scatter of mountings
 
 
 @dataclass(frozen=True)
@@ -120,16 +130,30 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
     def required_loads(self) -> RequiredLoads | None:
         return None if self.load is None else RequiredLoads((self.load,))
 
-    @property
-    def wanted(self) -> Wanted:
-        """What is asked for."""
-        return Wanted(
-            self.tolerance, self.time, self.relative_to_model, self.frequency, self.mountings, self.mounting_scatter
-        )
+    def wanted(self, mountings: MountingScatter | None = None) -> Wanted:
+        """What is asked for, with the scatter of mountings that is stated or else stored."""
+        asked = self.tolerance, self.time, self.relative_to_model, self.frequency, self.mountings
+        if self.mounting_scatter is not None or mountings is None:
+            return Wanted(*asked, self.mounting_scatter)
+        freedom = float(mountings.degrees_of_freedom)
+        return Wanted(*asked, mountings.scatter_u, freedom, f"{mountings.source}, {freedom:g} degrees of freedom")
+
+    def mountings_on(self, target: Target) -> MountingScatter | None:
+        """The stored scatter of mountings that the plan takes; before the bench is open, the one that it probably has.
+
+        None: none is stored, or the run measures it anew by three mountings.
+        """
+        if self.mounting_scatter is not None or (self.mountings or 1) >= LEAST_MOUNTINGS:
+            return None
+        if target.calibrated is not None:
+            return target.mountings
+        return mountings_of(target.design.name, target.scene, target.model is not None, datetime.now(UTC).date())
 
     def prospect(self, target: Target) -> Prospect:
         """What is planned, and what it is expected to give. Raises as `check`."""
-        return _prospect(self, target.design, self.loads_on(target), self.references_on(target))
+        return _prospect(
+            self, target.design, self.loads_on(target), self.references_on(target), self.mountings_on(target)
+        )
 
     def references_on(self, target: Target) -> ByReferences | None:
         """The model's calibration by references; before the bench is open, the one that it probably has."""
@@ -151,7 +175,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def course(self, lab: Lab) -> Course:
         """The course of the measurement on an open bench."""
-        return _course(self, lab.design, self.loads_on(lab.target), self.references_on(lab.target))
+        target = lab.target
+        return _course(self, lab.design, self.loads_on(target), self.references_on(target), self.mountings_on(target))
 
     def plan(self, target: Target) -> Plan[Step]:
         """The most load sets that there can be, and what is predicted."""
@@ -172,7 +197,11 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         ]
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
         told = {"planned": prospect.summary()}
-        return Plan(self.name, steps, Predicted(plan.seconds, u, told, planned_lines(self.wanted, prospect)))
+        return Plan(
+            self.name,
+            steps,
+            Predicted(plan.seconds, u, told, planned_lines(self.wanted(self.mountings_on(target)), prospect)),
+        )
 
     def begin(self, lab: Lab, record: Recorder) -> Measuring:
         return Measuring(lab, record, self.course(lab), self.object)
@@ -187,8 +216,29 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
             course.verdict(points).why or "the most sets that were planned are taken; the tolerance is not reached"
         )
         return ObjectModulusResult(
-            list(points), self.wanted, course.prospect, course.answer(points), stopped, course.notes(points)
+            list(points), course.wanted, course.prospect, course.answer(points), stopped, course.notes(points)
         )
+
+    def save_calibration(self, done: Finished[ObjectModulusResult]) -> Kept:
+        """Store what three mountings or more of this run scattered."""
+        found, session = mounting_spread(ratios_of(done.result.points)), done.session
+        if found is None or not found[0] > 0:
+            return {}
+        lab, serial = session.lab, session.bench.role(SensorNode).serial or "unknown"
+        scatter = MountingScatter(
+            scatter_u=found[0],
+            degrees_of_freedom=found[1],
+            design=lab.design.name,
+            device=serial,
+            scene=lab.scene,
+            simulated=session.bench.simulated,
+            source=lab.run,
+            created=lab.started.isoformat(timespec="seconds"),
+            expires=(lab.started + timedelta(days=VALID_DAYS)).date().isoformat(),
+        )
+        path = mountings_path(serial, lab.design.name, lab.scene)
+        keep(scatter, done.folder, done.replayed, path)
+        return {"mounting_scatter_file": str(path)}
 
     def report(self, result: ObjectModulusResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.object_modulus.report import plot_modulus, print_modulus
@@ -205,10 +255,14 @@ def _question(design: str, model: str, thickness: float) -> Question:
 
 @functools.lru_cache(maxsize=16)
 def _prospect(
-    procedure: ObjectModulus, design: Design, loads: tuple[float, ...], references: ByReferences | None
+    procedure: ObjectModulus,
+    design: Design,
+    loads: tuple[float, ...],
+    references: ByReferences | None,
+    mountings: MountingScatter | None = None,
 ) -> Prospect:
     """The plan of a procedure for one of some loads [N]; the same question comes with every set."""
-    question, wanted = procedure.model_question(design), procedure.wanted
+    question, wanted = procedure.model_question(design), procedure.wanted(mountings)
     found, tolerance = expected(question, procedure.object.modulus, references), wanted.tolerance
     if found.sensitivity is None:
         return for_bound(found, wanted, loads[0])
@@ -229,8 +283,12 @@ def _prospect(
 
 @functools.lru_cache(maxsize=16)
 def _course(
-    procedure: ObjectModulus, design: Design, loads: tuple[float, ...], references: ByReferences | None
+    procedure: ObjectModulus,
+    design: Design,
+    loads: tuple[float, ...],
+    references: ByReferences | None,
+    mountings: MountingScatter | None = None,
 ) -> Course:
     question = procedure.model_question(design)
-    prospect = _prospect(procedure, design, loads, references)
-    return Course(design, question, curve_of(question, references), procedure.wanted, prospect)
+    prospect = _prospect(procedure, design, loads, references, mountings)
+    return Course(design, question, curve_of(question, references), procedure.wanted(mountings), prospect)

@@ -53,6 +53,8 @@ class Wanted:
         frequency: frequency of the load [Hz].
         mountings: number of mountings; None: as many as pay.
         mounted: relative standard deviation of the ratio from mounting to mounting; None: not known.
+        mounted_freedom: its degrees of freedom; infinite where it is stated.
+        mounted_by: where it comes from, for people; empty: it is stated, or not known.
     """
 
     tolerance: float | None
@@ -61,6 +63,8 @@ class Wanted:
     frequency: float
     mountings: int | None
     mounted: float | None
+    mounted_freedom: float = math.inf
+    mounted_by: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +136,7 @@ def lines_of(design: Design, found: Expected, load: float, wanted: Wanted, absol
         Line(CURVE, slope * found.curve_u / ratio, Unit.NOTHING),
     ]
     if wanted.mounted:
-        lines.append(Line(MOUNTED, slope * wanted.mounted, Unit.MOUNTING))
+        lines.append(Line(MOUNTED, slope * wanted.mounted, Unit.MOUNTING, wanted.mounted_freedom))
     if films and not (absolute and found.films_cancel):
         lines.append(Line(CALIBRATION, slope * films, Unit.NOTHING, design.film_freedom or math.inf))
     if pickup:

@@ -112,7 +112,8 @@ def check_mountings(wanted: Wanted, found: Expected, tolerance: float) -> None:
     raise UsageError(
         f"--tolerance {100 * tolerance:.3g} % needs the scatter of the ratio from mounting to mounting, which was never"
         f" measured: 1 % of it alone makes {100 * percent:.2g} % of the modulus with one mounting\n"
-        "  either  --mountings 3, which measures it; its two degrees of freedom make the interval twice as wide\n"
+        "  either  --mountings 3, which measures it, and stores it for this sensor; its two degrees of freedom make"
+        " the interval twice as wide\n"
         "  or      --mounting-scatter '1 %', if an earlier measurement told it; '0 %' takes none for granted"
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -89,6 +90,14 @@ def mounting_scatter(ratios: Sequence[Sequence[float]]) -> tuple[float, int] | N
         for group, mean in zip(groups, means, strict=True)
     ) / len(groups)
     return math.sqrt(max(between - within, 0.0)), len(groups) - 1
+
+
+def mounting_spread(ratios: Sequence[Sequence[float]]) -> tuple[float, int] | None:
+    """As `mounting_scatter`, with what the sets add to it: so it is never 0 by chance, and a plan may rely on it."""
+    if mounting_scatter(ratios) is None:
+        return None
+    means = [math.fsum(map(math.log, group)) / len(group) for group in ratios if len(group) > 1]
+    return statistics.stdev(means), len(means) - 1
 
 
 @dataclass(frozen=True, slots=True)

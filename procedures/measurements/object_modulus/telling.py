@@ -32,6 +32,8 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
         f"plan           {counts}, {each}: {plan.seconds:.0f} s ({person}), 95 % of runs within"
         f" {prospect.longest:.0f} s",
     ]
+    if wanted.mounted_by:
+        lines.append(f"mountings      scatter by {share(wanted.mounted or 0.0)} of the ratio: {wanted.mounted_by}")
     if found.sensitivity is None:
         return [*lines, f"expected       only a bound: model {found.model!r} cannot tell such an object from its ratio"]
     told = "not known" if expected is None else share(expected)

@@ -1,0 +1,45 @@
+"""How much the force ratio of a sensor scatters from mounting to mounting, by a run of several mountings."""
+
+from __future__ import annotations
+
+from datetime import date
+from typing import Annotated, ClassVar
+
+from pydantic import ConfigDict, Field
+
+from palpate.instrument.config import Hashed, IsoDate, Name, Positive
+
+
+class MountingScatter(Hashed):
+    """Scatter of the ratio of one sensor from mounting to mounting. The field names are the keys of its file.
+
+    Args:
+        scatter_u: relative standard deviation of the mean ratio of a mounting; what sets scatter within it is in it.
+        degrees_of_freedom: degrees of freedom of this estimate: mountings less one.
+        design: design of the sensor.
+        device: serial number of the sensor node.
+        scene: identity of the simulated sensor; None: a real one.
+        simulated: whether a simulated bench measured it.
+        source: name of the run.
+        created: date and time, ISO 8601.
+        expires: last day on which it is used, ISO 8601.
+    """
+
+    file: ClassVar[str] = "scatter of mountings"
+
+    model_config = ConfigDict(strict=True)
+
+    scatter_u: Positive
+    degrees_of_freedom: Annotated[int, Field(ge=1)]
+    design: Name
+    device: Name
+    scene: Name | None = None
+    simulated: bool
+    source: Name
+    created: Name
+    expires: IsoDate
+
+    def holds_for(self, design: str, scene: str | None, simulated: bool, today: date) -> bool:
+        """Whether it was measured with such a sensor and has not expired."""
+        same = (self.design, self.scene, self.simulated) == (design, scene, simulated)
+        return same and today <= date.fromisoformat(self.expires)
