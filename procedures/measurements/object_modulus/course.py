@@ -134,12 +134,28 @@ class Course:
                 "the scatter of mountings was never measured and counts as none; each 1 % of it would add "
                 f"{100 * 0.01 * slope / math.sqrt(len(ratios)):.2g} %; --mountings 3 measures it"
             )
+        if ratios and (late := self._late(points, ratios)):
+            found.append(late)
         if ratios and self.too_alike(ratios):
             found.append(
                 "the sets repeat far better than gains are known to scatter from set to set, so that this scatter "
                 "counts for mountings"
             )
         return tuple(found)
+
+    def _late(self, points: Sequence[ModulusPoint], ratios: Ratios) -> str:
+        """Why the measurement took longer than the plan says of most runs; empty: it did not."""
+        taken = math.fsum(point.seconds for point in points) + end_seconds(self.prospect.load)
+        if self.wanted.tolerance is None or taken <= self.prospect.longest:
+            return ""
+        plan, expected = self.prospect.allocation, self.design.ratio_scatter
+        told = f"it took {taken:.0f} s, more than the {self.prospect.longest:.0f} s of 95 % of runs: sets"
+        if any(len(sets) > 1 for sets in ratios):
+            told += f" scatter by {100 * pooled(0.0, 0.0, *ratios).u:.2g} %, and"
+        told += f" were expected to by {100 * expected:.2g} %"
+        if len(ratios) > plan.mountings:
+            told += f"; mountings scatter more than was known, so that {len(ratios)} were made, not {plan.mountings}"
+        return told
 
     def _for_tolerance_ended(self, ratios: Ratios) -> bool:
         """Whether the number of sets follows from the scatter of the first ones."""
