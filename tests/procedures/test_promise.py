@@ -137,6 +137,41 @@ def test_a_dry_run_tells_time_and_uncertainty_of_each_result(palpate: Palpate, c
     assert plan["predicted_u"] == max(relative) < 1
 
 
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ("sweep loads --samples 1,2 --tolerance '1 %'", ["force ratio of sample 1", "force ratio of sample 2"]),
+        ("calibrate films --tolerance '1 %'", ["sensitivity of film rigid", "sensitivity of film total"]),
+        ("measure modulus --sample 4 --tolerance '5 %' --relative-to-model --model surface", ["modulus, scale"]),
+        ("softness --samples 3,4 --risk '5 %' --model experiment", ["force ratio of 3", "force ratio of 4",
+                                                                 "modulus of 3, scale", "modulus of 4, scale"]),
+    ],
+)  # fmt: skip
+def test_a_plan_with_a_target_tells_the_uncertainty_of_each_result(
+    palpate: Palpate, command: str, names: list[str]
+) -> None:
+    plan = palpate(*shlex.split(command), "--dry-run", "--json").object
+    told = {row["name"]: row["u"] for row in plan["predicted_results"] if "absolute" not in row["name"]}
+    assert list(told) == names
+    assert 0 < min(told.values()) <= max(told.values()) < 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("procedure", "rms"),
+    [
+        (LoadSweep(("2",), (3.0, 4.0), tolerance=0.03), (0.6, 1.5)),
+        (FilmSeries((2.0, 3.0, 4.0), dwell=0.2, tolerance=0.015), (0.6, 1.5)),
+        (SoftnessTest(tuple(get_sample(name) for name in "34"), model="auto", risk=0.05), (0.6, 1.5)),
+    ],
+    ids=lambda each: getattr(each, "name", ""),
+)
+def test_a_run_with_a_target_has_each_result_that_its_plan_predicts(
+    procedure: palpate.Procedure[Any, Any, Any], rms: tuple[float, float]
+) -> None:
+    _check(Case(procedure, rms))
+
+
 def test_a_dry_run_tells_people_the_uncertainty_of_each_result(palpate: Palpate) -> None:
     said = palpate("calibrate", "films", "--dry-run").out
     assert "sensitivity of film rigid" in said

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.plan import MOUNTING, Predicted, point_seconds
 from palpate.procedures.engine.plan import NOISE as VOLTS
+from palpate.procedures.engine.promise import RESULTS
+from palpate.procedures.measurements.films.expected import expected_sensitivities
 from palpate.procedures.measurements.films.result import PressedPoint
 from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, share
 from palpate.procedures.showing.plan import duration
@@ -110,7 +112,12 @@ class FilmRepeats:
             f"expected       {share(plan.u)}, of which the load cell's calibration has {share(self.cell_u)}",
             f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
         ]
-        told = {"planned": {"sets": sets, "seconds": seconds, "u": plan.u, "binds": plan.binds, "shares": plan.shares}}
+        loads = self.loads * (plan.sets // len(self.loads))
+        results = expected_sensitivities(self.design, loads, len(self.frequencies), self.dwell, self.cell)
+        told = {
+            RESULTS: [asdict(each) for each in results],
+            "planned": {"sets": sets, "seconds": seconds, "u": plan.u, "binds": plan.binds, "shares": plan.shares},
+        }
         return Predicted(seconds, plan.u, told, lines)
 
 

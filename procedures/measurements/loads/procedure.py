@@ -23,7 +23,7 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.loads.repeats import Repeats, floor_of, one_set_suffices
-from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, valid_ratios
+from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, ratio_of, valid_ratios
 from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, LoadSets
 from palpate.procedures.records.record import Recorder
@@ -144,7 +144,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         dwells = [
             self.dwell if self.tolerance is None else self._chosen(design, load, ratio).dwell for load in self.loads
         ]
-        return Expected.of(expected_mean(f"force ratio of sample {sample}", design, ratio, self.loads, dwells))
+        return Expected.of(expected_mean(ratio_of(sample), design, ratio, self.loads, dwells))
 
     def _step(self, design: Design, sample: str, load: float, told: str, first: bool) -> LoadStep:
         ratio = expected_ratio(design, sample)

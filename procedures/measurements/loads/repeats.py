@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
 from palpate.instrument.allocation.lines import Costs, Line, Unit
@@ -21,6 +21,8 @@ from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.dwell import STEP, Floor, floor_u, whole_steps
 from palpate.procedures.engine.plan import MOUNTING, Predicted, expected_noise, point_seconds
+from palpate.procedures.engine.promise import RESULTS, Expected
+from palpate.procedures.measurements.loads.result import ratio_of
 from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, share
 from palpate.procedures.showing.plan import duration
@@ -110,7 +112,9 @@ class Repeats:
             f"expected       {share(worst.u)} at most",
             f"binds          {worst.binds}, {worst.shares[worst.binds]:.0%} of the variance",
         ]
+        results = [Expected(ratio_of(sample), plan.u) for sample, plan in plans.items()]
         told = {
+            RESULTS: [asdict(each) for each in results],
             "tolerance_of": "mean",
             "planned": {
                 sample: {"sets": p.sets, "dwell_s": p.dwell, "seconds": p.seconds, "u": p.u, "binds": p.binds,

@@ -142,6 +142,11 @@ class Repeated(Protocol):
     def answer(self, sample: str, ratios: Sequence[float]) -> Answer: ...
 
 
+def ratio_of(sample: str) -> str:
+    """Name of the result for the mean force ratio of a sample."""
+    return f"force ratio of sample {sample}"
+
+
 def valid_ratios(points: Sequence[LoadPoint]) -> list[float]:
     """Ratios of the valid points."""
     return [point.force_ratio for point in points if point.valid and point.force_ratio > 0]
@@ -163,7 +168,7 @@ def evaluate(
     for name in dict.fromkeys(point.sample for point in points):
         valid = [point for point in points if point.sample == name and point.valid]
         n = len(valid)
-        what = f"force ratio of sample {name}"
+        what = ratio_of(name)
         budget = mean_ratio(what, valid, design.film_freedom) if valid else None
         if repeated is not None and (ratios := valid_ratios(valid)):
             budget = _by_scatter(what, repeated.answer(name, ratios))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Annotated
@@ -23,6 +23,7 @@ from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path, probable_references
 from palpate.procedures.lab.lab import Lab, Target
@@ -196,7 +197,9 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
             for number in range(1, min(most, MOST_SETS) + 1)
         ]
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
-        told = {"planned": prospect.summary()}
+        known = {"modulus, scale": prospect.scale_u, "modulus, absolute": prospect.absolute_u}
+        results = [Expected(name, each) for name, each in known.items() if each is not None]
+        told = {RESULTS: [asdict(each) for each in results], "planned": prospect.summary()}
         return Plan(
             self.name,
             steps,

@@ -18,7 +18,7 @@ from palpate.procedures.measurements.prospects import expected_mean
 def expected_moduli(
     design: Design,
     ratios: Mapping[str, float],
-    loads: Sequence[float],
+    loads: Mapping[str, Sequence[float]],
     dwell: float,
     question: Question | None,
     references: ByReferences | None = None,
@@ -28,13 +28,13 @@ def expected_moduli(
     Args:
         design: design of the sensor.
         ratios: expected force ratio of each object, by its name.
-        loads: load of each load set, peak to peak [N].
+        loads: load of each load set of each object, peak to peak [N].
         dwell: dwell of each [s].
         question: what the model is asked; None: it takes too long to answer beforehand.
         references: the model's calibration by references; None: there is none.
     """
     means = {
-        name: expected_mean(f"force ratio of {name}", design, ratio, loads, [dwell] * len(loads))
+        name: expected_mean(f"force ratio of {name}", design, ratio, loads[name], [dwell] * len(loads[name]))
         for name, ratio in ratios.items()
     }
     found = [Expected.of(mean) for mean in means.values()]

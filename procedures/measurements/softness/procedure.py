@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -21,7 +21,7 @@ from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
-from palpate.procedures.engine.promise import Expected, predicted
+from palpate.procedures.engine.promise import RESULTS, Expected, greatest, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
@@ -122,15 +122,21 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
             for each in self.objects
             for number, (load, told) in enumerate(sets)
         ]
-        if self.risk is not None:
-            return Plan(self.name, steps, self.ranking(target.design, self.risk).predicted())
-        return Plan(self.name, steps, predicted(steps, self._expected(target)))
+        if self.risk is None:
+            taken = {each.name: len(self.loads) for each in self.objects}
+            return Plan(self.name, steps, predicted(steps, self._expected(target, taken)))
+        likely = self.ranking(target.design, self.risk).predicted()
+        found = self._expected(target, likely.told["planned"]["sets"])
+        told = {**likely.told, RESULTS: [asdict(each) for each in found]}
+        return Plan(self.name, steps, replace(likely, u=greatest(found), told=told))
 
-    def _expected(self, target: Target) -> list[Expected]:
+    def _expected(self, target: Target, sets: Mapping[str, int]) -> list[Expected]:
+        """What is expected of ratios and moduli, for each object's number of sets, which take the loads in turn."""
         design, slow = target.design, self.model in SLOW
         question = None if slow else self.model_question(design)
         ratios = {each.name: _ratio(design, each, question) for each in self.objects}
-        return expected_moduli(design, ratios, self.loads, self.dwell, question, target.references)
+        loads = {name: [self.loads[n % len(self.loads)] for n in range(number)] for name, number in sets.items()}
+        return expected_moduli(design, ratios, loads, self.dwell, question, target.references)
 
     def _step(self, name: str, load: float, told: str, scatter: float, first: bool) -> TouchStep:
         seconds = point_seconds(self.frequency, self.dwell, first=first)
