@@ -91,6 +91,7 @@ def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:
     assert graded < blunt[1] / 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", [round_sensors(8, seed=20)[k] for k in (0, 7)], ids=["narrow", "wide"])
 def test_the_bound_is_above_the_error_of_a_random_setting_and_not_far_above(sensor: RoundParameters) -> None:
     """Both settings are solved quickly: one has a narrow gap, and the error of the other is near its bound."""

@@ -137,6 +137,7 @@ def test_positions_that_differ_make_the_sensitivity_as_uncertain_as_they_differ(
     assert alone.reproducibility is None
 
 
+@pytest.mark.slow
 def test_the_stated_interval_covers_the_true_sensitivity_and_load() -> None:
     student = 2.571  # 95 %, 5 degrees of freedom
     rng = np.random.default_rng(11)

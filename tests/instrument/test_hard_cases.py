@@ -47,6 +47,7 @@ def test_forces_from_nodal_values_lose_what_those_from_differences_keep() -> Non
     assert solve_on(foil, 3, 2).imbalance < 1e-12
 
 
+@pytest.mark.slow
 def test_rounding_grows_with_every_layer_of_a_plain_program_and_is_refused_before_it_shows_in_the_shipped_one() -> None:
     foil = replace(FOIL, support="rigid", compliant_poisson=0.3)
     finest = axisymmetric.REFINEMENTS[-1] + 1

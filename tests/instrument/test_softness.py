@@ -57,6 +57,7 @@ def test_the_sensitivity_is_the_slope_of_the_answer(column: RatioCurve) -> None:
     assert modulus_of_ratio(column, STEEP).sensitivity == pytest.approx(slope, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["column", "beam", "beam_printed", "experiment"])
 def test_a_modulus_comes_back_from_its_own_ratio(model: str) -> None:
     moduli = [25e3, 43e3, 81e3, 112e3]

@@ -99,6 +99,7 @@ def test_a_load_at_edge_and_corner_is_carried_with_its_moment(place: tuple[float
     assert moment == pytest.approx(place[0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_mirrored_loads_give_the_mirrored_array(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solid, "RESOLUTIONS", (SMALLEST,))
     four = replace(RIGID, cell_length=12e-3, cell_width=12e-3, columns=2, rows=2)

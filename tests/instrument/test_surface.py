@@ -73,6 +73,7 @@ def test_model_surface_answers_for_each_shipped_design_with_its_estimate(design:
     assert size < 500_000
 
 
+@pytest.mark.slow
 def test_the_estimate_at_the_asked_modulus_holds_against_a_finer_mesh(found: Surface) -> None:
     moduli = np.geomspace(2.4e3, 2.4e8, 30)
     finer = axisymmetric.curve(round_parameters(ROUND, LOAD), axisymmetric.REFINEMENTS[-1])

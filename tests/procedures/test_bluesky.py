@@ -66,6 +66,7 @@ def test_the_devices_have_the_shape_of_blueskys_protocols(bench: Bench) -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_scan_of_the_engine_gives_the_numbers_of_the_procedures_own_calls(engine: RunEngine, scene: Scene) -> None:
     from bluesky.plans import scan
 

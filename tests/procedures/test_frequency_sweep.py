@@ -21,6 +21,7 @@ from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 SWEEP = ("sweep", "frequency")
 
 
+@pytest.mark.slow
 def test_the_corner_of_each_film_is_that_of_its_charge_amplifier(palpate: Palpate, tmp_path: Path) -> None:
     scene = tmp_path / "slow.toml"
     scene.write_text(IDEAL_SCENE + '[effects.charge_amplifier]\ntime_constant = "0.5 s"\n[effects.load_cell]\n')
@@ -44,6 +45,7 @@ def test_the_corner_of_each_film_is_that_of_its_charge_amplifier(palpate: Palpat
     assert len(Run.open(Path(found["run"])).points()) == 3
 
 
+@pytest.mark.slow
 def test_stated_uncertainties_hold_where_all_points_share_the_load_cell_s_error() -> None:
     """The load cell's curve is made to err by much: that is no scatter of the gains, and does not move the corner."""
     random, design, frequency = np.random.default_rng(7), get_design("single"), np.geomspace(0.1, 100, 13)

@@ -149,6 +149,7 @@ position_spread = 0.0005
 ISO_SERIES = LoadCellSeries(tuple(range(1, 9)), runs=2, positions=(120.0, 240.0), creep=True, valid_days=30)
 
 
+@pytest.mark.slow
 def test_a_cell_that_creeps_and_depends_on_its_position_is_found_out_and_classified(tmp_path: Path) -> None:
     cell = calibrate(scene_of(GOOD_CELL, tmp_path), tmp_path / "run", ISO_SERIES).calibration
     # of the sensitivity: sin 120° less sin 240°

@@ -115,6 +115,7 @@ def test_over_seeds_the_deviations_are_as_large_as_their_stated_uncertainty(
     assert result.softness_order == ["1", "6", "4", "3", "5", "2"]
 
 
+@pytest.mark.slow
 def test_the_noise_part_of_the_uncertainty_is_the_scatter_that_noise_makes(tmp_path: Path) -> None:
     scene = scene_of(IDEAL_SCENE + '[effects.white_noise]\ndensity = "20 µV/√Hz"\n', tmp_path)
     loads = tuple(2 + 0.1 * i for i in range(20))

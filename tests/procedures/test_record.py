@@ -174,6 +174,7 @@ def test_a_folder_takes_one_run_only(tmp_path: Path) -> None:
     assert run.points() == Run.open(tmp_path).points()
 
 
+@pytest.mark.slow
 def test_of_recorders_that_start_at_once_in_a_folder_one_gets_it(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from palpate.procedures.records.record import *\n"

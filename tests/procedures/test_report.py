@@ -241,6 +241,7 @@ def test_a_table_that_is_wider_than_the_terminal_loses_no_figure(capsys: pytest.
     assert text.endswith("\nafter it\n")
 
 
+@pytest.mark.slow
 def test_a_title_that_is_longer_than_its_table_stands_on_one_line(
     capsys: pytest.CaptureFixture[str], palpate: Palpate
 ) -> None:

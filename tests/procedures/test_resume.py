@@ -86,6 +86,7 @@ def whole(palpate: Palpate) -> Run:
     return Run.open(Path("whole"))
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate, stop: Stop, whole: Run) -> None:
     stopped(palpate, stop, 1, *SWEEP)
     stop(2)
@@ -154,6 +155,7 @@ class Once:
         pass
 
 
+@pytest.mark.slow
 def test_where_it_was_paused_it_pauses_again(palpate: Palpate, stop: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as pressed:
         pressed.setattr(keys, "keyboard", lambda: nullcontext(Once()))

@@ -182,6 +182,7 @@ def test_a_reading_that_is_not_stable_yet_is_waited_for(
     assert servo.set(2.0) == pytest.approx(2.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_reading_that_never_becomes_stable_is_not_used(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -226,6 +226,7 @@ MOVING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOVING)
 def test_with_inertia_the_chain_meets_and_leaves_its_limits_when_the_integrator_does(name: str) -> None:
     limits, advance, volts = MOVING[name]

@@ -148,6 +148,7 @@ def test_a_16_bit_converter_gives_the_counts_that_travel_without_one() -> None:
     assert seen({"adc": Adc(bits=16)}) == seen({})
 
 
+@pytest.mark.slow
 def test_the_order_of_the_effects_does_not_change_anything() -> None:
     names = list(together())
     expected = seen(together(), count=100)

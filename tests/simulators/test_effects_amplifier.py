@@ -75,6 +75,7 @@ def test_cables_take_74_to_94_percent_of_the_film_under_the_tooth() -> None:
         assert left[1] > left[0]  # the ratio changes too
 
 
+@pytest.mark.slow
 def test_a_leak_across_a_voltage_amplifier_drains_as_the_changing_network_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(humidity_leak, "EPOCHS", 300)
     leak = HumidityLeak(dry="1 Tohm", wet="1 Gohm", over="2 s")

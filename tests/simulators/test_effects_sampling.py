@@ -300,6 +300,7 @@ TRIED: dict[str, Effect] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRIED)
 def test_no_measurement_changes_by_more_than_the_bound_and_some_by_a_tenth_of_it(name: str) -> None:
     nearest = 0.0

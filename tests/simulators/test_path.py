@@ -223,6 +223,7 @@ def test_a_wall_of_1e6_newtons_a_metre_is_met_and_left_at_the_nanosecond_of_the_
     assert np.abs(np.array(starts) - 1e9 * np.array(times)).max() < 2
 
 
+@pytest.mark.slow
 def test_modes_that_are_parallel_are_followed_without_them() -> None:
     """Critically damped in the air: its modes are one."""
     damping = 2 * math.sqrt(3000.0 * 0.03)
