@@ -112,3 +112,9 @@ def budget(lines: Sequence[Line], mountings: float, sets: float, dwell: float) -
     inputs = tuple(Component(e.name, e.u / math.sqrt(units[e.per]), 1.0, e.degrees_of_freedom) for e in lines)
     shared = {(a.name, b.name): 0.0 for a, b in combinations(lines, 2) if a.estimate and a.estimate == b.estimate}
     return Budget("relative deviation", 0.0, "1", inputs, shared)
+
+
+def merged(lines: Sequence[Line], dwell: float) -> list[Line]:
+    """The lines with one line for all that falls with the number of sets, whose dwell is fixed [s]."""
+    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
+    return [*(line for line in lines if line not in of_sets), Line("sets", budget(of_sets, 1, 1, dwell).u, Unit.SET)]

@@ -20,13 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.instrument.allocation.allocate import Allocation, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import Costs, Line, Unit, budget, merged
 from palpate.instrument.errors import RangeError
-from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Floats
+from palpate.instrument.uncertainty.budget import Budget, Floats
 
 FIRST = 10  # least number of sets whose scatter decides
 REFUTED = 0.01  # probability with which a prior that is true is called refuted
-MOST_FREEDOM = 1e9  # as good as infinitely many
 ROUNDING = 1e-9
 SETS = "sets"  # name of the estimate of how much sets scatter
 FEWEST_MOUNTINGS = 3  # that tell how much mountings scatter
@@ -148,14 +147,14 @@ def enough(
         return Verdict(plan.mountings, max(plan.sets, first * plan.mountings), "")
     batch = [ratios[0][:first]]
     found = _learned(lines, plan.dwell, sensitivity, batch, batch)
-    needed = allocate(_merged(found.lines, plan.dwell), costs, tolerance, plan.dwell, first)
+    needed = allocate(merged(found.lines, plan.dwell), costs, tolerance, plan.dwell, first)
     mountings, each = needed.mountings, needed.sets // needed.mountings
     whole = [sets for sets in ratios if len(sets) >= each]
     found = _learned(lines, plan.dwell, sensitivity, batch, whole or batch)
     if found.mountings_refuted:  # sets in each mounting stay as they are: only the number of mountings follows
         free = tolerance**2 - sum(line.u**2 for line in found.lines if line.per is Unit.NOTHING)
         of_one = sum(line.u**2 for line in found.lines if line.per is Unit.MOUNTING)
-        of_one += sum(line.u**2 for line in _merged(found.lines, plan.dwell) if line.per is Unit.SET) / each
+        of_one += sum(line.u**2 for line in merged(found.lines, plan.dwell) if line.per is Unit.SET) / each
         mountings = max(FEWEST_MOUNTINGS, math.ceil(of_one / free))
     reached = answer(lines, plan, sensitivity, ratios)
     fewest = FEWEST_MOUNTINGS if found.mountings_refuted else 1
@@ -190,23 +189,6 @@ def answer(
     sets = len(taken) ** 2 / sum(1 / len(each) for each in taken)
     reached = budget(found.lines, len(taken), sets, plan.dwell)
     return Answer(math.exp(math.fsum(means) / len(means)), reached, found.sets_refuted, found.mountings_refuted)
-
-
-def longest(
-    lines: Sequence[Line], costs: Costs, tolerance: float, plan: Allocation, probability: float = COVERAGE
-) -> float:
-    """Bench time that a run of this plan does not pass, with some probability [s].
-
-    Before the run the scatter of its first sets, over that of the prior, is distributed as F.
-    """
-    from scipy.special import fdtri
-
-    first = first_sets(plan)
-    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
-    freedom = _prior(of_sets, plan.dwell).degrees_of_freedom
-    factor = math.sqrt(fdtri(first - 1, min(freedom, MOST_FREEDOM), probability))
-    wider = [replace(line, u=factor * line.u) if line in of_sets else line for line in lines]
-    return allocate(_merged(wider, plan.dwell), costs, tolerance, plan.dwell, first).seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,12 +236,6 @@ def _scaled(lines: Sequence[Line], name: str, u: float, prior_u: float, freedom:
     if prior_u == 0:
         return [Line(f"scatter of {name}", u, per, freedom)]
     return [replace(line, u=line.u * u / prior_u, degrees_of_freedom=freedom, estimate=name) for line in lines]
-
-
-def _merged(lines: Sequence[Line], dwell: float) -> list[Line]:
-    """Lines with one line for all that falls with the number of sets of this dwell: the dwell is not chosen anew."""
-    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
-    return [*(line for line in lines if line not in of_sets), Line("sets", _prior(of_sets, dwell).u, Unit.SET)]
 
 
 def _logs(ratios: Sequence[float]) -> Floats:

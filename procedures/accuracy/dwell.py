@@ -22,7 +22,7 @@ from palpate.instrument.signals.dwell import Floor, check_dwell, floor_u, ratio_
 from palpate.instrument.signals.estimate import SineFit, amplitude_ratio, fit_sine
 from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
 from palpate.instrument.signals.sine_columns import sine_columns
-from palpate.procedures.measurements.object_modulus.prospect import costs_of
+from palpate.procedures.measurements.object_modulus.costs import costs_of
 
 DWELLS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0)  # s
 TARGETS = (0.1, 0.01, 1e-3, 1e-4)  # relative standard uncertainty of the ratio

@@ -12,7 +12,8 @@ import numpy as np
 
 from palpate.instrument.allocation.allocate import allocate, allocate_time
 from palpate.instrument.allocation.lines import Costs, Line, Unit
-from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets, longest
+from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
+from palpate.instrument.allocation.times import times
 from tests.benchmarks.row import Row
 from tests.instrument.test_allocation import cheapest, setting
 
@@ -22,6 +23,7 @@ COVERED, ACHIEVED = (0.93, 0.97), (0.9, 1.2)
 BENCH = Costs(start=4.0, mounting=93.0, set=1.7, person=60.0)
 SENSITIVITY, SCATTER, FREEDOM = 2.0, 0.041, 7  # of a modulus near 50 kPa; of the thesis' ratios
 TOLERANCES = (0.2, 0.1, 0.05, 0.02, 0.01)
+MOST = 10_000  # sets of a run
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +115,12 @@ def stopped(truth: Truth, tolerance: float, runs: int) -> Iterator[Row]:
     rng = np.random.default_rng(20)
     lines = truth.lines()
     plan = allocate(lines, BENCH, tolerance, fewest=FIRST)
-    bound = longest(lines, BENCH, tolerance, plan)
+    taken = times(lines, BENCH, tolerance, plan, (first_sets(plan), MOST))
     ended = [run(truth, tolerance, rng) for _ in range(runs)]
     covered = float(np.mean([abs(each.deviation) <= each.half for each in ended]))
     achieved = float(np.std([each.deviation for each in ended]) / np.mean([each.u for each in ended]))
-    seconds = float(np.mean([each.seconds for each in ended]) / plan.seconds)
-    within = float(np.mean([each.seconds <= bound for each in ended]))
+    seconds = float(np.mean([each.seconds for each in ended]) / taken.mean)
+    within = float(np.mean([each.seconds <= taken.longest for each in ended]))
     sets = float(np.mean([each.sets for each in ended]))
     what = f"{truth.name}, {tolerance:.0%}"
     yield Row(f"{what}: 95 % intervals that hold the truth", f"{covered:.1%}", f"{COVERED[0]:.0%} to {COVERED[1]:.0%}",

@@ -28,9 +28,9 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
+from palpate.procedures.measurements.object_modulus.costs import END, costs_of
 from palpate.procedures.measurements.object_modulus.course import _remounts
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.object_modulus.prospect import END, costs_of
 from palpate.procedures.measurements.object_modulus.result import Answer, ModulusPoint
 from palpate.procedures.measurements.softness.procedure import unknown_object
 from palpate.procedures.records.record import Recorder
@@ -50,12 +50,16 @@ DENSITY = 2e-6  # V/√Hz, white noise of that scene
 
 @dataclass(frozen=True)
 class Truth:
-    """A bench with an object of known modulus [Pa] and effects that draw, by name with their parameters."""
+    """A bench with an object of known modulus [Pa] and effects that draw, by name with their parameters.
+
+    `phased`: the pick-up of each film's cable has a phase of its own, which no effect of a scene has.
+    """
 
     modulus: float
     effects: dict[str, dict[str, Any]] = field(default_factory=dict)
     seed: int = 1
     references: ByReferences | None = None
+    phased: bool = False
 
     @cached_property
     def scene(self) -> Scene:
@@ -100,6 +104,8 @@ class Draws:
         self._truth, self._effects = truth, Effects(truth.scene.effects)
         self._plain = _on_the_curve(truth.modulus)
         drawing = (*self._effects.share, *self._effects.films)
+        phases = np.random.default_rng([7, truth.seed]).uniform(0, 2 * math.pi, 2) if truth.phased else np.zeros(2)
+        self._pickup = truth.scene.pickup * np.cos(phases)
         self._streams = {effect.name: Stream(truth.seed, effect.name) for effect in drawing}
 
     def ratio(self, set_at_ns: int, mounted_at_ns: int) -> float:
@@ -113,7 +119,7 @@ class Draws:
         for effect in films:
             drawn_at_ns = mounted_at_ns if effect.by_mounting else set_at_ns
             forces = effect.matrix(design, self._streams[effect.name], drawn_at_ns) @ forces
-        rigid, total = forces + self._truth.scene.pickup
+        rigid, total = forces + self._pickup
         return float(rigid / total)
 
     def noise(self, load: float, dwell: float, ratio: float) -> float:

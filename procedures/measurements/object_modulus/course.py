@@ -15,14 +15,13 @@ from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
+from palpate.procedures.measurements.object_modulus.costs import costs_of, end_seconds
 from palpate.procedures.measurements.object_modulus.prospect import (
     BOUND_SETS,
     CURVE,
     MOUNTED,
     Prospect,
     Wanted,
-    costs_of,
-    end_seconds,
     lines_of,
     sensitivity_at,
 )

@@ -28,19 +28,19 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path, probable_references
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
+from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
 from palpate.procedures.measurements.object_modulus.course import Course
 from palpate.procedures.measurements.object_modulus.prospect import (
+    MOST_SETS,
     Prospect,
     Wanted,
     best_of,
-    costs_of,
     curve_of,
     expected,
     for_bound,
-    shortest,
+    most_sets,
 )
 from palpate.procedures.measurements.object_modulus.refusal import (
-    MOST_SETS,
     below_floor,
     check_mountings,
     not_known,
@@ -63,7 +63,6 @@ from palpate.procedures.steps.films import check_nodes
 
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
 UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known
-MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without its tolerance
 MOST_MOUNTINGS = 100
 LARGEST_SCATTER = 0.5
 VALID_DAYS = 365  # of a scatter of mountings
@@ -182,8 +181,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
     def plan(self, target: Target) -> Plan[Step]:
         """The most load sets that there can be, and what is predicted."""
         prospect = self.prospect(target)
+        wanted = self.wanted(self.mountings_on(target))
         plan, costs = prospect.allocation, costs_of(prospect.load, self.frequency)
-        most = (MOST[0] if self.tolerance is not None else 1) * plan.sets + MOST[1]
         group = f"mount {self.object.name}"
         each = costs.set + plan.dwell
         steps = [
@@ -194,7 +193,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
                 what=f"{self.object.name}, {show(prospect.load, 'N')}, set {number}",
                 group=group,
             )
-            for number in range(1, min(most, MOST_SETS) + 1)
+            for number in range(1, most_sets(plan, wanted) + 1)
         ]
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
         known = {"modulus, scale": prospect.scale_u, "modulus, absolute": prospect.absolute_u}
@@ -203,7 +202,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         return Plan(
             self.name,
             steps,
-            Predicted(plan.seconds, u, told, planned_lines(self.wanted(self.mountings_on(target)), prospect)),
+            Predicted(prospect.times.mean, u, told, planned_lines(wanted, prospect)),
         )
 
     def begin(self, lab: Lab, record: Recorder) -> Measuring:

@@ -14,7 +14,8 @@ from typing import Any
 
 from palpate.instrument.allocation.allocate import Allocation, allocate, allocate_time
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
-from palpate.instrument.allocation.stopping import FIRST, longest
+from palpate.instrument.allocation.stopping import FIRST, first_sets
+from palpate.instrument.allocation.times import Times, times
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
@@ -25,19 +26,13 @@ from palpate.instrument.models.curve import RatioCurve, ratio_curve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation_line import ValidationLine
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.plan import MOUNTING, expected_noise
-from palpate.procedures.steps.checks import preload_for
-from palpate.procedures.steps.films import settling_length
-from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
-from palpate.procedures.steps.servo import RELEASED, window
+from palpate.procedures.engine.plan import expected_noise
+from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
 
 MOUNTED, CURVE, VALIDATION = "mounting scatter", "discretisation", "validation"
-ZERO = 1.2  # s, the load cell's zero at the start [M]
-END, END_PER_NEWTON = 4.7, 0.6  # s, and s/N of the load: the probe home and the zero again at the end [M]
-FIRST_TOUCH, PER_NEWTON = 3.7, 2.2  # s, and s/N of the preload: the quick approach [M]
-WITHDRAWAL = 2.1  # s, before each mounting but the first [M]
-SERVO_STEPS = 4  # to the load, after each mounting [M]
-ROBUST = 1.03  # what the plan with a greater load may cost over the cheapest one
+MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without its tolerance
+MOST_SETS = 10_000  # of a run
+ROBUST = 1.02  # what the plan with a greater load may cost over the cheapest one
 BOUND_SETS = 3  # that tell a bound
 EDGE = 1e-9  # distance that an expected ratio keeps from 0 and 1
 
@@ -147,26 +142,6 @@ def lines_of(design: Design, found: Expected, load: float, wanted: Wanted, absol
     return tuple(lines)
 
 
-def costs_of(load: float, frequency: float) -> Costs:
-    """Bench times of the measurement under a load [N, peak to peak] of a frequency [Hz]."""
-    reading = (READINGS - 1) * READING_INTERVAL
-    servo = SERVO_STEPS * (window(frequency) + READING_INTERVAL + reading) + reading
-    approach = FIRST_TOUCH + PER_NEWTON * preload_for((load,))
-    again = RELEASED / frequency + 2 * settling_length(frequency, shortest(frequency))
-    mounting = MOUNTING + approach + servo + WITHDRAWAL
-    return Costs(ZERO + end_seconds(load) - WITHDRAWAL, mounting, again, MOUNTING)
-
-
-def end_seconds(load: float) -> float:
-    """Bench time of the end of the measurement under a load [N, peak to peak] [s]."""
-    return END + END_PER_NEWTON * load
-
-
-def shortest(frequency: float) -> float:
-    """Least dwell of a set [s]: whole periods of a frequency [Hz], and not below 0.1 s."""
-    return max(1.0, math.ceil(0.1 * frequency - 1e-9)) / frequency
-
-
 @dataclass(frozen=True, slots=True)
 class Prospect:
     """A plan of mountings, sets and dwell, with what it is expected to give.
@@ -176,7 +151,8 @@ class Prospect:
         found: what the model expects of the object.
         allocation: the plan; its `u` is that of the lines of the tolerance.
         scale_u, absolute_u: relative standard uncertainties that are expected; None: not known.
-        longest: bench time that 95 % of such runs do not pass [s]: sets may scatter more than is known.
+        times: bench times of such runs, on average and what 95 % of them do not pass [s]: how much sets scatter is
+            known from few data.
     """
 
     load: float
@@ -184,7 +160,7 @@ class Prospect:
     allocation: Allocation
     scale_u: float | None
     absolute_u: float | None
-    longest: float
+    times: Times
 
     def summary(self) -> dict[str, Any]:
         """The plan under the names of JSON."""
@@ -195,7 +171,8 @@ class Prospect:
             "sets": plan.sets,
             "dwell_s": plan.dwell,
             "seconds": plan.seconds,
-            "longest_s": self.longest,
+            "mean_s": self.times.mean,
+            "longest_s": self.times.longest,
             "scale_u": self.scale_u,
             "absolute_u": self.absolute_u,
             "force_ratio": self.found.ratio,
@@ -218,24 +195,24 @@ def best_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[flo
     plans, refused = [], []
     for load in loads:
         try:
-            plan, most = _planned(design, found, wanted, load)
+            plans.append(_planned(design, found, wanted, load))
         except RangeError as error:  # a greater load takes longer to press: a time may hold a smaller one alone
             refused.append(error)
-            continue
-        scale, whole = (
-            budget(lines_of(design, found, load, wanted, both), plan.mountings, plan.sets, plan.dwell).u
-            for both in (False, True)
-        )
-        absolute = None if found.validation.u is None else whole
-        plans.append(Prospect(load, found, plan, scale, absolute, most))
 
-    def price(plan: Prospect) -> float:
-        return plan.allocation.u if wanted.tolerance is None else plan.allocation.seconds
+    def price(each: _Planned) -> float:
+        return each.plan.u if wanted.tolerance is None else each.plan.seconds
 
     if not plans:
         raise refused[0]
-    least = min(price(plan) for plan in plans)
-    return max((plan for plan in plans if price(plan) <= ROBUST * least), key=lambda plan: plan.load)
+    least = min(map(price, plans))
+    best = max((each for each in plans if price(each) <= ROBUST * least), key=lambda each: each.load)
+    plan = best.plan
+    scale, whole = (
+        budget(lines_of(design, found, best.load, wanted, both), plan.mountings, plan.sets, plan.dwell).u
+        for both in (False, True)
+    )
+    absolute = None if found.validation.u is None else whole
+    return Prospect(best.load, found, plan, scale, absolute, _times(best, wanted))
 
 
 def for_bound(found: Expected, wanted: Wanted, load: float) -> Prospect:
@@ -243,11 +220,38 @@ def for_bound(found: Expected, wanted: Wanted, load: float) -> Prospect:
     costs, dwell, mountings = costs_of(load, wanted.frequency), shortest(wanted.frequency), wanted.mountings or 1
     sets = BOUND_SETS * mountings
     seconds = costs.seconds(mountings, sets, dwell)
-    return Prospect(load, found, Allocation(mountings, sets, dwell, seconds, math.inf, {}, ""), None, None, seconds)
+    plan = Allocation(mountings, sets, dwell, seconds, math.inf, {}, "")
+    return Prospect(load, found, plan, None, None, Times(seconds, seconds))
 
 
-def _planned(design: Design, found: Expected, wanted: Wanted, load: float) -> tuple[Allocation, float]:
-    """The plan for one load, with a dwell of whole periods and as many sets in each mounting, and its longest time."""
+def most_sets(plan: Allocation, wanted: Wanted) -> int:
+    """Number of sets with which a run ends in any case."""
+    return min((MOST[0] if wanted.tolerance is not None else 1) * plan.sets + MOST[1], MOST_SETS)
+
+
+@dataclass(frozen=True, slots=True)
+class _Planned:
+    """The plan for one load [N, peak to peak], and the lines and costs from which it was made."""
+
+    load: float
+    plan: Allocation
+    lines: tuple[Line, ...]
+    costs: Costs
+
+
+def _times(planned: _Planned, wanted: Wanted) -> Times:
+    """Bench times of the runs of a plan."""
+    plan = planned.plan
+    if wanted.tolerance is None or plan.u > wanted.tolerance:  # the time ends them
+        return Times(plan.seconds, plan.seconds if wanted.time is None else wanted.time)
+    sets = first_sets(plan) * (wanted.mountings or 1), most_sets(plan, wanted)  # given mountings are paid at the start
+    found = times(planned.lines, planned.costs, wanted.tolerance, plan, sets)
+    most = math.inf if wanted.time is None else wanted.time
+    return Times(min(most, found.mean), min(most, max(plan.seconds, found.longest)))
+
+
+def _planned(design: Design, found: Expected, wanted: Wanted, load: float) -> _Planned:
+    """The plan for one load, with a dwell of whole periods and as many sets in each mounting."""
     lines, costs = lines_of(design, found, load, wanted, not wanted.relative), costs_of(load, wanted.frequency)
     given, paid, fewest = lines, costs, FIRST
     if wanted.mountings is not None:  # they are paid whatever the sets are, and lower their own line once
@@ -275,7 +279,4 @@ def _planned(design: Design, found: Expected, wanted: Wanted, load: float) -> tu
     binds = max(shares, key=lambda name: shares[name])
     seconds = costs.seconds(mountings, sets, dwell)
     whole = Allocation(mountings, sets, dwell, seconds, total.u, shares, binds, total.degrees_of_freedom)
-    most = math.inf if wanted.time is None else wanted.time
-    if wanted.tolerance is not None and total.u <= wanted.tolerance:
-        most = min(most, max(seconds, longest(given, paid, wanted.tolerance, whole)))
-    return whole, most
+    return _Planned(load, whole, given, paid)

@@ -14,21 +14,21 @@ from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import validate
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.design import Design
+from palpate.procedures.measurements.object_modulus.costs import costs_of
 from palpate.procedures.measurements.object_modulus.prospect import (
     CURVE,
+    MOST_SETS,
     VALIDATION,
     Expected,
     Prospect,
     Wanted,
     best_of,
-    costs_of,
     lines_of,
 )
 from palpate.procedures.measurements.object_modulus.telling import reachable
 from palpate.procedures.measurements.object_modulus.telling import share as told
 from palpate.procedures.showing.plan import duration
 
-MOST_SETS = 10_000  # of a run
 NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
 REFERENCES, REFERENCE_U, REFERENCE_SECONDS = 6, 0.02, 400.0  # as many as pay; u of the modulus of each; each once [M]
 COMPRESSION = "2 to 4 % in 272 s, where the object can be taken off: palpate test modulus"

@@ -29,8 +29,8 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     each = f"{show(prospect.load, 'N')}, {show(plan.dwell, 's')}"
     lines = [
         f"wanted         {wanted_line(wanted, found.model)}",
-        f"plan           {counts}, {each}: {plan.seconds:.0f} s ({person}), 95 % of runs within"
-        f" {prospect.longest:.0f} s",
+        f"plan           {counts}, {each}: {prospect.times.mean:.0f} s on average ({person}), 95 % of runs within"
+        f" {prospect.times.longest:.0f} s",
     ]
     if wanted.mounted_by:
         lines.append(f"mountings      scatter by {share(wanted.mounted or 0.0)} of the ratio: {wanted.mounted_by}")
