@@ -67,7 +67,7 @@ THOROUGH = [
     Case(FrequencySweep((0.2, 1.0, 10.0, 50.0), load=4.0), (0.85, 1.15), seeds=2),
     Case(ModulusTest("4"), (0.85, 1.25), seeds=3),
     Case(ModulusTest("1", strain=0.2, steps=6), (0.7, 1.35), seeds=3),
-    Case(Characterisation(drift_time=60.0), (0.4, 3.0), seeds=4),
+    Case(Characterisation(drift_time=60.0), (0.4, 1.7), seeds=4),
     Case(PositionSweep(), (0.5, 1.7), "thesis_common_base", seeds=4),
     Case(ReferenceSeries(REFERENCES), (0.85, 1.25), seeds=3),
     Case(TemperatureSweep(), (0.95, 1.15), "humid_body", seeds=2),

@@ -1,7 +1,8 @@
 """What a characterisation is expected to give: the uncertainty of each figure of merit, by the lines of its budget.
 
-A film's gain scatters from load to load as the design says [M], noise is that of usual films [A], and each load is off
-by its reading. Linearity, hysteresis and drift are expected to be what scatter and noise make of them.
+A film's gain scatters from load to load as the design says [M], noise is that of usual films [A] and of the converter's
+steps, and each load is off by its reading. Linearity, hysteresis and drift are expected to be what scatter and noise make
+of them.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
 from palpate.instrument.sensor.design import Design, Film
 from palpate.procedures.engine.promise import RELATIVE, Expected
 from palpate.procedures.measurements.characterise.definitions import (
@@ -27,6 +29,8 @@ from palpate.procedures.measurements.characterise.definitions import (
 )
 from palpate.procedures.measurements.characterise.result import DECIBELS, of_greatest
 from palpate.procedures.measurements.prospects import film_noise, load_on, reading_u
+from palpate.procedures.steps.checks import preload_for
+from palpate.procedures.steps.films import HEADROOM
 
 
 def expected_figures(
@@ -65,7 +69,12 @@ def _film(
     cell: LoadCellCalibration,
 ) -> Iterator[Expected]:
     # All uncertainties are in newtons of the load: the slope is one.
-    noise = np.array([load * film_noise(film, load_on(design, film, ratio, load), dwell) for load in loads.tolist()])
+    forces = [load_on(design, film, ratio, load) for load in loads.tolist()]
+    rounding = _step(film, loads) / math.sqrt(12) * math.sqrt(2 / samples) / film.sensitivity
+    noise = np.array([
+        load * math.hypot(film_noise(film, force, dwell), rounding / (force / 2))
+        for load, force in zip(loads.tolist(), forces, strict=True)
+    ])  # fmt: skip
     each = np.sqrt((film.scatter * loads) ** 2 + noise**2 + (reading_u(cell, 1.0)) ** 2)
     away = loads - loads.mean()
     weight = 1 - 1 / loads.size - away**2 / float(away @ away)  # of each point's error in the line's residuals
@@ -89,3 +98,10 @@ def _film(
     yield figure(HYSTERESIS, math.sqrt(2) * scatter / span, "")
     of_held = noise[loads.size // 2] / middle
     yield figure(DRIFT, of_held / float(np.linalg.norm(minutes - minutes.mean())), "1/min")
+
+
+def _step(film: Film, loads: np.ndarray) -> float:
+    """Step of the converter [V] on the range that the films are set to for these loads, as `Films` chooses it."""
+    largest = preload_for(loads.tolist()) + float(loads.max()) / 2
+    finest, widest = min(RANGE_VOLTS), max(RANGE_VOLTS)
+    return (finest if HEADROOM * film.sensitivity * largest <= finest else widest) / FULL_SCALE_COUNTS
