@@ -262,7 +262,7 @@ def test_a_run_that_takes_longer_than_its_bound_says_why() -> None:
     usual, late = points(*SCATTERED, seconds=7.0), points(*SCATTERED, seconds=12.0)
     assert not [note for note in of.notes(usual) if note.startswith("it took")]
     (told,) = [note for note in of.notes(late) if note.startswith("it took")]
-    assert "more than the 86 s of 95 % of runs: sets scatter by 4.3 %, and were expected to by 4.1 %" in told
+    assert "more than the 84 s of 95 % of runs: sets scatter by 4.3 %, and were expected to by 4.1 %" in told
 
 
 def test_sets_that_are_not_valid_do_not_count_and_five_in_a_row_end_the_run() -> None:

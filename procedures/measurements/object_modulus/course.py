@@ -145,10 +145,10 @@ class Course:
     def _late(self, points: Sequence[ModulusPoint], ratios: Ratios) -> str:
         """Why the measurement took longer than the plan says of most runs; empty: it did not."""
         taken = math.fsum(point.seconds for point in points) + end_seconds(self.prospect.load)
-        if self.wanted.tolerance is None or taken <= self.prospect.longest:
+        if self.wanted.tolerance is None or taken <= self.prospect.times.longest:
             return ""
         plan, expected = self.prospect.allocation, self.design.ratio_scatter
-        told = f"it took {taken:.0f} s, more than the {self.prospect.longest:.0f} s of 95 % of runs: sets"
+        told = f"it took {taken:.0f} s, more than the {self.prospect.times.longest:.0f} s of 95 % of runs: sets"
         if any(len(sets) > 1 for sets in ratios):
             told += f" scatter by {100 * pooled(0.0, 0.0, *ratios).u:.2g} %, and"
         told += f" were expected to by {100 * expected:.2g} %"
