@@ -1,8 +1,8 @@
 """What a characterisation is expected to give: the uncertainty of each figure of merit, by the lines of its budget.
 
-A film's gain scatters from load to load as the design says [M], noise is that of usual films [A] and of the converter's
-steps, and each load is off by its reading. Linearity, hysteresis and drift are expected to be what scatter and noise make
-of them.
+A film's gain scatters from load to load as the design says [M], noise is that of usual films [A] and of the
+converter's steps, and each load is off by its reading. Linearity, hysteresis and drift are expected to be what scatter
+and noise make of them.
 """
 
 from __future__ import annotations
