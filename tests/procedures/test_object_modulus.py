@@ -88,6 +88,15 @@ def test_mountings_that_scatter_are_planned_for() -> None:
     assert (given.mountings, given.sets % 3) == (3, 0)
 
 
+def test_a_plan_tells_what_more_points_of_films_would_give() -> None:
+    covariance = ((4e-4, 0.0), (0.0, 4e-4))
+    target = replace(TARGET, design=replace(TARGET.design, film_covariance=covariance, film_freedom=5.0))
+    asked = wanted(tolerance=0.08, relative_to_model=True)
+    told = asked.plan(target).predicted.lines[-1]
+    assert re.search(r"films +calibrated at twice as many points would give [0-9.]+ %: palpate calibrate films", told)
+    assert not [line for line in asked.plan(TARGET).predicted.lines if line.startswith("films ")]
+
+
 def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated() -> None:
     stored = MountingScatter(
         scatter_u=0.02, degrees_of_freedom=2, design="single", device="N1", simulated=True, source="run", created="now",
@@ -134,6 +143,10 @@ def test_a_plan_counts_no_references_of_another_scene_and_none_that_have_expired
     assert palpate(*asked, "unknown_curve").status == 0
     for other in (("unknown_curve", "--seed", "7"), ("thesis_single",)):
         assert "cannot be reached: the model binds" in palpate(*asked, *other).complaint
+    told = palpate(*asked, "unknown_curve").out
+    now, then = (float(found[1]) for found in re.finditer(r"(?:expected {7}|would give )([0-9.]+) %", told))
+    assert then < now
+    assert "it takes 6 min 40 s, once (person 60 s): palpate calibrate model" in told
     path = Path(made["model_calibration_file"])
     write_calibration(path, read_model_calibration(path).model_copy(update={"expires": "2024-02-29"}))
     assert "cannot be reached: the model binds" in palpate(*asked, "unknown_curve").complaint

@@ -55,6 +55,7 @@ from palpate.procedures.measurements.object_modulus.result import (
 )
 from palpate.procedures.measurements.object_modulus.telling import planned_lines
 from palpate.procedures.measurements.object_modulus.work import Measuring
+from palpate.procedures.measurements.object_modulus.worth import worth_lines
 from palpate.procedures.measurements.settings import Frequency
 from palpate.procedures.measurements.softness.procedure import SLOW
 from palpate.procedures.records.record import Recorder
@@ -202,7 +203,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         return Plan(
             self.name,
             steps,
-            Predicted(prospect.times.mean, u, told, planned_lines(wanted, prospect)),
+            Predicted(prospect.times.mean, u, told, [*planned_lines(wanted, prospect), *worth_lines(wanted, prospect)]),
         )
 
     def begin(self, lab: Lab, record: Recorder) -> Measuring:
