@@ -17,7 +17,7 @@ Indices = NDArray[np.intp]
 EDGE = 0.2  # least share of the elements in a half
 # Unknowns of elements that are eliminated together, besides those inside each; smaller fronts cost more calls than they
 # save work.
-LEAF = 400
+LEAF = 1000
 
 
 @dataclass(frozen=True, slots=True)

@@ -175,7 +175,10 @@ class _Elimination:
         for place in range(front.start, front.stop):
             ranks, own, own_loads = self._element(place)
             at = np.searchsorted(numbers, ranks)
-            matrix[at[:, None], at] += own
+            # Whole columns are added faster than single entries.
+            columns = np.zeros((len(numbers), len(at)), order="F")
+            columns[at] = own
+            matrix.T[at] += columns.T
             loads[at] += own_loads
         return _parted(matrix, front.count), loads
 
@@ -185,8 +188,8 @@ class _Elimination:
         Args:
             place: its place in the order of elimination.
         """
-        fixed = self._fixed[place]
-        ranks, matrix = self._ranked[place, fixed:], self._matrix(place)[fixed:, fixed:]
+        free = slice(self._fixed[place], None)
+        ranks, matrix = self._ranked[place, free], self._matrix(place, self._sequence[place, free])
         steps = np.diff(ranks)
         if not steps.all():
             # An unknown that moves several places of one element stands there several times.
@@ -197,17 +200,15 @@ class _Elimination:
         loads = np.zeros((len(ranks), self._loads.shape[1]))
         return ranks[count:], *self._eliminate(int(ranks[0]), ranks[count:], _parted(matrix, count), loads)
 
-    def _matrix(self, place: int) -> Array:
-        """Matrix of an element, with its unknowns in the order of elimination."""
+    def _matrix(self, place: int, unknowns: Indices) -> Array:
+        """Matrix of an element, with some of its unknowns in their order."""
         first, matrices = self._made
         if not first <= place < first + AT_ONCE:
             first = place - place % AT_ONCE
-            few = slice(first, first + AT_ONCE)
-            matrices = self._mesh.matrices(self._order.elements[few])
-            sequence = self._sequence[few]
-            matrices = matrices[np.arange(len(sequence))[:, None, None], sequence[:, :, None], sequence[:, None, :]]
+            matrices = self._mesh.matrices(self._order.elements[first : first + AT_ONCE])
             self._made = first, matrices
-        found: Array = matrices[place - first]
+        # One axis after the other: both at once take five times as long.
+        found: Array = matrices[place - first][unknowns].take(unknowns, axis=1)
         return found
 
     def _eliminate(self, first: int, others: Indices, matrices: _Matrices, loads: Array) -> tuple[Array, Array]:
