@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import palpate as package
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.designs import get_design
@@ -221,3 +222,31 @@ def test_twice_the_input_range_of_the_nodes_adds_six_decibels_to_the_dynamic_ran
         if budget.quantity == "dynamic range, total"
     ]
     assert decibels[1] - decibels[0] == pytest.approx(20 * math.log10(2))
+
+
+def test_noise_that_differs_from_load_to_load_counts_by_its_scatter() -> None:
+    points = measured()
+    for number in range(len(LOADS)):
+        larger = 1 + 0.3 * (number % 2)
+        points[number] = replace(points[number], voltages_u=tuple(larger * u for u in points[number].voltages_u))
+    of = {b.quantity: b for b in evaluate(points, SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=10.0).budgets}
+    of_noise = of["resolution, total"].components[-1]
+    factors = np.array([1.0, 1.3, 1.0, 1.3])
+    assert of_noise.u == pytest.approx(factors.std(ddof=1) / factors.mean() / 2)
+    assert of_noise.degrees_of_freedom == len(LOADS) - 1
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_store")
+def test_figures_of_noise_scatter_as_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(characterise, "DRIFT_POINTS", 3)
+    found = []
+    for seed in range(1, 21):
+        with package.open_bench(scene="thesis_single", seed=seed) as bench:
+            asked = characterise.Characterisation(loads=(3.5, 4.0, 4.5), drift_time=3.0)
+            found.append(package.run(asked, bench).result.rows)
+    for rows_of in zip(*found, strict=True):
+        if rows_of[0].quantity in ("signal-to-noise ratio", "peak signal-to-noise ratio"):
+            stated = math.sqrt(np.mean([row.u**2 for row in rows_of]))
+            scatter = np.std([row.value for row in rows_of], ddof=1)
+            assert 0.6 < scatter / stated < 1.5, f"{rows_of[0].quantity}, {rows_of[0].film}: {scatter / stated:.2f}"

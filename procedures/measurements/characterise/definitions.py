@@ -1,7 +1,8 @@
 """Definitions of a sensor's figures of merit: the equation, and what the thesis says in chapter 2.
 
 V: peak-to-peak voltage of a film; F: load by the load cell, peak to peak; a + b F: least-squares line through the loads
-that increase. The names of the two linearities are those of ISA-51.1.
+that increase; residual: what is left of the signal beside the sine, about a line through each cycle. The names of the
+two linearities are those of ISA-51.1.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import numpy as np
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
 from palpate.instrument.sensor.design import Design, Film
+from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.procedures.engine.promise import RELATIVE, Expected
 from palpate.procedures.measurements.characterise.definitions import (
     DRIFT,
@@ -27,7 +28,7 @@ from palpate.procedures.measurements.characterise.definitions import (
     SPATIAL_RESOLUTION,
     ZERO_BASED_LINEARITY,
 )
-from palpate.procedures.measurements.characterise.result import DECIBELS, of_greatest
+from palpate.procedures.measurements.characterise.result import DECIBELS
 from palpate.procedures.measurements.prospects import film_noise, load_on, reading_u
 from palpate.procedures.steps.checks import preload_for
 from palpate.procedures.steps.films import HEADROOM

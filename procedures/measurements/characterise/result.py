@@ -15,6 +15,7 @@ from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design, Film
+from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
 from palpate.procedures.measurements.characterise.definitions import (
@@ -199,7 +200,8 @@ def _film(
     loads, volts = (
         np.array(values) for values in zip(*((p.load_measured_N, p.voltages_V[number]) for p in up), strict=True)
     )
-    noise_u = float(np.mean([p.voltages_u[number] for p in up]))
+    noises = np.array([p.voltages_u[number] for p in up])
+    noise_u = float(noises.mean())
     # The indicator's steps are in the loads, and over a short span they are most of what the slope may be off by.
     load_u = float(np.mean([p.load_measured_u for p in up]))
     reading_u = math.hypot(noise_u, load_u * float(volts.mean() / loads.mean()))
@@ -221,7 +223,13 @@ def _film(
     of_line = Component("line", math.sqrt(line.covariance[1, 1]) / slope, 1.0, *_repeats(line))
     known = float(calibration.degrees_of_freedom or math.inf)
     of_cell = Component("load cell", calibration.sensitivity_u / calibration.sensitivity_mV_per_N, 1.0, known)
-    of_noise = Component("noise, as measured", 1 / math.sqrt(2 * sum(p.samples for p in up)), kind="A")
+    # A film that still settles has more noise at one load than at another, and more than random noise would differ.
+    scattered, random = (
+        float(noises.std(ddof=1)) / noise_u / math.sqrt(len(up)),
+        1 / math.sqrt(2 * sum(p.samples for p in up)),
+    )
+    freedom = len(up) - 1 if scattered > random else math.inf
+    of_noise = Component("noise, as measured", max(scattered, random), 1.0, freedom, "A")
 
     def row(quantity: str, value: float, how: str, *parts: Component, each: float = 1.0) -> Row:
         return _characteristic(film.name, quantity, value, how, *(replace(p, sensitivity=each) for p in parts))
@@ -265,17 +273,6 @@ def _film(
             Component("scatter about the line", math.sqrt(drift.covariance[1, 1]), 1.0, *_repeats(drift)),
         ),
     ]  # fmt: skip
-
-
-def of_greatest(samples: int) -> float:
-    """Relative standard deviation of the greatest absolute value of so many samples of normal noise.
-
-    It is that of the limit, a Gumbel distribution of mode m and scale 1/s (Cramér 1946, 28.6): 4 % low at 250 samples.
-    """
-    log = math.log(2 * samples)
-    s = math.sqrt(2 * log)
-    m = s - (math.log(log) + math.log(4 * math.pi)) / (2 * s)
-    return math.pi / math.sqrt(6) / (s * m + np.euler_gamma)
 
 
 def _repeats(line: Interpolation) -> tuple[float, Kind]:
