@@ -43,7 +43,7 @@ SIGNATURES = {
     "FilmSeries": "loads frequencies dwell valid_days extrapolate tolerance",
     "Finished": "procedure result session outcome",
     "FrequencySweep": "frequencies sample load dwell extrapolate",
-    "Lab": "bench design calibration films run started references scene",
+    "Lab": "bench design calibration films run started references scene mountings",
     "Load": "force sensed interface at",
     "LoadCellCalibration": (
         "accepted sensitivity_mV_per_N sensitivity_u zero_mV zero_u covariance degrees_of_freedom least_N "
@@ -64,7 +64,7 @@ SIGNATURES = {
     "ObjectModulus": ("object tolerance time relative_to_model model load frequency mountings mounting_scatter"),
     "Plan": "procedure steps likely",
     "Predicted": "seconds u told lines",
-    "PositionSweep": "positions sample load dwell frequency extrapolate",
+    "PositionSweep": "positions sample load dwell frequency extrapolate tolerance time",
     "Procedure": "",
     "Recorder": "folder header",
     "Reference": "name modulus u source digest sample simulated",
@@ -79,7 +79,7 @@ SIGNATURES = {
     "StaticLoadWork": "lab sample force",
     "Step": "dwell_s seconds force_ratio_u what group",
     "Target": (
-        "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene"
+        "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene mountings"
     ),
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
@@ -103,7 +103,7 @@ ERRORS = "BenchError ConfigError EstimateError PalpateError RangeError RecordErr
 MEMBERS = {  # what a script or a class of its own uses
     "DynamicLoadWork": "again end held hold load_set measured press set",
     "Finished": "folder outcome plot procedure replayed result run session",
-    "Lab": "bench calibration design film_hash films references run same_films scene started target",
+    "Lab": "bench calibration design film_hash films mountings references run same_films scene started target",
     "OpenBench": "bench chosen lab log runs scene started target today wall_start",
     "Plan": "likely predicted procedure seconds steps summary",
     "Procedure": (
@@ -118,7 +118,8 @@ MEMBERS = {  # what a script or a class of its own uses
     ),
     "StaticLoadWork": "arrange end load",
     "Target": (
-        "calibrated channels design drivable force_limit frequency_step load_cell model nodes references scene travel"
+        "calibrated channels design drivable force_limit frequency_step load_cell model mountings nodes references "
+        "scene travel"
     ),
     "Work": "arrange end take",
 }

@@ -286,7 +286,7 @@ def test_means_that_are_called_apart_are_so_by_welchs_test() -> None:
 def test_a_place_is_where_its_likelihood_says() -> None:
     design, sample = get_design("common_base"), get_sample("1")
     shares, noise, scatter = (0.32, 0.09), (0.004, 0.003), (0.05, 0.04)
-    x = np.linspace(0, design.plate.length, round(design.plate.length / 5e-5) + 1)
+    x = np.linspace(0, design.plate.length, round(design.plate.length / 1e-5) + 1)
     expected = shares_along(design, sample, x)
     log = np.zeros(x.size)
     for share, told, by_noise, by_gain in zip(shares, expected, noise, scatter, strict=True):
