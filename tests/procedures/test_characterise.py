@@ -241,7 +241,7 @@ def test_noise_that_differs_from_load_to_load_counts_by_its_scatter() -> None:
 def test_figures_of_noise_scatter_as_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(characterise, "DRIFT_POINTS", 3)
     found = []
-    for seed in range(1, 21):
+    for seed in range(1, 13):
         with package.open_bench(scene="thesis_single", seed=seed) as bench:
             asked = characterise.Characterisation(loads=(3.5, 4.0, 4.5), drift_time=3.0)
             found.append(package.run(asked, bench).result.rows)

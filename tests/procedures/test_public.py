@@ -79,7 +79,8 @@ SIGNATURES = {
     "StaticLoadWork": "lab sample force",
     "Step": "dwell_s seconds force_ratio_u what group",
     "Target": (
-        "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene mountings"
+        "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene "
+        "mountings"
     ),
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
