@@ -8,6 +8,7 @@ from shutil import copyfile
 
 import pytest
 
+from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.stored import surface
 from tests.procedures.conftest import Palpate
 
@@ -32,9 +33,11 @@ def surfaces(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monke
     """A folder of stored surfaces, still empty."""
     folder = tmp_path_factory.mktemp("surfaces")
     surface._find.cache_clear()
+    ratio_curve.cache_clear()
     monkeypatch.setattr(surface, "STORED", folder)
     yield folder
     surface._find.cache_clear()
+    ratio_curve.cache_clear()
 
 
 @pytest.mark.parametrize("command", COMMANDS)
