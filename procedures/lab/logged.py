@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, get_args
@@ -31,6 +32,7 @@ class LoggedRun:
         calibration: the load-cell calibration that it used.
         films: the film calibration that it used; None: it used none.
         references: the calibration of a model by references that it used; None: it used none.
+        mountings: the scatter of the sensor's mountings that was stored when it began; None: none was.
         scene: the scene that it simulated; None: it ran on a real bench.
     """
 
@@ -48,8 +50,7 @@ class LoggedRun:
             self.films = None if films is None else check(films, FilmCalibration, where)
             references = header.get("model_calibration")
             self.references = None if references is None else check(references, ModelCalibration, where)
-            mountings = header.get("mounting_scatter")
-            self.mountings = None if mountings is None else check(mountings, MountingScatter, where)
+            self.mountings = mountings_in(header, where)
             scene = header["scene"]
             self.scene = None if scene is None else _scene(scene["toml"], self.wire.path)
         except (KeyError, TypeError, ValueError) as error:
@@ -78,3 +79,9 @@ class LoggedRun:
 
 def _scene(toml: str, path: Path) -> Scene:
     return scene_of(parse(toml.encode(), SceneFile, str(path)), path)
+
+
+def mountings_in(header: Mapping[str, Any], where: str) -> MountingScatter | None:
+    """The scatter of mountings that was stored when a run began, from its header. Raises ConfigError: it is wrong."""
+    found = header.get("mounting_scatter")
+    return None if found is None else check(found, MountingScatter, where)

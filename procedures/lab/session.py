@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from traceback import format_exception
@@ -21,6 +21,7 @@ from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.arithmetic import arithmetic
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.lab import Lab
+from palpate.procedures.lab.logged import mountings_in
 from palpate.procedures.lab.open import Calibrating, OpenBench
 from palpate.procedures.lab.operator import Mounting, weaker
 from palpate.procedures.lab.software import added_by, commit, versions
@@ -212,6 +213,8 @@ def recording(
     mounting = opened.chosen.mounting(manual_work, automated_by, opened.bench.fills)
     started = datetime.now(UTC) if opened.runs else opened.started
     lab = opened.lab(folder.name, started, calibrating, question)
+    if resumed is not None:  # it was planned with what was stored when it began
+        lab = replace(lab, mountings=mountings_in(resumed.run.header, str(folder)))
     header = {
         "procedure": procedure,
         "simulated": lab.bench.simulated,

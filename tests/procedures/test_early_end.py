@@ -10,7 +10,12 @@ from typing import TypeVar
 import pytest
 
 import palpate
+from palpate.instrument.calibration.files import write_calibration
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.models.ratio import Question
+from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.calibrations import mountings_path
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER
 
@@ -145,3 +150,42 @@ def test_steps_of_a_group_that_has_enough_are_left_out_also_when_the_run_is_resu
     done = palpate.resume(tmp_path / "cut", Grouped)
     assert len(whole.result.points) == len(done.result.points) == 4
     assert done.run.digest() == whole.run.digest()
+
+
+@dataclass(frozen=True)
+class Asking(Waiting):
+    """Asks a model, so that the scatter of mountings that is stored for the sensor belongs to the run."""
+
+    name = "asking"
+
+    def model_question(self, design: Design) -> Question:
+        return Question(design.name, "experiment")
+
+    def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.SimpleResult[Reading]:
+        return palpate.SimpleResult(points, {"scatter": lab.mountings.scatter_u if lab.mountings else None})
+
+
+@pytest.mark.parametrize("began_with", [None, 0.02])
+def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
+    tmp_path: Path, began_with: float | None
+) -> None:
+    def stop(done: int, _all: int, _what: str) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    def store(scatter: float, created: str) -> None:
+        path = mountings_path("20260101", "single", "ideal, experiment, seed 1")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_calibration(path, MountingScatter(
+            scatter_u=scatter, degrees_of_freedom=2, design="single", device="20260101", simulated=True,
+            scene="ideal, experiment, seed 1", source="run", created=created, expires="2999-01-01",
+        ))  # fmt: skip
+
+    if began_with is not None:
+        store(began_with, "2026-01-01")
+    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
+        palpate.run(Asking(), bench, out=tmp_path / "cut", progress=stop)
+    store(0.05, "2026-01-02")
+    assert palpate.resume(tmp_path / "cut", Asking).result.values == {"scatter": began_with}
+    with palpate.open_bench(scene="ideal") as bench:
+        assert palpate.run(Asking(), bench, out=tmp_path / "new").result.values == {"scatter": 0.05}
