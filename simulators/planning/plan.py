@@ -22,6 +22,7 @@ from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import check_force
 from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.signals.dwell import LONGEST
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS, GROUP, WHAT, effect_class, effect_names, origin
@@ -49,7 +50,7 @@ CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing funct
 
 
 UNITS = {"load": "N", "frequency": "Hz", "dwell": "s"}
-FREQUENCIES, DWELLS = (1e-6, 1e6), (1e-6, 1e9)  # limits in Hz and s; beyond them numbers overflow or vanish
+FREQUENCIES, DWELLS = (1e-6, 1e6), (1e-6, LONGEST)  # limits in Hz and s; beyond them numbers overflow or vanish
 
 
 @dataclass(frozen=True, slots=True)

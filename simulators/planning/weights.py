@@ -29,6 +29,7 @@ from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE, sampled
 from palpate.simulators.scenes.scene import LARGEST_SEED, Scene
 
 DRAWS = 4  # seeds, from the scene's own on
+MOST = 20_000_000  # samples of all films together in a draw, which take some hundred megabytes
 UNFELT = (CanEffect, LineEffect, CellEffect)  # the films do not show what these change: times, and the indicator
 Progress = Callable[[int, int, str], None]
 
@@ -165,12 +166,16 @@ def see(scene: Scene, question: Question, start: float = 0.0, draws: int = DRAWS
 
     Raises:
         RangeError: the scene's model does not answer for the sample.
-        EstimateError: the films give no force ratio.
+        EstimateError: the films give no force ratio, or the dwell has too many samples to be held.
     """
-    pairs, bases = (
-        pairs_of(scene.design),
-        [i for i, film in enumerate(scene.design.films) if film.kind == FILM_KINDS[1]],
-    )
+    films = scene.design.films
+    samples = len(films) * SAMPLES_PER_CYCLE * question.frequency * question.dwell
+    if samples > MOST:
+        raise EstimateError(
+            f"scene {scene.name}: {samples:.2g} samples of {len(films)} films in a dwell of {question.dwell:g} s are "
+            f"more than {MOST:.2g}, which are held at once; give a shorter --dwell"
+        )
+    pairs, bases = pairs_of(scene.design), [i for i, film in enumerate(films) if film.kind == FILM_KINDS[1]]
     amplitudes, seconds = [], []
     for draw in range(draws):
         begun = time.process_time()

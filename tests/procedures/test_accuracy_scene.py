@@ -74,6 +74,7 @@ def test_the_command_shows_each_subset_and_draws_it(palpate: Palpate, scene: str
         (("nowhere",), "unknown scene 'nowhere'"),
         (("four.toml", "--sample", "9"), "unknown sample '9'"),
         (("four.toml", "--dwell", "10 ms"), "record at least"),
+        (("four.toml", "--dwell", "1 h", "--frequency", "200 Hz"), "are more than 2e+07, which are held at once"),
     ],
 )
 def test_what_cannot_be_weighed_is_refused(palpate: Palpate, scene: str, asked: tuple[str, ...], message: str) -> None:

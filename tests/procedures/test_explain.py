@@ -208,6 +208,7 @@ def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
         (("--tolerance", "nan"), "--tolerance: 'nan' is no share; give a share such as '5 %' or 0.05"),
         (("--tolerance", "1 N"), "--tolerance: '1 N' is no share"),
         (("--dwell", "0 s"), "dwell 0 s is not above 0 and finite"),
+        (("--dwell", "1e5 s"), "100000 s is outside 1e-06 to 3600 s; give one inside"),
         (("--dwell", "1"), "'1' has no unit where s belongs"),
         (("--sample", "9"), "unknown sample '9'"),
     ],

@@ -150,6 +150,10 @@ def test_what_is_no_reference_is_refused_before_anything_moves(
         ),
         (ReferenceSeries(()), "no reference is given"),
         (ReferenceSeries((Reference("A", 48e3, 0.02),), valid_days=0), "validity of 0 days"),
+        (
+            ReferenceSeries((Reference("B", 48e3, 0.02, sample="4"),), thickness=5e-3),
+            "reference 'B' is rubber sample '4' of 3 mm, not of 5 mm; leave --thickness out",
+        ),
     ],
 )
 def test_settings_that_calibrate_nothing_are_refused(series: ReferenceSeries, message: str) -> None:

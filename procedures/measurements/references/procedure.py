@@ -16,6 +16,7 @@ from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models.curve import RatioCurve, ratio_curve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import validate
+from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
@@ -58,9 +59,9 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: there is no reference, one is given twice, is outside the range of the model, or comes from a
-                simulated bench and this one is real, or the other way round; the validity is outside its limits; or
-                what `SoftnessTest.check` refuses.
+            RangeError: there is no reference, one is given twice, has another thickness, is outside the range of the
+                model, or comes from a simulated bench and this one is real, or the other way round; the validity is
+                outside its limits; or what `SoftnessTest.check` refuses.
             UnknownName: there is no such model or parameter set.
         """
         if not self.references:
@@ -77,6 +78,11 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
                 raise RangeError(
                     f"reference {each.name!r} was measured on hardware, and this bench is simulated; give one that a"
                     " simulated bench measured, or state its modulus"
+                )
+            if (own := each.object(target.design, self.thickness).thickness) != self.thickness:
+                raise RangeError(
+                    f"reference {each.name!r} is rubber sample {each.sample!r} of {show(own, 'm')}, not of"
+                    f" {show(self.thickness, 'm')}; leave --thickness out, or give another object another name"
                 )
         if not 1 <= self.valid_days <= LONGEST_VALIDITY:
             raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
