@@ -94,11 +94,11 @@ def foreground() -> Iterator[None]:
 
 
 @pytest.fixture
-def closed_port() -> int:
-    """A TCP port of 127.0.0.1 at which nothing answers."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-    return port
+def closed_port() -> Iterator[int]:
+    """A TCP port of 127.0.0.1 at which nothing answers, kept from other programs until the test ends."""
+    with socket.socket() as kept:
+        kept.bind(("127.0.0.1", 0))  # bound and not listening: connections are refused, and nobody else gets the port
+        yield kept.getsockname()[1]
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import socket
 from dataclasses import replace
 from typing import Any
 
@@ -63,15 +62,15 @@ def test_another_node_is_refused_and_the_rest_closed_again(sim: SimulatedBench) 
     assert is_closed(bench)
 
 
-def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(sim: SimulatedBench) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
+def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(
+    sim: SimulatedBench, closed_port: int
+) -> None:
     description = sim.description
     elsewhere = description.model_copy(
-        update={"shaker_amplifier": description.shaker_amplifier.model_copy(update={"port": port})}
+        update={"shaker_amplifier": description.shaker_amplifier.model_copy(update={"port": closed_port})}
     )
     bench = open_bench(sim, elsewhere)
-    with pytest.raises(LinkError, match=f"nothing answers at 127.0.0.1:{port}; .*check power and cable"):
+    with pytest.raises(LinkError, match=f"nothing answers at 127.0.0.1:{closed_port}; .*check power and cable"):
         bench.__enter__()
     assert is_closed(bench)
 

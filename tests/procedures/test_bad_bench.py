@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import resource
-import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -37,13 +36,6 @@ def bench_file(description: BenchDescription) -> str:
 # --- devices -------------------------------------------------------------------------------------------
 
 
-def closed_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port: int = free.getsockname()[1]
-    return port
-
-
 @pytest.mark.parametrize(
     ("part", "update", "message"),
     [
@@ -57,9 +49,9 @@ def closed_port() -> int:
     ],
 )
 def test_an_absent_device_is_named(
-    palpate: Palpate, lab: str, sim: SimulatedBench, part: str, update: dict[str, Any], message: str
+    palpate: Palpate, lab: str, sim: SimulatedBench, closed_port: int, part: str, update: dict[str, Any], message: str
 ) -> None:
-    update = {key: closed_port() if value is None else value for key, value in update.items()}
+    update = {key: closed_port if value is None else value for key, value in update.items()}
     section = getattr(sim.description, part).model_copy(update=update)
     said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={part: section})))
     assert said.status == 1
