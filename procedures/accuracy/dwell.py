@@ -94,11 +94,11 @@ class Recommended:
     """
 
     target: float
-    estimator: str | None
-    sets: int | None
-    dwell_s: float | None
-    u: float | None
-    seconds: float | None
+    estimator: str | None = None
+    sets: int | None = None
+    dwell_s: float | None = None
+    u: float | None = None
+    seconds: float | None = None
     why: str = ""
 
 
@@ -237,4 +237,4 @@ def _recommend(
     if found is not None:
         return found
     why = f"neither dwell nor load sets: what is {COHERENT} leaves {least:.2%}; {REMEDY}"
-    return Recommended(target, None, None, None, None, None, why)
+    return Recommended(target, why=why)

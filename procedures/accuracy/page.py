@@ -39,11 +39,11 @@ class Recommended:
     """The cheapest method that meets a tolerance, or the reason why there is none."""
 
     tolerance: float
-    name: str | None
-    setting: str | None
-    error: float | None
-    seconds: float | None
-    why: str
+    name: str | None = None
+    setting: str | None = None
+    error: float | None = None
+    seconds: float | None = None
+    why: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +76,9 @@ def of_modulus(front: ModulusFront) -> Part:
     ways = [Way(SCALE, plan_text(point.plan), point.plan.scale_u, point.after) for point in front.points]
     ways += [Way(ABSOLUTE, plan_text(point.plan), point.plan.absolute_u, point.after) for point in front.points]
     recommended = [
-        Recommended(each.tolerance, SCALE, plan_text(each.plan), each.plan.scale_u, each.after, "")
+        Recommended(each.tolerance, SCALE, plan_text(each.plan), each.plan.scale_u, each.after)
         if each.plan is not None
-        else Recommended(each.tolerance, None, None, None, None, each.why)
+        else Recommended(each.tolerance, why=each.why)
         for each in front.targets
         if not each.absolute
     ]
@@ -123,10 +123,10 @@ def of_dwells(prices: DwellPrices, scene: str) -> Part:
     recommended = []
     for r in prices.recommended:
         if r.u is None or r.seconds is None:
-            recommended.append(Recommended(r.target, None, None, None, None, r.why))
+            recommended.append(Recommended(r.target, why=r.why))
             continue
         setting = f"{r.sets:,} x {r.dwell_s:g} s by {r.estimator}"
-        recommended.append(Recommended(r.target, MEAN, setting, r.u, r.seconds, ""))
+        recommended.append(Recommended(r.target, MEAN, setting, r.u, r.seconds))
         ways.append(Way(MEAN, setting, r.u, r.seconds))
     return Part(
         name=DWELL,
@@ -161,6 +161,6 @@ def cheapest(ways: Sequence[Way], tolerance: float) -> Recommended:
     if not good:
         best = min((way.error for way in known if way.error is not None), default=None)
         why = "none answers" if best is None else f"the best is off by {best:.2g}"
-        return Recommended(tolerance, None, None, None, None, why)
+        return Recommended(tolerance, why=why)
     found = min(good, key=lambda way: (way.seconds, way.error))
-    return Recommended(tolerance, found.name, found.setting, found.error, found.seconds, "")
+    return Recommended(tolerance, found.name, found.setting, found.error, found.seconds)

@@ -6,9 +6,16 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands import texts
 from palpate.procedures.commands.explain import question_options
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, option, output_options
+from palpate.procedures.commands.options import (
+    FILE_NAME,
+    Command,
+    Output,
+    dwell_option,
+    make_folder,
+    option,
+    output_options,
+)
 
 
 @click.command(
@@ -18,7 +25,7 @@ from palpate.procedures.commands.options import FILE_NAME, Command, Output, make
 )
 @click.argument("scene")
 @question_options
-@option("--dwell", callback=texts.quantity("s"), default="1 s", help="Time over which the signals are averaged.")
+@dwell_option
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot scene.png (default: no plot).")
 @output_options
 def scene_command(

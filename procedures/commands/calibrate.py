@@ -97,12 +97,7 @@ def load_cell(
     "\n\n  palpate calibrate films --tolerance 1%"
     "\n\n  palpate calibrate films --scene array_16 --json\n\n  palpate calibrate films --bench lab.toml"
 )
-@option(
-    "--loads",
-    callback=texts.loads,
-    default="1.5 N:4 N:0.5 N",
-    help="first:last:step or a list; peak to peak. A load may be repeated.",
-)
+@options.loads_option("1.5 N:4 N:0.5 N")
 @option("--frequencies", callback=texts.quantities("Hz"), default="10 Hz", help="Frequencies of the load, with commas.")
 @options.dwell_option
 @option("--valid-days", default=365, help="Days until the calibration expires.")
@@ -148,7 +143,7 @@ def films(
     metavar="'NAME: MODULUS ± U'",
     help="Object of known modulus with its standard uncertainty, or 'NAME: RUN' of palpate test modulus; repeatable.",
 )
-@option("--loads", callback=texts.loads, default="1.5 N:4 N:0.5 N", help="first:last:step or a list; peak to peak.")
+@options.loads_option("1.5 N:4 N:0.5 N")
 @options.dwell_option
 @options.frequency_option
 @option("--model", "answering", metavar="NAME", default="auto", help="Sensor model that is calibrated.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from palpate.procedures.commands import texts
-from palpate.procedures.commands.options import Command, F, Output, option, output_options
+from palpate.procedures.commands.options import Command, F, Output, dwell_option, option, output_options
 
 
 def question_options(command: F) -> F:
@@ -26,7 +26,7 @@ def question_options(command: F) -> F:
 )
 @click.argument("scene")
 @question_options
-@option("--dwell", callback=texts.quantity("s"), default="1 s", help="Time over which the signals are averaged.")
+@dwell_option
 @option("--steady", is_flag=True, help="Explain and show the settled state instead of the waveforms.")
 @option("--tolerance", callback=texts.share, default="1e-4", help="Change by omitted effects that gets no mark.")
 @option("--strict", is_flag=True, help="Treat a warning as an error.")

@@ -14,7 +14,7 @@ from typing import TypeVar, cast
 import click
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.commands.texts import quantity, share
+from palpate.procedures.commands.texts import loads, quantity, share
 from palpate.procedures.console.progress import Progress, bar, silent
 from palpate.procedures.console.terminal import say
 
@@ -24,7 +24,6 @@ F = TypeVar("F", bound=Callable[..., object])
 LONGEST = 1000  # characters of a command's summary, more than any has
 UNKNOWN_THICKNESS = 3e-3  # m
 MANY = 100  # entries of a list in JSON
-LOAD_SETS = "first:last:step or a list, in which a load may be repeated; peak to peak."
 
 option = functools.partial(click.option, show_default=True)
 
@@ -98,6 +97,12 @@ def unknown_thickness(given: float | None, samples: object) -> float:
             "--thickness is that of an unknown object, and a sample has its own; leave it out, or give --modulus"
         )
     return UNKNOWN_THICKNESS if given is None else given
+
+
+def loads_option(default: str) -> Callable[[F], F]:
+    """The option --loads of a procedure that makes a load set of each load, also of a repeated one."""
+    text = "first:last:step or a list; peak to peak. A load may be repeated."
+    return option("--loads", callback=loads, default=default, help=text)
 
 
 def extrapolate_option(command: F) -> F:

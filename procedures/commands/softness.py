@@ -29,12 +29,7 @@ if TYPE_CHECKING:
     help="Young modulus of unknown objects on a simulated bench, or a list with commas.",
 )
 @options.thickness_option
-@option(
-    "--loads",
-    callback=texts.loads,
-    default="2 N:4 N:1 N",
-    help="first:last:step or a list; peak to peak. A load may be repeated.",
-)
+@options.loads_option("2 N:4 N:1 N")
 @options.dwell_option
 @options.frequency_option
 @option("--model", metavar="NAME", help="Sensor model: experiment, auto, column, ... (default: experiment).")

@@ -32,12 +32,7 @@ def sweep() -> None:
     "\n\n  palpate sweep loads --model column --seed 7 --json\n\n  palpate sweep loads --bench lab.toml --out first-day"
 )
 @option("--samples", callback=texts.samples, default="1-6", help="Rubber samples, in order.")
-@option(
-    "--loads",
-    callback=texts.loads,
-    default="1.5 N:4 N:0.5 N",
-    help="first:last:step or a list; peak to peak. A load may be repeated.",
-)
+@options.loads_option("1.5 N:4 N:0.5 N")
 @option("--dwell", callback=texts.quantity("s"), help="Time over which each point is averaged (default: 1 s).")
 @option(
     "--tolerance",

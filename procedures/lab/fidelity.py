@@ -35,8 +35,7 @@ def at_fidelity(chosen: Chosen, fidelity: float, procedure: str, dwells: Dwells 
             f"{FIDELITY}: the result of procedure {procedure!r} comes from more than load sets of one frequency, so it "
             "is not known what it feels; leave out this option"
         )
-    questions = [
-        Question(each, load, dwells.frequency, dwells.dwell) for each in dwells.objects for load in set(dwells.loads)
-    ]
+    loads = dict.fromkeys(dwells.loads)  # the least one first
+    questions = [Question(each, load, dwells.frequency, dwells.dwell) for each in dwells.objects for load in loads]
     asked = [*((question, 0.0) for question in questions), (questions[0], seconds)]
     return replace(chosen, scene=reduced(chosen.scene, fidelity, asked))

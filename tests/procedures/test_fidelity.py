@@ -6,7 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from palpate.instrument.errors import UsageError
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.lab import fidelity
+from palpate.procedures.lab.chosen import Chosen, choose
+from palpate.procedures.lab.fidelity import at_fidelity
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.dwells import Dwells
 from palpate.simulators.planning.fidelity import reduced
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
@@ -16,7 +22,6 @@ from tests.procedures.conftest import IDEAL_SCENE, Palpate
 SCENE = IDEAL_SCENE + (
     '\n[effects.gain_scatter]\n[effects.white_noise]\n[effects.load_cell]\nzero = "0 mV"\n[effects.charge_amplifier]\n'
 )
-SMALL = {"charge_amplifier", "white_noise"}  # their changes are below 1e-2
 SWEEP = ("sweep", "loads", "--samples", "2", "--loads", "2 N, 3 N", "--scene", "five.toml")
 
 
@@ -27,20 +32,20 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fidelity", "left_out"),
+    ("most", "left_out"),
     [
         (1e-5, {"adc"}),
         (1e-2, {"adc", "charge_amplifier", "white_noise"}),
         (0.9, {"adc", "charge_amplifier", "white_noise", "gain_scatter"}),
     ],
 )
-def test_what_is_left_out_changes_no_answer_by_more_than_the_fidelity(fidelity: float, left_out: set[str]) -> None:
+def test_what_is_left_out_changes_no_answer_by_more_than_the_fidelity(most: float, left_out: set[str]) -> None:
     whole, asked = read_scene("five.toml"), [(Question("2"), 0.0), (Question("6", 4.0), 300.0)]
-    found = reduced(whole, fidelity, asked)
+    found = reduced(whole, most, asked)
     assert set(found.file.left_out or ()) == left_out == set(whole.effects) - set(found.effects)
     for question, start in asked:
         force, ratio = changes(see(whole, question, start), see(found, question, start))
-        assert max(force.max(), ratio.max()) <= fidelity
+        assert max(force.max(), ratio.max()) <= most
 
 
 @pytest.mark.slow
@@ -65,7 +70,6 @@ def test_a_run_says_what_was_left_out_and_goes_on_without_it(palpate: Palpate) -
     [
         ((*SWEEP, "--fidelity", "0"), "--fidelity: '0' is not above 0"),
         ((*SWEEP, "--fidelity", "1.5"), "--fidelity: '1.5' is 150 %, above the 50 %"),
-        ((*SWEEP[:-2], "--bench", "five.toml", "--fidelity", "1e-3"), "five.toml"),
         (("sweep", "frequency", "--scene", "five.toml", "--fidelity", "1e-3"), "comes from more than load sets"),
         (("sweep", "loads", "--loads", "200 N", "--fidelity", "1e-3", "--dry-run"), "200 N"),
     ],
@@ -74,6 +78,23 @@ def test_a_fidelity_that_says_nothing_is_refused(palpate: Palpate, asked: tuple[
     said = palpate(*asked)
     assert said.status
     assert message in said.complaint
+
+
+def test_a_real_bench_leaves_nothing_out() -> None:
+    with pytest.raises(UsageError, match="a real bench leaves nothing out"):
+        at_fidelity(Chosen(None, None), 1e-3, "sweep-loads", None, 0.0)
+
+
+def test_each_load_of_each_object_is_asked_and_the_least_one_at_the_end_of_the_run_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[tuple[Question, float]] = []
+    monkeypatch.setattr(fidelity, "reduced", lambda scene, _fidelity, asked: seen.extend(asked) or scene)
+    dwells = Dwells([get_sample("2"), get_sample("6")], (4.0, 9.0), 10.0, 1.0)
+    at_fidelity(choose(None, "five.toml"), 1e-3, "sweep-loads", dwells, 77.0)
+    assert [(question.pressed.name, question.load, start) for question, start in seen] == [
+        ("2", 4.0, 0.0), ("2", 9.0, 0.0), ("6", 4.0, 0.0), ("6", 9.0, 0.0), ("2", 4.0, 77.0)
+    ]  # fmt: skip
 
 
 def test_a_scene_file_does_not_choose_a_fidelity(palpate: Palpate) -> None:

@@ -29,7 +29,7 @@ from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.references.expected import expected_constant
 from palpate.procedures.measurements.references.reference import Reference, read_reference
 from palpate.procedures.measurements.references.result import MODULUS, ReferencesResult, check_range, evaluate
-from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, ValidDays
+from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, ValidDays
 from palpate.procedures.measurements.softness.procedure import SLOW, SoftnessTest, Touching, TouchStep
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.records.record import Recorder
@@ -47,7 +47,7 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
     point = SoftnessPoint
 
     references: Annotated[tuple[Reference, ...], Setting(help=HELP, read=read_reference)]
-    loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     model: Annotated[str, Setting(help="Sensor model that is calibrated.")] = "auto"
