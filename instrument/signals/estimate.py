@@ -19,7 +19,7 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.hum import tuned
 from palpate.instrument.signals.noise import MAINS, noise_at
 from palpate.instrument.signals.noise_parts import short_noise
-from palpate.instrument.signals.rapid_noise import rapid_noise
+from palpate.instrument.signals.rapid_noise import RapidNoise, rapid_noise
 from palpate.instrument.signals.sine_columns import COEFFICIENTS, WANDER, SineColumns, correlated, sine_columns
 
 Floats = npt.NDArray[np.float64]
@@ -59,9 +59,7 @@ class SineFit:
             a vector.
         hum_u: (channels,) V, standard uncertainty of an amplitude by hum that was fitted, but whose frequency so short
             a record does not tell.
-        residual: (channels,) V, rms of the residuals about a line through each cycle (see `rapid_noise`). Hum that was
-            not fitted is in it.
-        residual_peak: (channels,) V, the greatest of their absolute values.
+        rapid: the residuals about a line through each cycle [V] (see `rapid_noise`). Hum that was not fitted is in it.
         noise: (channels,) V, standard deviation of one sample of white noise that has the density of the noise around
             the drive (see `noise_at`).
         correlation: (channels, channels), correlation of the noise.
@@ -86,8 +84,7 @@ class SineFit:
     phase_u: Floats
     amplitude_bias: Floats
     hum_u: Floats
-    residual: Floats
-    residual_peak: Floats
+    rapid: RapidNoise
     noise: Floats
     correlation: Floats
     degrees_of_freedom: float
@@ -138,7 +135,6 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     a, b, offset, trend = scaled[:COEFFICIENTS] * basis.scale[:COEFFICIENTS, np.newaxis]
     at_middle = np.arctan2(-b, a)
     spent = basis.columns.shape[1]
-    residual, residual_peak = rapid_noise(t, residuals, 1 / (frequency * step), spent)
     along, across = basis.direction(at_middle), basis.direction(at_middle + np.pi / 2)
     around = short_noise(basis, residuals, step) or noise_at(frequency, residuals, step, spent)
     amplitude, hum_u = np.hypot(a, b), _wandering(basis, scaled)
@@ -159,8 +155,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         phase_u=np.divide(turned_u, amplitude, out=np.full_like(amplitude, np.inf), where=amplitude > 0),
         amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - across_u**2, 0.0)),
         hum_u=hum_u,
-        residual=residual,
-        residual_peak=residual_peak,
+        rapid=rapid_noise(t, residuals, 1 / (frequency * step), spent),
         noise=around.sigma,
         correlation=around.correlation,
         degrees_of_freedom=float((around.degrees_of_freedom / np.maximum(of_noise, LEAST_SHARE) ** 4).min()),

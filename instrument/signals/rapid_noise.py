@@ -8,19 +8,43 @@ straight line through each cycle.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 FEWEST = 8  # samples for a line, which takes two of their degrees of freedom
+HELD = 4  # places of a cycle that the line and the fitted drive hold where each cycle is like the others
 
 Floats = npt.NDArray[np.float64]
 
 
-def rapid_noise(time: Floats, residuals: Floats, cycle: float, spent: int) -> tuple[Floats, Floats]:
-    """Root mean square (channels,) and greatest absolute value (channels,) of the residuals about lines.
+@dataclass(frozen=True, slots=True, eq=False)
+class RapidNoise:
+    """What is left of each channel's signal about lines.
 
-    A record of fewer than two cycles has the one line of its trend. Samples after the last whole cycle do not count.
+    Args:
+        rms: (channels,) root mean square.
+        rms_u: (channels,) standard uncertainty of `rms`, with `degrees_of_freedom`.
+        greatest: (channels,) greatest absolute value.
+        degrees_of_freedom: degrees of freedom of `rms_u`.
+    """
+
+    rms: Floats
+    rms_u: Floats
+    greatest: Floats
+    degrees_of_freedom: float
+
+
+def rapid_noise(time: Floats, residuals: Floats, cycle: float, spent: int) -> RapidNoise:
+    """Noise about a line through each cycle.
+
+    Where an offset stands still within a step of the converter, rounding repeats with each cycle. Then the samples at
+    one place in the cycle are all alike, and only places are independent. So the uncertainty comes from the mean
+    squares at each place: they differ by chance if noise is random, and by more if rounding repeats.
+
+    A record of fewer than two cycles has the one line of its trend, and its samples count as independent. Samples after
+    the last whole cycle do not count.
 
     Args:
         time: (n,) s.
@@ -31,16 +55,26 @@ def rapid_noise(time: Floats, residuals: Floats, cycle: float, spent: int) -> tu
     length = max(round(cycle), FEWEST)
     count = time.size // length
     if count < 2:
-        return np.sqrt((residuals**2).sum(axis=1) / (time.size - spent)), np.abs(residuals).max(axis=1)
+        freedom = time.size - spent
+        rms = np.sqrt((residuals**2).sum(axis=1) / freedom)
+        return RapidNoise(rms, rms / math.sqrt(2 * freedom), np.abs(residuals).max(axis=1), math.inf)
     used = count * length
     at = time[:used].reshape(count, length)
     at = at - at.mean(axis=1, keepdims=True)
+    square = (at**2).sum(axis=1)
     left = residuals[:, :used].reshape(-1, count, length)
     left = left - left.mean(axis=2, keepdims=True)
-    slope = (left * at).sum(axis=2) / (at**2).sum(axis=1)
-    left = (left - slope[:, :, np.newaxis] * at).reshape(-1, used)
+    slope = (left * at).sum(axis=2) / square
+    left = left - slope[:, :, np.newaxis] * at
     freedom = used - 2 * count - (spent - 2)  # the lines hold offset and trend
-    return np.sqrt((left**2).sum(axis=1) / freedom), np.abs(left).max(axis=1)
+    rms = np.sqrt((left**2).sum(axis=(1, 2)) / freedom)
+    free = 1 - 1 / length - at**2 / square[:, np.newaxis]  # of each sample, beside the line of its cycle
+    at_place = (left**2 / free).mean(axis=1)
+    mean = at_place.mean(axis=1)
+    places = length - HELD
+    mean_u = at_place.std(axis=1, ddof=1) / math.sqrt(places)
+    half = np.divide(mean_u, 2 * mean, out=np.zeros_like(mean), where=mean > 0)  # a root has half the relative u
+    return RapidNoise(rms, half * rms, np.abs(left).max(axis=(1, 2)), places - 1)
 
 
 def of_greatest(samples: int) -> float:

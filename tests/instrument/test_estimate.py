@@ -95,8 +95,9 @@ def test_a_change_of_unit_scales_the_amplitudes_and_nothing_else(factor: float, 
     noise = np.random.default_rng(3).normal(scale=0.1, size=(2, time.size))
     signals = np.stack([tone(time, 1.0, phase), 5 + tone(time, 0.2)]) + noise
     plain, scaled = fit_sine(time, signals, FREQUENCY), fit_sine(time, factor * signals, FREQUENCY)
-    for name in ("amplitude", "amplitude_u", "offset", "trend", "residual", "noise"):
+    for name in ("amplitude", "amplitude_u", "offset", "trend", "noise"):
         assert getattr(scaled, name) == pytest.approx(factor * getattr(plain, name), rel=1e-9), name
+    assert scaled.rapid.rms == pytest.approx(factor * plain.rapid.rms, rel=1e-9)
     assert np.exp(1j * scaled.phase) == pytest.approx(np.exp(1j * plain.phase), abs=1e-9)
     assert scaled.correlation == pytest.approx(plain.correlation, abs=1e-9)
     assert scaled.condition == plain.condition
@@ -113,7 +114,7 @@ def test_eight_uneven_samples_state_the_spread_that_they_have() -> None:
     time = np.array([0.0, 0.003, 0.01, 0.018, 0.025, 0.06, 0.11, 0.19])
     noise = np.random.default_rng(4).normal(scale=1e-3, size=(400, time.size))
     fit = fit_sine(time, tone(time, 1.0, 0.7) + noise, FREQUENCY)
-    assert np.mean(fit.residual**2) == pytest.approx(1e-6, rel=0.1)
+    assert np.mean(fit.rapid.rms**2) == pytest.approx(1e-6, rel=0.1)
     assert np.mean(fit.amplitude_u**2) == pytest.approx(fit.amplitude.var(), rel=0.15)
 
 
@@ -181,7 +182,7 @@ def test_a_noiseless_and_a_dead_channel_have_a_defined_correlation() -> None:
     time = times(2)
     fit = fit_sine(time, np.stack([np.zeros_like(time), tone(time)]), FREQUENCY)
     assert fit.correlation == pytest.approx(np.eye(2))
-    assert fit.amplitude[0] == fit.amplitude_u[0] == fit.residual[0] == 0.0
+    assert fit.amplitude[0] == fit.amplitude_u[0] == fit.rapid.rms[0] == 0.0
 
 
 def test_a_record_below_a_quarter_cycle_is_refused() -> None:

@@ -70,7 +70,7 @@ def test_noise_that_falls_with_frequency_counts_as_it_is_at_the_drive() -> None:
     fit = fit_sine(time, tone(time, FREQUENCY, 1.0) + pink, FREQUENCY)
     assert fit.amplitude.var() == pytest.approx(2 * 0.02**2 / time.size, rel=0.2)
     assert np.mean(fit.noise**2) == pytest.approx(0.02**2, rel=0.06)
-    assert np.mean(fit.residual**2) < 0.7 * np.mean(fit.noise**2)
+    assert np.mean(fit.rapid.rms**2) < 0.7 * np.mean(fit.noise**2)
 
 
 def test_degrees_of_freedom_are_those_that_the_noise_scatters_with() -> None:

@@ -14,12 +14,14 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.characterise import procedure as characterise
-from palpate.procedures.measurements.characterise.result import Characteristic, FilmsPoint, evaluate
+from palpate.procedures.measurements.characterise.point import FilmsPoint
+from palpate.procedures.measurements.characterise.result import Characteristic, evaluate
 from tests.procedures.conftest import Palpate
 
 SINGLE = get_design("single")
 LOADS = (1.5, 2.0, 2.5, 3.0)
 NOISE = 1e-5  # V, of a sample
+NOISE_U = 0.06 * NOISE
 LOAD_U = 0.05  # N
 PEAK = 2.8e-5  # V, the greatest of the noise
 QUANTITIES = [
@@ -39,6 +41,8 @@ def point(direction: str, load: float, volts: float, time: float = 0.0) -> Films
         (0.1 * volts, volts),
         (noise_u,) * 2,
         (NOISE,) * 2,
+        (NOISE_U,) * 2,
+        20.0,
         (PEAK,) * 2,
         250,
         True,
@@ -120,7 +124,7 @@ def test_an_offset_is_no_bend_but_is_not_proportional_as_the_thesis_wants_it() -
 
 def test_the_greatest_noise_scatters_as_a_greatest_of_normals_does() -> None:
     of = {b.quantity: b for b in evaluate(measured(), SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=10.0).budgets}
-    _, greatest = of["peak signal-to-noise ratio, total"].components
+    *_, greatest = of["peak signal-to-noise ratio, total"].components
     drawn = np.abs(np.random.default_rng(1).standard_normal((4000, 250))).max(axis=1)
     assert greatest.u == pytest.approx(drawn.std() / drawn.mean(), rel=0.05)
 
@@ -190,6 +194,8 @@ def test_the_command_measures_each_film_and_gives_the_public_names(
         ("", "spatial resolution"),
     ]
     assert [b["u"] for b in result["budgets"]] == [row["u"] for row in result["rows"]]
+    assert [b["quantity"] for b in result["budgets"]] == [row["name"] for row in result["predicted_results"]]
+    assert result["points"][6]["time_s"] > characterise.STANDING
     total = next(r for r in result["rows"] if (r["film"], r["quantity"]) == ("total", "force sensitivity"))
     assert abs(total["value"] - 68.6e-3) < 4 * max(total["u"], 0.03 * 68.6e-3)
     assert [p["direction"] for p in result["points"]] == [*3 * ["loading"], *3 * ["unloading"], *4 * ["holding"]]

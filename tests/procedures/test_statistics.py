@@ -36,10 +36,10 @@ from palpate.instrument.signals.estimate import FEW_DEGREES, fit_sine
 from palpate.instrument.signals.frequency_response import fit_corner, fit_resonance
 from palpate.instrument.signals.noise import _whittle
 from palpate.instrument.signals.noise_parts import _power, _typical
+from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
-from palpate.procedures.measurements.characterise.result import of_greatest
 from palpate.procedures.measurements.frequency import procedure as frequency
 from palpate.procedures.measurements.loads.repeats import floor_of
 from palpate.procedures.measurements.softness import result as softness
@@ -348,8 +348,10 @@ def test_figures_of_a_sensor_have_the_uncertainty_of_their_equations() -> None:
     slope *= gtc.ureal(1, THESIS_LOAD_CELL.sensitivity_u / THESIS_LOAD_CELL.sensitivity_mV_per_N)
     top = up[-1]
     amplitude = gtc.ureal(top.voltages_V[1], top.voltages_u[1])
-    noise = gtc.ureal(top.noise_V[1], top.noise_V[1] / math.sqrt(2 * top.samples))
-    ratio = 20 * gtc.log10(amplitude / math.sqrt(8) / noise)
+    noise = gtc.ureal(top.noise_V[1], top.noise_u[1])
+    about = np.linalg.norm(volts - line.intercept - line.slope * loads) / math.sqrt(len(loads) - 2)
+    gain = gtc.ureal(1, float(about / (loads @ volts / (loads @ loads) * loads.max())))
+    ratio = 20 * gtc.log10(amplitude * gain / math.sqrt(8) / noise)
     held = [p for p in points if p.direction == "holding"]
     volts_held = np.array([p.voltages_V[1] for p in held])
     drift = stats.linregress([p.time_s / 60 for p in held], volts_held / volts_held.mean())

@@ -38,6 +38,7 @@ SNR, PEAK_SNR = "signal-to-noise ratio", "peak signal-to-noise ratio"
 SENSITIVITY, RESOLUTION, SPATIAL_RESOLUTION = "force sensitivity", "resolution", "spatial resolution"
 LINEARITY, ZERO_BASED_LINEARITY = "linearity", "zero-based linearity"
 HYSTERESIS, DYNAMIC_RANGE, DRIFT = "hysteresis", "dynamic range", "drift"
+SCALED = SENSITIVITY, RESOLUTION  # figures whose uncertainty is a share of them
 
 DEFINITIONS = {
     SNR: Definition("dB", "20 lg(rms of the sine / rms of the residual)", "2.1.1, for random noise"),

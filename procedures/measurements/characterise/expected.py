@@ -1,4 +1,4 @@
-"""What a characterisation is expected to give: the uncertainty of each figure of merit, by the lines of its budget.
+"""What a characterisation is expected to give: the uncertainty of each figure of merit, by its budget's components.
 
 A film's gain scatters from load to load as the design says [M], noise is that of usual films [A] and of the
 converter's steps, and each load is off by its reading. Linearity, hysteresis and drift are expected to be what scatter
@@ -8,101 +8,133 @@ and noise make of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.signals.rapid_noise import of_greatest
+from palpate.instrument.uncertainty.budget import Component
+from palpate.procedures.engine.plan import NOISE
 from palpate.procedures.engine.promise import RELATIVE, Expected
-from palpate.procedures.measurements.characterise.definitions import (
-    DRIFT,
-    HYSTERESIS,
-    LINEARITY,
-    PEAK_SNR,
-    RESOLUTION,
-    SENSITIVITY,
-    SNR,
-    SPATIAL_RESOLUTION,
-    ZERO_BASED_LINEARITY,
+from palpate.procedures.measurements.characterise import definitions as named
+from palpate.procedures.measurements.characterise.uncertainty import (
+    Sources,
+    cell_component,
+    components,
+    factor,
+    noise_component,
 )
-from palpate.procedures.measurements.characterise.result import DECIBELS
 from palpate.procedures.measurements.prospects import film_noise, load_on, reading_u
 from palpate.procedures.steps.checks import preload_for
-from palpate.procedures.steps.films import HEADROOM
+from palpate.procedures.steps.films import HEADROOM, SAMPLES_PER_CYCLE
+
+ROUNDED = 0.12  # relative scatter of a record's noise that is all rounding: an offset passes steps, or stands still [M]
+
+Floats = npt.NDArray[np.float64]
 
 
-def expected_figures(
-    design: Design,
-    ratio: float,
-    loads: Sequence[float],
-    samples: int,
-    dwell: float,
-    times: Sequence[float],
-    cell: LoadCellCalibration,
-) -> list[Expected]:
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """Under which conditions a sensor is characterised.
+
+    Attributes:
+        design: the sensor.
+        ratio: expected force ratio of the sample.
+        loads: increasing loads, peak to peak [N].
+        frequency: frequency of the load [Hz].
+        dwell: dwell of each point [s].
+        cell: calibration of the load cell.
+    """
+
+    design: Design
+    ratio: float
+    loads: tuple[float, ...]
+    frequency: float
+    dwell: float
+    cell: LoadCellCalibration
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in each record."""
+        return round(SAMPLES_PER_CYCLE * self.frequency * self.dwell)
+
+    def force(self, film: Film, load: float) -> float:
+        """Force on a film under a load [N, peak to peak]."""
+        return load_on(self.design, film, self.ratio, load)
+
+    def noise(self, film: Film) -> Floats:
+        """Expected error of each load [N] by the film's noise and the converter's steps."""
+        steps = math.sqrt(2 / self.samples) * self.rounding(film)
+        forces = [self.force(film, load) for load in self.loads]
+        relative = [
+            math.hypot(film_noise(film, force, self.dwell), steps / (film.sensitivity * force / 2)) for force in forces
+        ]
+        return np.array(self.loads) * relative
+
+    def rounding(self, film: Film) -> float:
+        """Standard uncertainty of a sample by rounding to the converter's steps [V].
+
+        They are those of the range that the films are set to for these loads, as `Films` chooses it.
+        """
+        largest = preload_for(self.loads) + max(self.loads) / 2
+        finest, widest = min(RANGE_VOLTS), max(RANGE_VOLTS)
+        range_ = finest if HEADROOM * film.sensitivity * largest <= finest else widest
+        return range_ / FULL_SCALE_COUNTS / math.sqrt(12)
+
+    def apart(self, film: Film) -> Floats:
+        """Expected standard deviation of a load set about the line, as an error of each load [N]."""
+        loads = np.array(self.loads)
+        found: Floats = np.sqrt((film.scatter * loads) ** 2 + self.noise(film) ** 2 + reading_u(self.cell, 1.0) ** 2)
+        return found
+
+
+def expected_figures(of: Conditions, rounds: int, times: Sequence[float], force_limit: float) -> list[Expected]:
     """The uncertainty of each figure of merit.
 
     Args:
-        design: design of the sensor.
-        ratio: expected force ratio of the sample.
-        loads: increasing loads, peak to peak [N].
-        samples: number of samples in each record.
-        dwell: dwell of each point [s].
+        of: the conditions.
+        rounds: how often each load is set on the way up.
         times: times of the points while the middle load is held [s].
-        cell: calibration of the load cell.
+        force_limit: force limit of the bench [N].
     """
-    at = np.asarray(loads, dtype=np.float64)
-    found = [each for film in design.films for each in _film(design, film, ratio, at, samples, dwell, times, cell)]
-    return [*found, Expected(f"{SPATIAL_RESOLUTION}, sensor", min(design.cell) / math.sqrt(12), "m")]
+    found = []
+    for film in of.design.films:
+        parts = components(_sources(of, film, rounds, times, force_limit))
+        for quantity, each in parts.items():
+            u = factor(quantity, 1.0) * math.hypot(*(part.u for part in each))
+            unit = RELATIVE if quantity in named.SCALED else named.DEFINITIONS[quantity].unit
+            found.append(Expected(f"{quantity}, {film.name}", u, unit))
+    return [*found, Expected(f"{named.SPATIAL_RESOLUTION}, sensor", min(of.design.cell) / math.sqrt(12), "m")]
 
 
-def _film(
-    design: Design,
-    film: Film,
-    ratio: float,
-    loads: np.ndarray,
-    samples: int,
-    dwell: float,
-    times: Sequence[float],
-    cell: LoadCellCalibration,
-) -> Iterator[Expected]:
+def _sources(of: Conditions, film: Film, rounds: int, times: Sequence[float], force_limit: float) -> Sources:
     # All uncertainties are in newtons of the load: the slope is one.
-    forces = [load_on(design, film, ratio, load) for load in loads.tolist()]
-    rounding = _step(film, loads) / math.sqrt(12) * math.sqrt(2 / samples) / film.sensitivity
-    noise = np.array([
-        load * math.hypot(film_noise(film, force, dwell), rounding / (force / 2))
-        for load, force in zip(loads.tolist(), forces, strict=True)
-    ])  # fmt: skip
-    each = np.sqrt((film.scatter * loads) ** 2 + noise**2 + (reading_u(cell, 1.0)) ** 2)
+    loads, noise, each = (np.tile(values, rounds) for values in (of.loads, of.noise(film), of.apart(film)))
     away = loads - loads.mean()
     weight = 1 - 1 / loads.size - away**2 / float(away @ away)  # of each point's error in the line's residuals
     scatter = math.sqrt(float(weight @ each**2) / (loads.size - 2))
-    line = scatter / float(np.linalg.norm(away))
-    of_cell = cell.sensitivity_u / cell.sensitivity_mV_per_N
-    of_noise = 1 / math.sqrt(2 * samples * loads.size)
-    of_top, span = noise[-1] / loads[-1], float(np.ptp(loads))
+    top, span, middle = float(loads.max()), float(np.ptp(loads)), len(of.loads) // 2
     minutes = np.asarray(times) / 60
-    middle = loads[loads.size // 2]
-
-    def figure(quantity: str, u: float, unit: str = RELATIVE) -> Expected:
-        return Expected(f"{quantity}, {film.name}", float(u), unit)
-
-    yield figure(SNR, DECIBELS * math.hypot(of_top, 1 / math.sqrt(2 * samples)), "dB")
-    yield figure(PEAK_SNR, DECIBELS * math.hypot(of_top, of_greatest(samples)), "dB")
-    yield figure(SENSITIVITY, math.hypot(line, of_cell))
-    yield figure(RESOLUTION, math.hypot(line, of_cell, of_noise))
-    yield figure(LINEARITY, scatter / span, "")
-    yield figure(ZERO_BASED_LINEARITY, scatter / float(loads.max()), "")
-    yield figure(HYSTERESIS, math.sqrt(2) * scatter / span, "")
-    of_held = noise[loads.size // 2] / middle
-    yield figure(DRIFT, of_held / float(np.linalg.norm(minutes - minutes.mean())), "1/min")
-
-
-def _step(film: Film, loads: np.ndarray) -> float:
-    """Step of the converter [V] on the range that the films are set to for these loads, as `Films` chooses it."""
-    largest = preload_for(loads.tolist()) + float(loads.max()) / 2
-    finest, widest = min(RANGE_VOLTS), max(RANGE_VOLTS)
-    return (finest if HEADROOM * film.sensitivity * largest <= finest else widest) / FULL_SCALE_COUNTS
+    square = of.rounding(film) ** 2
+    rounded = ROUNDED * square / (square + NOISE**2 * of.samples / of.dwell / 2)
+    random = 1 / math.sqrt(2 * of.samples)
+    widest = 2 * max(RANGE_VOLTS) * top / (film.sensitivity * of.force(film, top))
+    return Sources(
+        line=Component("line", scatter / float(np.linalg.norm(away))),
+        cell=cell_component(of.cell),
+        noise=noise_component(math.hypot(random, rounded), loads.size, of.samples * loads.size),
+        amplitude=Component("amplitude", noise[-1] / top / math.sqrt(rounds)),
+        residual=Component("noise", random / math.sqrt(rounds)),
+        greatest=Component("greatest of the noise", of_greatest(of.samples) / math.sqrt(rounds)),
+        scatter=Component("scatter", scatter),
+        top=top,
+        span=span,
+        rounds=rounds,
+        drift=Component("drift", noise[middle] / of.loads[middle] / float(np.linalg.norm(minutes - minutes.mean()))),
+        by_converter=widest < force_limit,
+    )

@@ -16,15 +16,12 @@ from palpate.procedures.engine.procedure import Measurement, Procedure, Report, 
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.characterise.expected import expected_figures
+from palpate.procedures.measurements.characterise.expected import Conditions, expected_figures
+from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING, FilmsPoint
 from palpate.procedures.measurements.characterise.result import (
-    HOLDING,
     LEAST_DRIFT_POINTS,
     LEAST_LOADS,
-    LOADING,
-    UNLOADING,
     CharacteriseResult,
-    FilmsPoint,
     evaluate,
 )
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
@@ -33,10 +30,11 @@ from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakL
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
-from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, check_nodes
+from palpate.procedures.steps.films import CHARGE_AMPLIFIER, check_nodes
 
 LARGEST_DRIFT_TIME = 86_400.0  # s
 DRIFT_POINTS = 10  # of the load that is held, after the first one
+STANDING = 6 * CHARGE_AMPLIFIER  # s, until a film's offset stands still: before, steps round it anew in each record
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,18 +95,18 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         places = [(LOADING, load) for load in self.loads] + [(UNLOADING, load) for load in self.loads[::-1]]
         steps = [
             self._step(direction, load, point_seconds(self.frequency, self.dwell, first=not number))
-            for number, (direction, load) in enumerate([*places, (HOLDING, middle)])
+            for number, (direction, load) in enumerate(places)
         ]
+        steps.append(self._step(HOLDING, middle, point_seconds(self.frequency, self.dwell, first=False) + STANDING))
         held = self._step(HOLDING, middle, max(self.interval, self.dwell))
         steps += [held] * DRIFT_POINTS
-        ratio, samples = (
-            expected_ratio(target.design, self.sample),
-            round(SAMPLES_PER_CYCLE * self.frequency * self.dwell),
-        )
         times = [self.interval * number for number in range(DRIFT_POINTS + 1)]
-        cell = load_cell_of(target)
-        found = expected_figures(target.design, ratio, self.loads, samples, self.dwell, times, cell)
+        found = expected_figures(self._conditions(target), 1, times, target.force_limit)
         return Plan(self.name, steps, predicted(steps, found))
+
+    def _conditions(self, target: Target) -> Conditions:
+        ratio = expected_ratio(target.design, self.sample)
+        return Conditions(target.design, ratio, tuple(self.loads), self.frequency, self.dwell, load_cell_of(target))
 
     def _step(self, direction: str, load: float, seconds: float) -> CharacteriseStep:
         what, group = f"{direction}, {show(load, 'N')}", f"mount sample {self.sample}"
@@ -152,6 +150,7 @@ class Characterising(DynamicLoadWork):
             clock.wait(max(0.0, self._asked.interval - self._asked.dwell))
         if step.direction == HOLDING and self._held_ns is None:
             self._held_ns = clock.now_ns()
+            clock.wait(STANDING)
         measured = self.held(step.load_N, step.what, self._asked.dwell, compare=False)
         time = 0.0 if self._held_ns is None else 1e-9 * (clock.now_ns() - self._held_ns)
         return Measurement(_point(step, time, measured), measured.waveforms(self.lab.design))
@@ -167,8 +166,10 @@ def _point(step: CharacteriseStep, time: float, measured: FilmPoint) -> FilmsPoi
         load_measured_u=measured.load_u,
         voltages_V=tuple(float(v) for v in 2 * fit.amplitude),
         voltages_u=tuple(float(u) for u in 2 * fit.amplitude_u),
-        noise_V=tuple(float(v) for v in fit.residual),
-        noise_peak_V=tuple(float(v) for v in fit.residual_peak),
+        noise_V=tuple(float(v) for v in fit.rapid.rms),
+        noise_u=tuple(float(u) for u in fit.rapid.rms_u),
+        noise_freedom=float(fit.rapid.degrees_of_freedom),
+        noise_peak_V=tuple(float(v) for v in fit.rapid.greatest),
         samples=fit.samples,
         valid=measured.valid,
         flags=measured.flags,

@@ -8,13 +8,8 @@ from typing import TYPE_CHECKING
 from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
-from palpate.procedures.measurements.characterise.result import (
-    HOLDING,
-    LOADING,
-    UNLOADING,
-    CharacteriseResult,
-    Characteristic,
-)
+from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING
+from palpate.procedures.measurements.characterise.result import CharacteriseResult, Characteristic
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.text import new_table, print_all, stamped, where
 

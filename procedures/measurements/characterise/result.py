@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -15,29 +15,21 @@ from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design, Film
-from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
-from palpate.procedures.measurements.characterise.definitions import (
-    DEFINITIONS,
-    DRIFT,
-    DYNAMIC_RANGE,
-    HYSTERESIS,
-    LINEARITY,
-    PEAK_SNR,
-    RESOLUTION,
-    SENSITIVITY,
-    SNR,
-    SPATIAL_RESOLUTION,
-    ZERO_BASED_LINEARITY,
-    elsewhere,
+from palpate.procedures.measurements.characterise import definitions as named
+from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING, FilmsPoint, at_top, means
+from palpate.procedures.measurements.characterise.uncertainty import (
+    Sources,
+    cell_component,
+    components,
+    factor,
+    noise_component,
 )
 
 LEAST_LOADS = 3
 SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
 LEAST_DRIFT_POINTS = 3
-LOADING, UNLOADING, HOLDING = "loading", "unloading", "holding"
-DECIBELS = 20 / math.log(10)  # of a relative change
 
 Floats = npt.NDArray[np.float64]
 
@@ -67,41 +59,6 @@ class Characteristic:
 
 
 @dataclass(frozen=True, slots=True)
-class FilmsPoint:
-    """All films under one load. Loads and voltages are peak to peak; names with `_u` are standard uncertainties.
-
-    Attributes:
-        direction: LOADING, UNLOADING or HOLDING.
-        time_s: time since the load is held; 0 before that.
-        load_N: the load that was asked for.
-        load_measured_N, load_measured_u: the measured load.
-        voltages_V, voltages_u: voltage of each film, in the design's order.
-        noise_V: rms of each film's noise.
-        noise_peak_V: greatest value of each film's noise.
-        samples: number of samples in the record.
-        valid: whether the point is used.
-        flags: why the point is not used, or what to know about it.
-        attempts: number of attempts.
-        incidents: number of failures of the bench that were made good since the point before.
-    """
-
-    direction: str
-    time_s: float
-    load_N: float
-    load_measured_N: float
-    load_measured_u: float
-    voltages_V: tuple[float, ...]
-    voltages_u: tuple[float, ...]
-    noise_V: tuple[float, ...]
-    noise_peak_V: tuple[float, ...]
-    samples: int
-    valid: bool
-    flags: tuple[str, ...]
-    attempts: int = 1
-    incidents: int = 0
-
-
-@dataclass(frozen=True, slots=True)
 class CharacteriseResult:
     """The result of a characterisation.
 
@@ -122,7 +79,7 @@ class CharacteriseResult:
         return {
             "films": list(self.films),
             "rows": [asdict(row) for row in self.rows],
-            "elsewhere": elsewhere(),
+            "elsewhere": named.elsewhere(),
             "budgets": [budget.summary() for budget in self.budgets],
         }
 
@@ -160,7 +117,7 @@ def evaluate(
     pitch = min(design.cell)
     how = "by the design; palpate sweep position tells more"
     anywhere = Component("anywhere in the cell", pitch / math.sqrt(12))
-    found.append(_characteristic("", SPATIAL_RESOLUTION, pitch, how, anywhere))
+    found.append(_characteristic("", named.SPATIAL_RESOLUTION, pitch, how, anywhere))
     rows, budgets = zip(*found, strict=True)
     return CharacteriseResult(tuple(film.name for film in design.films), list(points), list(rows), list(budgets))
 
@@ -176,7 +133,7 @@ def _longest_hold(points: Sequence[FilmsPoint]) -> list[FilmsPoint]:
 
 
 def _characteristic(film: str, quantity: str, value: float, how: str, *components: Component) -> Row:
-    is_ = DEFINITIONS[quantity]
+    is_ = named.DEFINITIONS[quantity]
     budget = Budget(f"{quantity}, {film or 'sensor'}", float(value), is_.unit, components)
     return Characteristic(film, quantity, budget.value, budget.u, is_.unit, is_.equation, is_.thesis, how), budget
 
@@ -191,10 +148,11 @@ def _film(
     widest: float,
 ) -> list[Row]:
     ways = {way: [p for p in points if p.direction == way] for way in (LOADING, UNLOADING, HOLDING)}
-    up, down, held = ways[LOADING], ways[UNLOADING], ways[HOLDING]
-    if len(up) < LEAST_LOADS or len(held) < LEAST_DRIFT_POINTS:
+    up, held = ways[LOADING], ways[HOLDING]
+    going_up, going_down = means(up, number), means(ways[UNLOADING], number)
+    if len(going_up) < LEAST_LOADS or len(held) < LEAST_DRIFT_POINTS:
         raise EstimateError(
-            f"film {film.name!r}: {len(up)} loads up and {len(held)} while holding are valid, {LEAST_LOADS} and"
+            f"film {film.name!r}: {len(going_up)} loads up and {len(held)} while holding are valid, {LEAST_LOADS} and"
             f" {LEAST_DRIFT_POINTS} are needed; see the record for what was flagged"
         )
     loads, volts = (
@@ -207,10 +165,9 @@ def _film(
     reading_u = math.hypot(noise_u, load_u * float(volts.mean() / loads.mean()))
     line = interpolate(loads, volts, reading_u)
     slope = float(line.coefficients[1])
-    scatter, span = max(line.residual_sd, reading_u), slope * float(np.ptp(loads))
     proportional = float(loads @ volts / (loads @ loads))
-    reach = proportional * float(loads.max())
-    top = up[-1]
+    mean_loads, mean_volts = (np.array(values) for values in zip(*going_up.values(), strict=True))
+    span, reach = slope * float(np.ptp(mean_loads)), proportional * float(mean_loads.max())
     resolution = SEEN * noise_u / slope
     converter = 2 * widest / slope
     largest, ends = (converter, "converter") if converter < force_limit else (force_limit, "bench's force limit")
@@ -218,61 +175,48 @@ def _film(
     amplitudes = np.array([p.voltages_V[number] for p in held])
     mean = float(amplitudes.mean())
     drift = interpolate(minutes, amplitudes / mean, held[0].voltages_u[number] / mean)
+    top = at_top([p for p in up if p.load_N == max(going_up)], number)
 
-    # Relative, of the slope; the noise is that of all samples.
-    of_line = Component("line", math.sqrt(line.covariance[1, 1]) / slope, 1.0, *_repeats(line))
-    known = float(calibration.degrees_of_freedom or math.inf)
-    of_cell = Component("load cell", calibration.sensitivity_u / calibration.sensitivity_mV_per_N, 1.0, known)
-    # A film that still settles has more noise at one load than at another, and more than random noise would differ.
-    scattered, random = (
-        float(noises.std(ddof=1)) / noise_u / math.sqrt(len(up)),
-        1 / math.sqrt(2 * sum(p.samples for p in up)),
-    )
-    freedom = len(up) - 1 if scattered > random else math.inf
-    of_noise = Component("noise, as measured", max(scattered, random), 1.0, freedom, "A")
+    of = components(Sources(
+        line=Component("line", math.sqrt(line.covariance[1, 1]) / slope, 1.0, *_repeats(line)),
+        cell=cell_component(calibration),
+        noise=noise_component(float(noises.std(ddof=1)) / noise_u, len(up), sum(p.samples for p in up)),
+        amplitude=top.amplitude,
+        residual=top.residual,
+        greatest=top.greatest,
+        scatter=Component("scatter", max(line.residual_sd, reading_u), 1.0, *_repeats(line)),
+        top=reach,
+        span=span,
+        rounds=len(up) / len(going_up),
+        drift=Component("scatter about the line", math.sqrt(drift.covariance[1, 1]), 1.0, *_repeats(drift)),
+        by_converter=largest == converter,
+    ))  # fmt: skip
 
-    def row(quantity: str, value: float, how: str, *parts: Component, each: float = 1.0) -> Row:
-        return _characteristic(film.name, quantity, value, how, *(replace(p, sensitivity=each) for p in parts))
+    def row(quantity: str, value: float, how: str) -> Row:
+        parts = (replace(part, sensitivity=factor(quantity, value)) for part in of[quantity])
+        return _characteristic(film.name, quantity, value, how, *parts)
 
-    of_amplitude = Component("amplitude", top.voltages_u[number] / top.voltages_V[number], kind="A")
-    at_top = f"at {top.load_N:g} N"
-    by_loads = f"{len(up)} loads, increasing"
+    by_loads = f"{len(going_up)} loads, increasing{_rounds(len(up), len(going_up))}"
+    where = f"at {max(going_up):g} N{_rounds(top.records, 1)}"
+    bent, off = np.abs(mean_volts - line.reading(mean_loads)), np.abs(mean_volts - proportional * mean_loads)
     return [
+        row(named.SNR, 20 * math.log10(top.volts / math.sqrt(8) / top.noise_V), where),
+        row(named.PEAK_SNR, 20 * math.log10(top.volts / 2 / top.peak_V), f"{where}, of {top.samples} samples"),
+        row(named.SENSITIVITY, slope, by_loads),
+        row(named.RESOLUTION, resolution, f"in {dwell:g} s"),
+        row(named.LINEARITY, float(bent.max()) / span, f"{by_loads}; gains scatter from load to load"),
+        row(named.ZERO_BASED_LINEARITY, float(off.max()) / reach, "the same loads"),
+        row(named.HYSTERESIS, _hysteresis(line, going_up, going_down) / span, "loads up, then down"),
+        row(named.DYNAMIC_RANGE, 20 * math.log10(largest / resolution), f"to {show(largest, 'N', 3)}, the {ends}"),
         row(
-            SNR, 20 * math.log10(top.voltages_V[number] / math.sqrt(8) / top.noise_V[number]), at_top,
-            of_amplitude, Component("noise, as measured", 1 / math.sqrt(2 * top.samples), kind="A"), each=DECIBELS,
-        ),
-        row(
-            PEAK_SNR, 20 * math.log10(top.voltages_V[number] / 2 / top.noise_peak_V[number]),
-            f"{at_top}, of {top.samples} samples",
-            of_amplitude, Component("greatest of the noise", of_greatest(top.samples), kind="A"), each=DECIBELS,
-        ),
-        row(SENSITIVITY, slope, by_loads, of_line, of_cell, each=slope),
-        row(RESOLUTION, resolution, f"in {dwell:g} s", of_line, of_cell, of_noise, each=resolution),
-        row(
-            LINEARITY, float(np.abs(volts - line.reading(loads)).max()) / span,
-            f"{by_loads}; gains scatter from load to load",
-            Component("scatter of a load", scatter / span, 1.0, *_repeats(line)),
-        ),
-        row(
-            ZERO_BASED_LINEARITY, float(np.abs(volts - proportional * loads).max()) / reach, "the same loads",
-            Component("scatter of a load", scatter / reach, 1.0, *_repeats(line)),
-        ),
-        row(
-            HYSTERESIS, _hysteresis(line, up, down, number) / span, "loads up, then down",
-            Component("scatter of two loads", math.sqrt(2) * scatter / span, 1.0, *_repeats(line)),
-        ),
-        # Where the converter ends it, the slope is in both ends and cancels.
-        row(
-            DYNAMIC_RANGE, 20 * math.log10(largest / resolution), f"to {show(largest, 'N', 3)}, the {ends}",
-            *(() if largest == converter else (of_line, of_cell)), of_noise, each=DECIBELS,
-        ),
-        row(
-            DRIFT, float(drift.coefficients[1]),
+            named.DRIFT, float(drift.coefficients[1]),
             f"over {held[-1].time_s - held[0].time_s:.0f} s at {held[-1].load_N:g} N",
-            Component("scatter about the line", math.sqrt(drift.covariance[1, 1]), 1.0, *_repeats(drift)),
         ),
     ]  # fmt: skip
+
+
+def _rounds(sets: int, loads: int) -> str:
+    return "" if sets <= loads else f", {sets} sets"
 
 
 def _repeats(line: Interpolation) -> tuple[float, Kind]:
@@ -280,14 +224,15 @@ def _repeats(line: Interpolation) -> tuple[float, Kind]:
     return (line.degrees_of_freedom if line.by_scatter else math.inf), "A"
 
 
-def _hysteresis(line: Interpolation, up: Sequence[FilmsPoint], down: Sequence[FilmsPoint], number: int) -> float:
+def _hysteresis(
+    line: Interpolation, up: Mapping[float, tuple[float, float]], down: Mapping[float, tuple[float, float]]
+) -> float:
     """Greatest difference between loading and unloading at the same load [V]; 0 without a common load.
 
     The measured loads of both ways are not quite the same, so each voltage is taken relative to the line.
     """
 
-    def beside(points: Sequence[FilmsPoint]) -> dict[float, float]:
-        return {p.load_N: p.voltages_V[number] - float(line.reading(p.load_measured_N)) for p in points}
+    def beside(at: tuple[float, float]) -> float:
+        return at[1] - float(line.reading(at[0]))
 
-    loading, unloading = beside(up), beside(down)
-    return max((abs(loading[load] - unloading[load]) for load in loading.keys() & unloading.keys()), default=0.0)
+    return max((abs(beside(up[load]) - beside(down[load])) for load in up.keys() & down.keys()), default=0.0)
