@@ -15,11 +15,17 @@ from dataclasses import dataclass
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.errors import DeviceError, SafetyError, UnreachableError
 from palpate.instrument.quantity import show
-from palpate.procedures.steps.indicator import READINGS, read_indicator
+from palpate.procedures.steps.indicator import READINGS
 from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.probe import APPROACH_STEP, CONTACT, PRELOAD_STEPS, PRELOAD_TOLERANCE
+from palpate.procedures.steps.probe import (
+    APPROACH_STEP,
+    CONTACT,
+    PRELOAD_STEPS,
+    PRELOAD_TOLERANCE,
+    force_at,
+    not_reached,
+)
 
 SPEED = 5e-3  # m/s; greatest of the micro-positioner
 FILTER = 0.03  # s, time constant of the indicator
@@ -42,9 +48,7 @@ class Contact:
     free: float
 
 
-def approach(
-    bench: Bench, calibration: LoadCellCalibration, force: float, onto: str, *, known: float = 0.0, speed: float = SPEED
-) -> Contact:
+def approach(bench: Bench, calibration: LoadCellCalibration, force: float, onto: str, *, known: float = 0.0) -> Contact:
     """Lower the probe from home until it presses with a static force [N]. The outputs are then on, at zero.
 
     The first move goes to one step above the position that is `known` to be free. Steps go on until the probe touches;
@@ -56,7 +60,6 @@ def approach(
         force: the static force [N].
         onto: names what lies under the probe, in incidents.
         known: a position that is known to be free, because the same object was touched below it [m].
-        speed: speed of the moves [m/s].
 
     Raises:
         UnreachableError: the positioner's travel ends before the force is reached.
@@ -65,45 +68,30 @@ def approach(
     """
     first = max(known - APPROACH_STEP, 0.0)
     found = carry_out(
-        bench, f"preload of {show(force, 'N')} on {onto}", lambda: _lowered(bench, calibration, force, first, speed)
+        bench, f"preload of {show(force, 'N')} on {onto}", lambda: _lowered(bench, calibration, force, first)
     )
     carry_out(bench, "outputs on", bench.drive)
     return found
 
 
-def _lowered(bench: Bench, calibration: LoadCellCalibration, force: float, first: float, speed: float) -> Contact:
-    indicator, positioner = bench.role(LoadIndicator), bench.role(Positioner)
-    indicator.track(FILTER)
+def _lowered(bench: Bench, calibration: LoadCellCalibration, force: float, first: float) -> Contact:
+    positioner = bench.role(Positioner)
+    bench.role(LoadIndicator).track(FILTER)
     travel, enough = positioner.travel(), max(PRELOAD_TOLERANCE * force, 0.6 * calibration.resolution())
-
-    def within_limit(reading_mV: float) -> None:
-        pressed = calibration.load(reading_mV)[0]
-        if not pressed <= bench.force_limit:
-            positioner.home()
-            raise SafetyError(f"preload of {pressed:.3g} N passes the bench's force limit of {bench.force_limit:g} N")
-
-    def load_at(position: float, readings: int) -> float:
-        reading = read_indicator(bench, readings, within_limit)
-        if not reading.valid:
-            name = indicator.name
-            raise DeviceError(f"{name}: no valid reading at {1e3 * position:.3f} mm; check the bridge", device=name)
-        within_limit(reading.reading_mV)
-        return calibration.load(reading.reading_mV)[0]
-
     position, load, free, step = 0.0, 0.0, 0.0, first or APPROACH_STEP
     before: tuple[float, float] | None = None
     for _ in range(PRELOAD_STEPS):
         if position + step > travel:
             break
         position += step
-        positioner.move(position, speed)
+        positioner.move(position, SPEED)
         bench.clock.wait(FILTERED)
-        load = load_at(position, READINGS if before else 1)
+        load = force_at(bench, calibration, position, READINGS if before else 1)
         if load <= CONTACT:
             free, step, before = position, APPROACH_STEP, None
             continue
         if before is None:
-            load = load_at(position, READINGS)
+            load = force_at(bench, calibration, position)
         if abs(load - force) <= enough:
             return Contact(load, position, free)
         if before is None:
@@ -114,8 +102,4 @@ def _lowered(bench: Bench, calibration: LoadCellCalibration, force: float, first
         else:
             step = APPROACH_STEP if load < force else -APPROACH_STEP
         before = position, load
-    raise UnreachableError(
-        f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm, and the positioner "
-        f"ends at {1e3 * travel:.3f} mm; see that a sample is "
-        "mounted, ask for smaller loads, or mount a stiffer one"
-    )
+    raise not_reached(force, load, position, travel)

@@ -84,17 +84,10 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
         SafetyError: the force passes the bench's limit; the probe has been moved home.
         DeviceError: the indicator gives no valid reading.
     """
-    indicator, positioner = bench.role(LoadIndicator), bench.role(Positioner)
-    indicator.track(TRACK_FILTER)
+    positioner = bench.role(Positioner)
+    bench.role(LoadIndicator).track(TRACK_FILTER)
     travel = positioner.travel()
     position, load = 0.0, 0.0
-
-    def within_limit(reading_mV: float) -> None:
-        pressed = calibration.load(reading_mV)[0]
-        if not pressed <= bench.force_limit:
-            positioner.home()
-            raise SafetyError(f"preload of {pressed:.3g} N passes the bench's force limit of {bench.force_limit:g} N")
-
     before: tuple[float, float] | None = None
     for _ in range(PRELOAD_STEPS):
         step = APPROACH_STEP
@@ -107,20 +100,41 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
         position += step
         positioner.move(position)
         bench.clock.wait(TRACK_SETTLING)
-        reading = read_indicator(bench, watch=within_limit)
-        if not reading.valid:
-            name = indicator.name
-            raise DeviceError(
-                f"{name}: no valid reading at {1e3 * position:.3f} mm: {reading.wrong}; check the bridge", device=name
-            )
-        within_limit(reading.reading_mV)
-        load = calibration.load(reading.reading_mV)[0]
+        load = force_at(bench, calibration, position)
         if abs(load - force) <= max(PRELOAD_TOLERANCE * force, 0.6 * calibration.resolution()):
             return load
-    raise UnreachableError(
-        f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm, and the positioner "
-        f"ends at {1e3 * travel:.3f} mm; see that a sample is "
-        "mounted, ask for smaller loads, or mount a stiffer one"
+    raise not_reached(force, load, position, travel)
+
+
+def force_at(bench: Bench, calibration: LoadCellCalibration, position: float, readings: int = READINGS) -> float:
+    """Force that the probe presses with at a position [m], by the mean of some readings [N].
+
+    Raises:
+        SafetyError: the force passes the bench's limit; the probe has been moved home.
+        DeviceError: the indicator gives no valid reading.
+    """
+
+    def within_limit(reading_mV: float) -> None:
+        pressed = calibration.load(reading_mV)[0]
+        if not pressed <= bench.force_limit:
+            bench.role(Positioner).home()
+            raise SafetyError(f"preload of {pressed:.3g} N passes the bench's force limit of {bench.force_limit:g} N")
+
+    reading = read_indicator(bench, readings, within_limit)
+    if not reading.valid:
+        name = bench.role(LoadIndicator).name
+        raise DeviceError(
+            f"{name}: no valid reading at {1e3 * position:.3f} mm: {reading.wrong}; check the bridge", device=name
+        )
+    within_limit(reading.reading_mV)
+    return calibration.load(reading.reading_mV)[0]
+
+
+def not_reached(force: float, load: float, position: float, travel: float) -> UnreachableError:
+    """The error for a static force [N] that is not reached, with the load [N] at the last position, and the travel."""
+    return UnreachableError(
+        f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm, and the positioner ends "
+        f"at {1e3 * travel:.3f} mm; see that a sample is mounted, ask for smaller loads, or mount a stiffer one"
     )
 
 

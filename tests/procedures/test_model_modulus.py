@@ -7,7 +7,10 @@ import math
 import re
 
 import pytest
+from scipy import stats
 
+from palpate.instrument.findings.object_modulus import estimate, validation_of
+from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from tests.procedures.conftest import Palpate, changed
@@ -98,6 +101,18 @@ def test_the_absolute_interval_is_that_of_students_factor_on_the_logarithm_of_th
     said = palpate(*PRICED, "--force-ratio", "0.31", "--uncertainty", "0").object
     (point,), line = said["points"], said["validation_line"]
     reach = math.exp(2.446912 * line["u"])  # Student's factor for 95 % and 6 degrees of freedom
+    low, high = 0.31 / reach - point["curve_error"], 0.31 * reach + point["curve_error"]
+    assert point["absolute_low_Pa"] == pytest.approx(column_modulus(low), rel=1e-5)
+    assert point["absolute_high_Pa"] == pytest.approx(column_modulus(high), rel=1e-5)
+
+
+def test_the_absolute_interval_has_the_degrees_of_freedom_of_ratio_and_validation_together() -> None:
+    question = Question("single", "column")
+    (point,), line = estimate(question, [0.31], 0.062, 3), validation_of(question, "column")
+    assert line.u is not None
+    together = math.hypot(0.2, line.u)
+    known = together**4 / (0.2**4 / 3 + line.u**4 / 6)  # Welch and Satterthwaite
+    reach = math.exp(together * stats.t.ppf(0.975, known))
     low, high = 0.31 / reach - point["curve_error"], 0.31 * reach + point["curve_error"]
     assert point["absolute_low_Pa"] == pytest.approx(column_modulus(low), rel=1e-5)
     assert point["absolute_high_Pa"] == pytest.approx(column_modulus(high), rel=1e-5)

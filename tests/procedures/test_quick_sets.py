@@ -158,5 +158,5 @@ def test_a_force_beyond_the_travel_is_refused(bench: Bench) -> None:
 def test_an_open_bridge_ends_the_approach(sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.operator.mount(SAMPLES["1"])
     open_bridge(sim, monkeypatch)
-    with pytest.raises(DeviceError, match="no valid reading at 2"):
+    with pytest.raises(DeviceError, match=r"no valid reading at 2\.\d+ mm: bridge open; check the bridge"):
         approach(bench, THESIS_LOAD_CELL, PRELOAD, "it")
