@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-from palpate.instrument.errors import QuantityError, RangeError
+from palpate.instrument.errors import QuantityError, RangeError, quoted
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
@@ -24,6 +24,7 @@ _QUANTITY = re.compile(
     r"(?P<unit>(?:[A-Za-zµμΩ°%]+(?: [A-Za-zµμΩ]+)?(?:/√?[A-Za-zµμΩ°%]+)?)?)\s*",
     re.ASCII,
 )
+LONGEST_UNIT = 100  # characters; pint's time grows with their square
 LARGEST_TOLERANCE = 0.5  # a share
 SHARE = "give a share such as '5 %' or 0.05"
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
@@ -51,13 +52,13 @@ def parse(text: str, unit: str, example: str = "") -> float:
     """
     remedy = f"write for example {(example or _example(unit))!r}" if example or unit else "give a plain number"
     found = _QUANTITY.fullmatch(text)
-    if found is None:
-        raise QuantityError(f"{text[:100]!r} is not a quantity; {remedy}")
+    if found is None or len(found["unit"]) > LONGEST_UNIT:
+        raise QuantityError(f"{quoted(text)} is not a quantity; {remedy}")
     value, written = float(found["number"]), found["unit"]
     factor = _factor(written, unit)
     converted = value * factor if factor is not None else _converted(text, value, written, unit, remedy)
     if not math.isfinite(converted):
-        raise QuantityError(f"{text!r} is not finite; {remedy}")
+        raise QuantityError(f"{quoted(text)} is not finite; {remedy}")
     return converted
 
 
@@ -76,8 +77,8 @@ def parse_tolerance(text: str) -> float:
     try:
         tolerance = parse(text, "")
     except QuantityError as error:
-        raise QuantityError(f"{text[:100]!r} is no share; {SHARE}") from error
-    return check_tolerance(tolerance, f"{text!r}")
+        raise QuantityError(f"{quoted(text)} is no share; {SHARE}") from error
+    return check_tolerance(tolerance, quoted(text))
 
 
 def check_tolerance(tolerance: float, what: str) -> float:
@@ -107,14 +108,14 @@ def _converted(text: str, value: float, written: str, unit: str, remedy: str) ->
     try:
         quantity = _registry().Quantity(value, _spelled(written))
     except (pint.PintError, ValueError):  # pint reads "nan" and others as numbers
-        raise QuantityError(f"{text!r}: {written!r} is no unit; {remedy}") from None
+        raise QuantityError(f"{quoted(text)}: {quoted(written)} is no unit; {remedy}") from None
     if unit and quantity.unitless:
-        raise QuantityError(f"{text!r} has no unit where {unit} belongs; {remedy}")
+        raise QuantityError(f"{quoted(text)} has no unit where {unit} belongs; {remedy}")
     try:
         return float(quantity.to(_spelled(unit) or "dimensionless").magnitude)
     except pint.PintError:  # the unit has another dimension, or is a temperature with its own zero
         raise QuantityError(
-            f"{text!r} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {remedy}"
+            f"{quoted(text)} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {remedy}"
         ) from None
 
 

@@ -187,7 +187,8 @@ class LoadCellCalibration(Hashed):
             raise RangeError(
                 f"load {load_N:g} N lies outside the {self.least_N:.4g} to {self.greatest_N:.4g} N that the load cell "
                 f"is calibrated for ({self.source}); take a load inside, calibrate with other weights "
-                "(palpate calibrate load-cell --loads), or accept what the fit says out there with --extrapolate"
+                "(palpate calibrate load-cell --loads), or accept what the fit says out there where a command has "
+                "--extrapolate"
             )
 
     def check_use(self, device: str, simulated: bool, gage_factor: float, today: date) -> None:

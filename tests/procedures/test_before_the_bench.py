@@ -40,8 +40,15 @@ def stored(device: str, **changed: object) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("softness", "--modulus", "60 kPa, 1 GPa"), "modulus 1 GPa of sample '1 GPa' is outside the measured"),
-        (("softness", "--samples", "1", "--loads", "8 N"), "load 8 N lies outside the 1.373 to 7.257 N"),
+        (
+            ("softness", "--modulus", "60 kPa, 1 GPa"),
+            "ratios from model 'experiment': modulus 1 GPa of sample '1 GPa' is outside the measured",
+        ),
+        (
+            ("measure", "modulus", "--modulus", "1 Pa", "--time", "2 min"),
+            "such limit; give a scene with another model, such as --scene poor_seating",
+        ),
+        (("softness", "--samples", "1", "--loads", "8 N"), "there where a command has --extrapolate"),
         (("sweep", "loads", "--loads", "2 N, 8 N"), "load 8 N lies outside the 1.373 to 7.257 N"),
         (("sweep", "frequency", "--load", "1 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
         (("sweep", "loads", "--loads", "1 N", "--dry-run"), "load 1 N lies outside the 1.373 to 7.257 N"),

@@ -12,6 +12,7 @@ import palpate
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import PalpateError, UsageError
+from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import parse_samples
 from palpate.procedures.engine.run import refuse
@@ -46,6 +47,10 @@ def test_of_a_long_text_a_message_quotes_the_beginning() -> None:
     for text in (",".join(["1"] * MANY), "x" * MANY, "1-" + " " * MANY):
         with pytest.raises(PalpateError) as raised:
             parse_samples(text)
+        assert len(str(raised.value)) < 600
+    for text in ("9" * MANY, "9 " + "x" * MANY, "9" * 300 + "." + "0" * MANY + " kg"):
+        with pytest.raises(PalpateError) as raised:
+            parse(text, "N")
         assert len(str(raised.value)) < 600
 
 

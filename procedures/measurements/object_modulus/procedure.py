@@ -16,10 +16,8 @@ from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.object_modulus import ByReferences, answering
 from palpate.instrument.models.ratio import Question
-from palpate.instrument.models.response import response
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
@@ -57,7 +55,7 @@ from palpate.procedures.measurements.object_modulus.telling import planned_lines
 from palpate.procedures.measurements.object_modulus.work import Measuring
 from palpate.procedures.measurements.object_modulus.worth import worth_lines
 from palpate.procedures.measurements.settings import Frequency
-from palpate.procedures.measurements.softness.procedure import SLOW
+from palpate.procedures.measurements.softness.procedure import check_simulated
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.films import check_nodes
@@ -124,8 +122,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         check_force(self.loads_on(target), target.force_limit)
         check_frequency(self.frequency, target)
         check_time(shortest(self.frequency), self.frequency)
-        if target.model is not None and target.model not in SLOW:
-            response(target.design, Load(1.0, self.object), target.model)
+        check_simulated((self.object,), target)
         self.prospect(target)
 
     def required_loads(self) -> RequiredLoads | None:

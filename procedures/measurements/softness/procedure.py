@@ -94,9 +94,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         question = self.model_question(target.design)
         if self.model not in SLOW:
             estimate(question, [0.5], None)
-        if target.model is not None and target.model not in SLOW:
-            for each in self.objects:
-                response(target.design, Load(1.0, each), target.model)
+        check_simulated(self.objects, target)
         if self.risk is not None:
             self.ranking(target.design, self.risk).check()
 
@@ -212,6 +210,23 @@ class Touching(DynamicLoadWork):
             degrees_of_freedom=forces.degrees_of_freedom,
         )
         return Measurement(point, measured.waveforms(design))
+
+
+def check_simulated(objects: Sequence[Sample], target: Target) -> None:
+    """Check that a simulated bench has a force ratio for each object.
+
+    Raises RangeError: the sensor model of its scene knows one of them not.
+    """
+    if target.model is None or target.model in SLOW:
+        return
+    for each in objects:
+        try:
+            response(target.design, Load(1.0, each), target.model)
+        except RangeError as error:
+            raise RangeError(
+                f"the simulated bench takes its force ratios from model {target.model!r}: {error}; give a scene with "
+                "another model, such as --scene poor_seating"
+            ) from None
 
 
 def default_model(design: Design) -> str:
