@@ -66,7 +66,7 @@ def mountings_path(serial: str, design: str, scene: str | None) -> Path:
 def mountings_of(
     design: str, scene: str | None, simulated: bool, today: date, serial: str = "*"
 ) -> MountingScatter | None:
-    """The newest stored scatter of mountings of a sensor. None: none is stored that holds, or it is damaged.
+    """The newest stored scatter of mountings of a sensor. None: none is stored, or it has expired.
 
     Args:
         design: design of the sensor.
@@ -74,11 +74,18 @@ def mountings_of(
         simulated: whether the bench is simulated.
         today: date by which it expires.
         serial: serial number of the sensor node; "*": it is not known yet which bench will answer.
+
+    Raises ConfigError: it is damaged or was changed by hand. What may be of another real sensor does not count instead:
+    the bench will tell of it when it is open.
     """
     found = []
-    for path in _path("").parent.glob("mountings-*.toml"):
-        with suppress(PalpateError):
-            found.append(read_mounting_scatter(path))
+    path = mountings_path(serial, design, scene)
+    for each in path.parent.glob(path.name if serial != "*" else path.name.replace("---", "-*-", 1)):
+        try:
+            found.append(read_mounting_scatter(each))
+        except ConfigError:
+            if scene is not None or serial != "*":
+                raise
     mine = [each for each in found if serial in ("*", each.device) and each.holds_for(design, scene, simulated, today)]
     return max(mine, key=lambda each: each.created, default=None)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,9 @@ import pytest
 
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import ConfigError
+from palpate.procedures.lab.calibrations import mountings_of, mountings_path
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 
@@ -102,3 +106,28 @@ def test_no_digit_of_a_calibration_changes_unnoticed(tmp_path: Path) -> None:
         except ConfigError:
             continue
         assert found == THESIS_LOAD_CELL
+
+
+def test_an_edited_scatter_of_mountings_is_refused_with_the_way_to_do_it_and_told_once_accepted(
+    palpate: Palpate,
+) -> None:
+    scatter = MountingScatter(
+        scatter_u=0.02, degrees_of_freedom=4, design="single", device="20260101", simulated=True, source="by hand",
+        scene="thesis_single, experiment, seed 1", created="now", expires="2999-01-01",
+    )  # fmt: skip
+    path, elsewhere = (mountings_path(scatter.device, "single", scene) for scene in (scatter.scene, None))
+    path.parent.mkdir(parents=True)
+    write_calibration(path, scatter)
+    edit(path, "scatter_u = 0.02", "scatter_u = 0.0001")
+    elsewhere.write_text("damaged", encoding="utf-8")
+    measure = ("measure", "modulus", "--sample", "4", "--tolerance", "5 %", "--relative-to-model", "--seed", "1")
+    for rehearsal in (("--dry-run",), ()):
+        said = palpate(*measure, *rehearsal)
+        assert (said.status, f"{path}: was changed after it was written" in said.complaint) == (2, True)
+    edit(path, "scatter_u = 0.0001", "scatter_u = 0.015")
+    assert palpate("calibrate", "accept", str(path)).status == 0
+    assert "1.5 % of the ratio: by hand (edited by hand, accepted on 2" in palpate(*measure, "--dry-run").out
+    known = partial(mountings_of, "single", None, False, date(2026, 11, 21))
+    assert known() is None  # it may be of another sensor than the one that will answer
+    with pytest.raises(ConfigError, match="is not TOML"):
+        known(scatter.device)

@@ -134,7 +134,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         if self.mounting_scatter is not None or mountings is None:
             return Wanted(*asked, self.mounting_scatter)
         freedom = float(mountings.degrees_of_freedom)
-        return Wanted(*asked, mountings.scatter_u, freedom, f"{mountings.source}, {freedom:g} degrees of freedom")
+        told = f"{mountings.source}{mountings.marks()}, {freedom:g} degrees of freedom"
+        return Wanted(*asked, mountings.scatter_u, freedom, told)
 
     def mountings_on(self, target: Target) -> MountingScatter | None:
         """The stored scatter of mountings that the plan takes; before the bench is open, the one that it probably has.
