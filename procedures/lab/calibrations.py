@@ -249,12 +249,12 @@ def model_of(
 def probable_references(question: Question, scene: str | None, today: date) -> ByReferences | None:
     """The newest stored calibration of the model that answers a question, before it is known which bench will answer.
 
-    Of a simulated bench only those of its scene count. One that is damaged or has expired does not count: the bench
-    will tell of it when it is open.
+    One of another scene is of another sensor. One that is damaged or has expired does not count: the bench will tell of
+    it when it is open.
 
     Args:
         question: what is asked.
-        scene: identity of the scene of a simulated bench; None: the bench may be real.
+        scene: identity of the scene of a simulated bench; None: it is that of a bench file.
         today: date by which calibrations expire.
     """
     from palpate.instrument.findings.object_modulus import ByReferences, answering
@@ -265,7 +265,7 @@ def probable_references(question: Question, scene: str | None, today: date) -> B
     for each in path.parent.glob(f"{path.stem.replace('model---', 'model-*-', 1)}*.toml"):
         with suppress(PalpateError):
             found.append(_checked(each, read_model_calibration(each), lambda c: c.check_date(today)))
-    found = [each for each in found if scene is None or each.scene == scene]
+    found = [each for each in found if each.scene == scene]
     if not found:
         return None
     newest = max(found, key=lambda each: each.created)

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import pytest
+from scipy import stats
 
 from palpate.instrument.calibration.files import read_model_calibration, write_calibration
-from palpate.instrument.errors import QuantityError, RangeError, UsageError
+from palpate.instrument.calibration.model_calibration import ModelCalibration
+from palpate.instrument.errors import EstimateError, QuantityError, RangeError, UsageError
+from palpate.instrument.models.curve import ratio_curve
+from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.lab.calibrations import model_path, probable_references
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
 from palpate.procedures.measurements.references.reference import Reference, read_reference
-from palpate.procedures.measurements.references.result import MODULUS
+from palpate.procedures.measurements.references.result import MODULUS, ReferencesResult, evaluate
+from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 
@@ -167,6 +176,92 @@ def test_a_reference_of_hardware_is_none_of_a_simulated_bench() -> None:
     simulated = Target(get_design("single"), 10.0, nodes=1, model="experiment")
     with pytest.raises(RangeError, match="was measured on hardware, and this bench is simulated"):
         series.check(simulated)
+
+
+ORIGIN = {
+    "thickness_m": 3e-3, "film_calibration": None, "device": "N1", "scene": None, "simulated": False, "source": "run",
+    "created": "now", "expires": "2999-01-01",
+}  # fmt: skip
+
+
+THREE = (Reference("A", 30e3, 0.02), Reference("B", 60e3, 0.03), Reference("C", 110e3, 0.03))
+QUESTION = Question("single", "column", settings={"sensed_thickness": 3e-3})
+SENSOR = QUESTION.sensor()
+CURVE = ratio_curve(SENSOR, QUESTION.load(SENSOR.ring.material.modulus), "column")
+
+
+def measured() -> ReferencesResult:
+    """Three references by two valid points each, whose ratios are 0.8 times those of the column."""
+    points = []
+    for each in THREE:
+        ratio = 0.8 * float(CURVE.force_ratio(each.modulus))
+        scatter, noise, films, pickup = (share * ratio for share in (0.04, 0.003, 0.006, 0.002))
+        u = math.hypot(scatter, noise, films, pickup)
+        point = SoftnessPoint(each.name, 3.0, 3.0, 0.03, ratio, u, noise, True, (), films, pickup, 20.0)
+        points += [point, point, replace(point, force_ratio=0.9, valid=False)]
+    return evaluate(points, THREE, SENSOR, QUESTION, CURVE, ORIGIN)
+
+
+def test_the_calibration_has_each_line_of_the_measured_ratios_and_its_worth_is_that_of_a_modulus() -> None:
+    found = measured()
+    c = found.calibration
+    assert (c.model, c.parameters, c.design) == ("column", "physical", "single")
+    for each, kept in zip(THREE, c.references, strict=True):
+        own = math.hypot(0.04, 0.003) / math.sqrt(2)  # of two valid points
+        assert (kept.force_ratio_u, kept.films_u, kept.pickup_u) == pytest.approx((own, 0.006, 0.002))
+        at, step = math.log(each.modulus), 1e-4
+        low, high = CURVE.force_ratio([math.exp(at - step), math.exp(at + step)])
+        assert kept.sensitivity == pytest.approx(2 * step / math.log(high / low), rel=1e-5)
+        assert kept.model_force_ratio == pytest.approx(float(CURVE.force_ratio(each.modulus)))
+    assert c.constant == pytest.approx(math.log(1 / 0.8))
+    assert found.summary()["factor"] == pytest.approx(1 / 0.8)
+    _, sensitivity, _ = sorted(each.sensitivity for each in c.references)
+    now, another, any_number = found.worth
+    assert (now.references, another.references, any_number.references) == (3, 4, None)
+    line, more = c.line(same_films=True), c.with_more(4)
+    assert line.u is not None and more is not None and more.u is not None
+    assert another.modulus_u == pytest.approx(sensitivity * more.u)
+    assert now.modulus_u == pytest.approx(sensitivity * line.u)
+    assert now.half_width == pytest.approx(now.modulus_u * stats.t.ppf(0.975, line.degrees_of_freedom))
+    constant, spread = found.budgets[-1], c.spread
+    assert spread is not None and c.weight == pytest.approx(1 / 3, rel=0.05)
+    assert constant.value == c.constant
+    assert constant.u == pytest.approx(math.hypot(spread * math.sqrt(c.weight), c.constant_u, 0.006, 0.002))
+    assert [part.degrees_of_freedom for part in constant.components] == [c.spread_degrees_of_freedom, *[math.inf] * 3]
+    assert found.unbudgeted == {MODULUS: (1.0, now.modulus_u)}
+
+
+def test_a_reference_none_of_whose_points_is_valid_is_named() -> None:
+    point = SoftnessPoint("A", 3.0, 3.0, 0.03, 0.2, 0.01, 0.001, False, ("clipped",))
+    with pytest.raises(EstimateError, match="no point of reference 'A' is valid"):
+        evaluate([point], (Reference("A", 48e3, 0.02),), SENSOR, QUESTION, CURVE, ORIGIN)
+
+
+@pytest.mark.usefixtures("own_store")
+def test_the_references_that_a_plan_counts_are_the_newest_of_its_bench_that_hold() -> None:
+    today, made = date(2026, 11, 1), measured().calibration
+
+    def stored(name: str, scene: str | None, **changes: object) -> ModelCalibration:
+        path = model_path(name, "single", "column", "physical", 3e-3, scene)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        changed = made.model_copy(update={"scene": scene, "source": name, "expires": "2026-11-01", **changes})
+        write_calibration(path, changed)
+        return changed
+
+    assert probable_references(QUESTION, None, today) is None
+    stored("simulated", "ideal, experiment, seed 1", created="9", simulated=True)
+    stored("old", None, created="1")
+    stored("newest", None, created="3", film_calibration="ab")
+    stored("expired", None, created="4", expires="2026-10-31")
+    damaged = stored("damaged", None, created="5")
+    path = model_path("damaged", "single", "column", "physical", 3e-3, None)
+    path.write_text(path.read_text().replace(f"constant = {damaged.constant}", "constant = 0.5"))
+    for scene, name, same_films in ((None, "newest", False), ("ideal, experiment, seed 1", "simulated", True)):
+        found = probable_references(QUESTION, scene, today)
+        assert found is not None
+        assert (found.calibration.source, found.same_films) == (name, same_films)
+    thicker = replace(QUESTION, settings={"sensed_thickness": 4e-3})
+    assert probable_references(thicker, None, today) is None
 
 
 def test_a_reference_reads_as_people_write_it() -> None:
