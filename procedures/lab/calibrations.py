@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from datetime import date
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -34,6 +34,7 @@ from palpate.procedures.steps.checks import check_loads
 if TYPE_CHECKING:
     from palpate.instrument.findings.object_modulus import ByReferences
     from palpate.instrument.models.ratio import Question
+    from palpate.procedures.lab.lab import Target
 
 C = TypeVar("C", LoadCellCalibration, FilmCalibration, ModelCalibration)
 
@@ -270,6 +271,13 @@ def probable_references(question: Question, scene: str | None, today: date) -> B
         return None
     newest = max(found, key=lambda each: each.created)
     return ByReferences(newest, newest.film_calibration is None)
+
+
+def references_on(target: Target, question: Question) -> ByReferences | None:
+    """The model's calibration by references on a bench; before it is open, the one that it probably has."""
+    if target.calibrated is not None:
+        return target.references
+    return probable_references(question, target.scene, datetime.now(UTC).date())
 
 
 def by_references(path: Path, today: date) -> ByReferences:

@@ -18,11 +18,13 @@ from palpate.instrument.errors import EstimateError, QuantityError, RangeError, 
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.calibrations import model_path, probable_references
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
 from palpate.procedures.measurements.references.reference import Reference, read_reference
 from palpate.procedures.measurements.references.result import MODULUS, ReferencesResult, evaluate
+from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
@@ -50,7 +52,9 @@ def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Pa
     constant = made["budgets"][-1]
     assert constant["value"] == made["constant"] == pytest.approx(0.24, abs=0.1)
 
+    foreseen = palpate(*SOFTNESS, "--dry-run").object
     after = palpate(*SOFTNESS).object
+    assert foreseen["predicted_results"] == after["predicted_results"]
     (each,) = after["objects"]
     line = after["validation_line"]
     assert (line["constant"], line["u"]) == (found.constant, found.line(same_films=True).u)
@@ -239,20 +243,24 @@ def test_a_reference_none_of_whose_points_is_valid_is_named() -> None:
 
 @pytest.mark.usefixtures("own_store")
 def test_the_references_that_a_plan_counts_are_the_newest_of_its_bench_that_hold() -> None:
-    today, made = date(2026, 11, 1), measured().calibration
+    today, made = date(2998, 12, 31), measured().calibration
 
     def stored(name: str, scene: str | None, **changes: object) -> ModelCalibration:
         path = model_path(name, "single", "column", "physical", 3e-3, scene)
         path.parent.mkdir(parents=True, exist_ok=True)
-        changed = made.model_copy(update={"scene": scene, "source": name, "expires": "2026-11-01", **changes})
+        changed = made.model_copy(update={"scene": scene, "source": name, "expires": "2999-01-01", **changes})
         write_calibration(path, changed)
         return changed
 
+    def planned() -> float | None:
+        return SoftnessTest((get_sample("4"),), model="column").plan(REAL).predicted.u
+
     assert probable_references(QUESTION, None, today) is None
+    by_thesis = planned()
     stored("simulated", "ideal, experiment, seed 1", created="9", simulated=True)
     stored("old", None, created="1")
     stored("newest", None, created="3", film_calibration="ab")
-    stored("expired", None, created="4", expires="2026-10-31")
+    stored("expired", None, created="4", expires="2998-12-30")
     damaged = stored("damaged", None, created="5")
     path = model_path("damaged", "single", "column", "physical", 3e-3, None)
     path.write_text(path.read_text().replace(f"constant = {damaged.constant}", "constant = 0.5"))
@@ -260,6 +268,8 @@ def test_the_references_that_a_plan_counts_are_the_newest_of_its_bench_that_hold
         found = probable_references(QUESTION, scene, today)
         assert found is not None
         assert (found.calibration.source, found.same_films) == (name, same_films)
+    by_references = planned()
+    assert by_thesis is not None and by_references is not None and by_references < 0.7 * by_thesis
     thicker = replace(QUESTION, settings={"sensed_thickness": 4e-3})
     assert probable_references(thicker, None, today) is None
 

@@ -23,7 +23,7 @@ from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path, probable_references
+from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path, references_on
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
@@ -156,10 +156,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def references_on(self, target: Target) -> ByReferences | None:
         """The model's calibration by references; before the bench is open, the one that it probably has."""
-        if target.calibrated is not None:
-            return target.references
-        today = datetime.now(UTC).date()
-        return probable_references(self.model_question(target.design), target.scene, today)
+        return references_on(target, self.model_question(target.design))
 
     def loads_on(self, target: Target) -> tuple[float, ...]:
         """The loads among which the plan chooses: the given one, or all that the load cell is calibrated for."""

@@ -23,6 +23,7 @@ from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected, greatest, predicted
 from palpate.procedures.engine.settings import Setting
+from palpate.procedures.lab.calibrations import references_on
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets
@@ -134,7 +135,8 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         question = None if slow else self.model_question(design)
         ratios = {each.name: _ratio(design, each, question) for each in self.objects}
         loads = {name: [self.loads[n % len(self.loads)] for n in range(number)] for name, number in sets.items()}
-        return expected_moduli(design, ratios, loads, self.dwell, question, target.references)
+        references = None if question is None else references_on(target, question)
+        return expected_moduli(design, ratios, loads, self.dwell, question, references)
 
     def _step(self, name: str, load: float, told: str, scatter: float, first: bool) -> TouchStep:
         seconds = point_seconds(self.frequency, self.dwell, first=first)
