@@ -12,11 +12,19 @@ from pydantic import ConfigDict
 
 from palpate.instrument.allocation.stopping import pooled
 from palpate.instrument.calibration.classification import Run, by_position, spread_over_positions
+from palpate.instrument.calibration.displayed import displayed_curve
 from palpate.instrument.config import Config, Positive
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.interpolation import Interpolation, best_degree, interpolate
 from palpate.instrument.uncertainty.rounding import mean_u
+
+CURVE, POSITIONS, REPEATABILITY, WEIGHTS = (
+    "curve",
+    "positions",
+    "repeatability",
+    "weights",
+)  # of the sensitivity's budget
 
 
 class Curvature(Config):
@@ -50,7 +58,7 @@ class LoadCellCurve:
 
 
 def load_cell_curve(
-    load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: float, degree: int | None
+    load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: float, degree: int | None, loads_u: float = 0.0
 ) -> LoadCellCurve:
     """Fit the means of the runs by least squares.
 
@@ -59,30 +67,39 @@ def load_cell_curve(
         runs: runs with (k,) readings each.
         resolution_mV: smallest step of the indicator.
         degree: degree of the curve; None: the better one.
+        loads_u: relative standard uncertainty of all loads together, as by local gravity or one set of weights.
 
     Raises:
         EstimateError: as in `interpolate`, or loads do not increase, shapes do not match, there is no run, or the
             sensitivity is not above three of its standard uncertainties.
         RangeError: the resolution is not positive.
+
+    What loads share of the display's rounding counts where the scatter of displayed values is known. Where it is not,
+    nothing tells how noise dithers the rounding: it counts as independent from load to load.
     """
     _check(load, runs, resolution_mV)
     mean = np.mean([run.mean_mV() for run in runs], axis=0)
     scatter = _scatter(runs)
+    displays = 2 * sum(run.repeats for run in runs)
     reading_u, freedom = resolution_mV / math.sqrt(12), math.inf
     if scatter is not None:
-        displays = 2 * sum(run.repeats for run in runs)
         reading_u, freedom = mean_u(scatter, resolution_mV, displays), (displays - 2 * len(runs)) * load.size
     line = interpolate(load, mean, reading_u)
     if degree is None:
         degree = best_degree(load, mean, reading_u)
-    curve = line if degree == 1 else interpolate(load, mean, reading_u, degree)
+    if scatter is None:
+        curve = interpolate(load, mean, reading_u, degree)
+    else:
+        curve = displayed_curve(load, mean, scatter, resolution_mV, displays, degree)
     spread, positions = spread_over_positions(load, runs), len({run.position for run in runs})
     if curve.by_scatter:
         freedom = curve.degrees_of_freedom
-    sensitivity = Budget("sensitivity", float(curve.coefficients[1]), "mV/N", (
-        Component("curve", math.sqrt(curve.covariance[1, 1]), degrees_of_freedom=freedom, kind="A"),
-        Component("positions", spread, degrees_of_freedom=max(positions - 1, 1), kind="A"),
+    slope = float(curve.coefficients[1])
+    sensitivity = Budget("sensitivity", slope, "mV/N", (
+        Component(CURVE, math.sqrt(curve.covariance[1, 1]), degrees_of_freedom=freedom, kind="A"),
+        Component(POSITIONS, spread, degrees_of_freedom=max(positions - 1, 1), kind="A"),
         *_repeatability(load, runs, curve, scatter),
+        *([Component(WEIGHTS, loads_u, slope)] if loads_u else []),
     ))  # fmt: skip
     if not sensitivity.value > 3 * sensitivity.u:
         raise EstimateError(
@@ -108,7 +125,7 @@ def _repeatability(
     if not found.refuted:
         return []
     u = float(curve.coefficients[1]) * math.sqrt((found.u**2 - noise**2) / len(runs))
-    return [Component("repeatability", u, degrees_of_freedom=found.degrees_of_freedom, kind="A")]
+    return [Component(REPEATABILITY, u, degrees_of_freedom=found.degrees_of_freedom, kind="A")]
 
 
 def slope_u(load: npt.NDArray[np.float64], degree: int) -> float:

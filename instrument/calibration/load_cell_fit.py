@@ -31,6 +31,7 @@ def calibrate_load_cell(
     *,
     degree: int | None = None,
     creep_mV: float | None = None,
+    loads_u: float = 0.0,
     gage_factor: float,
     device: str,
     simulated: bool,
@@ -50,6 +51,7 @@ def calibrate_load_cell(
         resolution_mV: smallest step of the indicator.
         degree: degree of the curve; None: 2 where an F-test finds it better than 1.
         creep_mV: change of the reading from 30 s to 300 s under the greatest load; None: not measured.
+        loads_u: relative standard uncertainty of all loads together, as by gravity.
         gage_factor, device, simulated, source, created, expires: as in `LoadCellCalibration`.
 
     Raises:
@@ -59,7 +61,7 @@ def calibrate_load_cell(
         ConfigError: a text is empty.
     """
     load = np.asarray(load_N, dtype=np.float64)
-    fitted = load_cell_curve(load, runs, resolution_mV, degree)
+    fitted = load_cell_curve(load, runs, resolution_mV, degree, loads_u)
     curve, sensitivity, span = fitted.curve, fitted.sensitivity, fitted.span
     freedom = sensitivity.degrees_of_freedom
     found = quantities(load, runs, curve, resolution_mV, creep_mV)
@@ -94,10 +96,12 @@ def calibrate_load_cell(
         "expires": expires,
     }
     if curve.coefficients.size == 3:
+        bend = float(curve.coefficients[2])
+        by_loads = 2 * bend * loads_u  # loads that are all too great by a share move it by twice that share
         fields["curvature"] = {
-            "mV_per_N2": float(curve.coefficients[2]),
-            "u": math.sqrt(curve.covariance[2, 2]),
-            "with_sensitivity": float(curve.covariance[1, 2]),
+            "mV_per_N2": bend,
+            "u": math.hypot(math.sqrt(curve.covariance[2, 2]), by_loads),
+            "with_sensitivity": float(curve.covariance[1, 2]) + by_loads * loads_u * sensitivity.value,
             "with_zero": float(curve.covariance[0, 2]),
         }
     return check(fields, LoadCellCalibration, "load cell calibration")

@@ -11,6 +11,8 @@ import numpy.typing as npt
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.quantity import counted
 
+Floats = npt.NDArray[np.float64]
+
 SIGNIFICANCE = 0.01
 """Significance of the tests.
 
@@ -30,13 +32,13 @@ class Interpolation:
         degrees_of_freedom: degrees of freedom of `residual_sd`: points less coefficients.
     """
 
-    coefficients: npt.NDArray[np.float64]
-    covariance: npt.NDArray[np.float64]
+    coefficients: Floats
+    covariance: Floats
     residual_sd: float
     degrees_of_freedom: int
     by_scatter: bool
 
-    def reading(self, load: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def reading(self, load: npt.ArrayLike) -> Floats:
         """Readings at loads [N], an array of the loads' shape."""
         at = np.polynomial.polynomial.polyval(np.asarray(load, dtype=np.float64), self.coefficients)
         return np.asarray(at, dtype=np.float64)
@@ -75,9 +77,8 @@ def interpolate(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float, d
         raise EstimateError(
             f"{counted(distinct, 'distinct load')} cannot give {what} and its uncertainty; use at least {degree + 2}"
         )
-    centre, scale = float(x.mean()), float(np.ptp(x)) / 2
     centre_reading = float(y.mean())
-    columns = np.vander((x - centre) / scale, degree + 1, increasing=True)
+    columns, back = _powers(x, degree)
     q, r = np.linalg.qr(columns)
     own = np.linalg.solve(r, q.T @ (y - centre_reading))
     degrees_of_freedom = x.size - degree - 1
@@ -86,7 +87,6 @@ def interpolate(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float, d
 
     by_scatter = residual_sd**2 * degrees_of_freedom > reading_u**2 * chdtri(degrees_of_freedom, SIGNIFICANCE)
     root = np.linalg.inv(r) * (residual_sd if by_scatter else reading_u)
-    back = _powers(centre, scale, degree)
     root = back @ root
     coefficients = back @ own
     coefficients[0] += centre_reading
@@ -113,10 +113,26 @@ def best_degree(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float) -
     return 2 if explained > limit * scatter else 1
 
 
-def _powers(centre: float, scale: float, degree: int) -> npt.NDArray[np.float64]:
-    """Matrix that turns coefficients of powers of (load − centre)/scale into coefficients of powers of the load."""
+def polynomials(load: Floats, degree: int) -> tuple[Floats, Floats]:
+    """Orthonormal polynomials at loads (n,) [N], and what they are in powers of the load.
+
+    Returns:
+        q: (n, degree + 1). A least-squares fit weighs the readings by its columns.
+        powers: (degree + 1, degree + 1). It turns their sums q.T @ reading into the coefficients of the fit.
+    """
+    columns, back = _powers(load, degree)
+    q, r = np.linalg.qr(columns)
+    return q, back @ np.linalg.inv(r)
+
+
+def _powers(load: Floats, degree: int) -> tuple[Floats, Floats]:
+    """Powers (n, degree + 1) of (load − centre)/scale; the matrix that turns their coefficients into those of the load.
+
+    It keeps digits that powers of the load itself would lose.
+    """
+    centre, scale = float(load.mean()), float(np.ptp(load)) / 2
     matrix = np.zeros((degree + 1, degree + 1))
     for power in range(degree + 1):
         for own in range(power + 1):
             matrix[own, power] = math.comb(power, own) * (-centre) ** (power - own) / scale**power
-    return matrix
+    return np.vander((load - centre) / scale, degree + 1, increasing=True), matrix

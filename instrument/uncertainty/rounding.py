@@ -7,6 +7,12 @@ is off by
 
 This is q²/12 without noise, and practically zero at σ = q (Fourier series of the quantiser's error; Widrow and Kollár,
 Quantization Noise, 2008). The readings themselves scatter by s² = σ² + q²/12 − B².
+
+The errors of two such means are not independent. If the true readings are y and z, their covariance is
+
+    q² Σ cos(2π k (y − z)/q) exp(−4 π² k² σ²/q²) / (2 π² k²)
+
+Readings that are a whole number of steps apart are rounded alike.
 """
 
 from __future__ import annotations
@@ -14,9 +20,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
 
 LEAST_DITHER = 0.2
 """Least noise, as a share of a step, that is told apart from none: less shows in too few readings."""
+
+DITHERED = 5
+"""Number of harmonics that noise of `LEAST_DITHER` or more leaves: the next one is below 1e-24."""
 
 SETTLED = 1e-12
 """Relative change of the noise that ends the search for it."""
@@ -36,10 +48,33 @@ def mean_u(scatter: float, step: float, count: float) -> float:
     return step * math.sqrt(bias + (scatter / step) ** 2 / count)
 
 
+def sums_u(weights: Floats, readings: Floats, scatter: float, step: float) -> Floats:
+    """Standard uncertainties (m, p) of weighted sums of means, by the error of rounding alone.
+
+    Each mean is one of infinitely many readings, whose standard deviation is `scatter`.
+
+    Args:
+        weights: (n, p), of the n means in p sums.
+        readings: (m, n), m cases of the true readings, whose differences alone count.
+        scatter, step: as in `mean_u`; all in the unit of the readings.
+    """
+    noise = _noise(scatter / step)
+    count = _HARMONICS.size if noise == 0 else DITHERED
+    waves = np.exp(2j * np.pi * _HARMONICS[:count, np.newaxis, np.newaxis] * readings / step) @ weights
+    terms = _terms(noise)[:count, np.newaxis, np.newaxis]
+    found: Floats = step * np.sqrt(np.sum(terms * np.abs(waves) ** 2, axis=0) / _WITHOUT_NOISE / 12)
+    return found
+
+
 def _bias(noise: float) -> float:
     """B²/q² for σ/q."""
-    terms = np.exp(_EXPONENTS * noise**2) / (2 * np.pi**2 * _HARMONICS**2)
-    return float(np.sum(terms)) / _WITHOUT_NOISE / 12
+    return float(np.sum(_terms(noise))) / _WITHOUT_NOISE / 12
+
+
+def _terms(noise: float) -> Floats:
+    """What each harmonic adds to the variance for σ/q, in q²."""
+    terms: Floats = np.exp(_EXPONENTS * noise**2) / (2 * np.pi**2 * _HARMONICS**2)
+    return terms
 
 
 def _noise(scatter: float) -> float:

@@ -27,6 +27,7 @@ def calibrate() -> None:
     "load-cell",
     epilog="Examples:\n\n  palpate calibrate load-cell\n\n  palpate calibrate load-cell --bench lab.toml"
     "\n\n  palpate calibrate load-cell --tolerance '0.3 %' --dry-run"
+    "\n\n  palpate calibrate load-cell --time '8 min' --loads-u '0.02 %'"
     "\n\n  palpate calibrate load-cell --loads '100 gf:1000 gf:100 gf' --runs 2 --positions 0,120,240 --creep",
 )
 @option(
@@ -59,6 +60,12 @@ def calibrate() -> None:
     callback=texts.share,
     help="Relative standard uncertainty of the sensitivity: the series is planned for it, of --loads at hand.",
 )
+@option("--time", callback=texts.quantity("s"), help="Bench time that is not exceeded: the series is planned for it.")
+@option(
+    "--loads-u",
+    callback=texts.quantity("", "0.02 %"),
+    help="Relative standard uncertainty of all loads together: weights and local gravity (default: exact).",
+)
 @option("--creep", is_flag=True, help="Measure the creep under the greatest load for 300 s.")
 @option("--valid-days", default=365, help="Days until the calibration expires.")
 @options.DRY_RUN
@@ -72,6 +79,8 @@ def load_cell(
     degree: str,
     iso_class: str | None,
     tolerance: float | None,
+    time: float | None,
+    loads_u: float | None,
     creep: bool,
     valid_days: int,
 ) -> LoadCellSeries:
@@ -81,14 +90,15 @@ def load_cell(
     certificate; and stores the calibration. Later runs with the same indicator use and name it, within its loads and
     until it expires.
 
-    With --tolerance or --class the plan takes as many of the weights and runs as are needed, and refuses beforehand
-    what they cannot give. --runs and --positions are then the fewest. A series ends early where its runs show that the
-    class is out of reach.
+    With --tolerance, --time or --class the plan takes as many of the weights and runs as are needed or fit, and refuses
+    beforehand what they cannot give. --runs and --positions are then the fewest. A series ends early where its runs
+    show that the class is out of reach.
     """
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 
     curve = None if degree == "auto" else int(degree)
-    return LoadCellSeries(loads, runs, positions, curve, creep, valid_days, iso_class, tolerance)
+    asked = iso_class, tolerance, time, loads_u or 0.0
+    return LoadCellSeries(loads, runs, positions, curve, creep, valid_days, *asked)
 
 
 @calibrate.command(

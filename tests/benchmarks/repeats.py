@@ -1,4 +1,4 @@
-"""Monte Carlo of repeated load sets, for means of samples, films and places: coverage, uncertainty, bench time."""
+"""Monte Carlo of repeats, for means of samples, films, places and the load cell: coverage, uncertainty, bench time."""
 
 from __future__ import annotations
 
@@ -9,18 +9,24 @@ from dataclasses import fields
 import numpy as np
 
 from palpate.instrument.allocation.stopping import FIRST
+from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.load_cell_curve import load_cell_curve
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import scatter_covariance
 from palpate.instrument.models.influence import ERROR, tooth_shares
+from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 from palpate.procedures.measurements.films.repeats import FilmRepeats
 from palpate.procedures.measurements.films.result import PressedPoint
+from palpate.procedures.measurements.load_cell.procedure import LOADS as CELL_LOADS
+from palpate.procedures.measurements.load_cell.result import REPEATS
 from palpate.procedures.measurements.loads.repeats import Repeats
 from palpate.procedures.measurements.position.expected import share_noise
 from palpate.procedures.measurements.position.repeats import PlaceRepeats
 from palpate.procedures.measurements.position.result import PositionPoint
+from palpate.procedures.measurements.prospects import DISPLAY_NOISE
 from tests.benchmarks.row import Row
 
 RUNS = 1000
@@ -28,6 +34,7 @@ SINGLE, LOADS, SAMPLE = get_design("single"), (2.0, 3.0, 4.0), "4"
 COVERED, ACHIEVED, TIMES = (0.93, 0.97), (0.9, 1.2), (0.9, 1.1)
 PLACES = ((2e-3, 1e-4), (10e-3, 0.9e-4), (22e-3, 0.9e-4))  # m; the tolerance of each is near the best there
 BOUNDED = 0.93  # where most of the uncertainty has a bound, intervals hold more often than they say
+SLOPES = (("10.1 steps from load to load", 0.0), ("any slope", 0.05))
 TRUTHS = (("known scatter", 1.0, False), ("scatter x 1.5", 1.5, False), ("scatter drawn from the prior", 1.0, True))
 
 
@@ -40,6 +47,29 @@ def measure() -> Iterator[Row]:
     for truth in TRUTHS:
         for place, tolerance in PLACES:
             yield from located(*truth, place, tolerance, RUNS)
+    for name, off in SLOPES:
+        for count in (1, 10):
+            yield weighed(name, off, count, RUNS)
+
+
+def weighed(name: str, off: float, count: int, runs: int) -> Row:
+    """The thesis' load cell, calibrated by so many runs of its weights; `off`: how far its slope may be off."""
+    rng, load, step = np.random.default_rng(24), np.array(CELL_LOADS), THESIS_LOAD_CELL.resolution_mV
+    inside = 0
+    for _ in range(runs):
+        slope = THESIS_LOAD_CELL.sensitivity_mV_per_N * rng.uniform(1 - off, 1 + off)
+        true = slope * load + rng.uniform(0, step)
+        shown = step * np.rint(
+            (true + DISPLAY_NOISE * step * rng.standard_normal((count, 2, REPEATS, load.size))) / step
+        )
+        calibrated = [
+            Run(0.0, *up_down.mean(axis=1), repeats=REPEATS, scatter_mV=math.sqrt(up_down.var(axis=1, ddof=1).mean()))
+            for up_down in shown
+        ]
+        found = load_cell_curve(load, calibrated, step, 1).sensitivity
+        inside += abs(found.value - slope) <= coverage_factor(found.degrees_of_freedom) * found.u
+    what = f"load cell, {name}, {counted(count, 'run')}: 95 % intervals that hold the sensitivity"
+    return Row(what, f"{inside / runs:.1%}", f">= {BOUNDED:.0%}", inside / runs >= BOUNDED)
 
 
 def repeated(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -> Iterator[Row]:

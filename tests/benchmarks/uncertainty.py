@@ -51,6 +51,7 @@ ORIGIN = {"device": "1", "simulated": True, "source": "benchmark", "created": "n
 STEPS, STRAINS, DISPLAYS, AREA_U = 6, (0.3, 0.45), 10, 0.01
 BENCH_COMPLIANCE = 1e-4  # m/N
 WITHIN = (0.93, 0.97)
+SENSITIVITY = "sensitivity of the load cell"  # u is the greatest over slopes that may be: its intervals hold more often
 
 Held = dict[str, list[bool]]
 
@@ -98,9 +99,9 @@ def measure() -> Iterator[Row]:
         _compression(repeat, calibration, held)
     _softness(scene.design, np.array(means), held)
     for name, hits in held.items():
-        share = sum(hits) / len(hits)
+        share, most = sum(hits) / len(hits), 1.0 if name == SENSITIVITY else WITHIN[1]
         yield Row(f"95 % intervals that hold {name}", f"{share:.1%} of {len(hits)}",
-                  f"{WITHIN[0]:.0%} to {WITHIN[1]:.0%}", WITHIN[0] <= share <= WITHIN[1])  # fmt: skip
+                  f"{WITHIN[0]:.0%} to {most:.0%}", WITHIN[0] <= share <= most)  # fmt: skip
 
 
 def _load_cell(repeat: Repeat, held: Held) -> LoadCellCalibration:
@@ -114,7 +115,7 @@ def _load_cell(repeat: Repeat, held: Held) -> LoadCellCalibration:
     found = calibrate_load_cell(loads, [run], 1.0, degree=1, gage_factor=8.98, **ORIGIN)  # type: ignore[arg-type]
     cell = cast("LoadCell", repeat.scene.effects["load_cell"])
     half = coverage_factor(found.degrees_of_freedom or math.inf) * found.sensitivity_u
-    held["sensitivity of the load cell"].append(abs(found.sensitivity_mV_per_N - 1e3 * cell.sensitivity) <= half)
+    held[SENSITIVITY].append(abs(found.sensitivity_mV_per_N - 1e3 * cell.sensitivity) <= half)
     return found
 
 

@@ -69,7 +69,11 @@ def test_the_stated_uncertainties_cover_what_the_scene_holds(calibrated: list[Lo
     ):
         results = [r.summary() for r in calibrated]
         assert plausible([(r[value] - true) / r[u] for r in results])
-    assert all(r.summary()["sensitivity_u"] == pytest.approx(0.020, rel=0.1) for r in calibrated)
+    # 0.023 mV/N by the plan: noise 0.017, and 0.016 that loads of 10.1 steps share of the rounding. The scatter of the
+    # display tells the latter to 44 % only (dB/B = 4π²σ dσ), so that the mean of the five counts.
+    found = [r.summary()["sensitivity_u"] for r in calibrated]
+    assert sum(found) / 5 == pytest.approx(0.0230, rel=0.1)
+    assert min(found) > 0.018
 
 
 def test_linearity_and_reversibility_are_fractions_of_the_span(calibrated: list[LoadCellResult]) -> None:

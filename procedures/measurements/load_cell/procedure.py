@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
@@ -14,7 +15,7 @@ from palpate.drivers.roles import LoadIndicator
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import RangeError, UsageError, quoted
-from palpate.instrument.quantity import check_tolerance, counted
+from palpate.instrument.quantity import LARGEST_TOLERANCE, check_tolerance, counted
 from palpate.procedures.engine.plan import MOUNTING, Plan, Predicted
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.promise import predicted
@@ -23,6 +24,7 @@ from palpate.procedures.lab.calibrations import keep, load_cell_path, probable_l
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
+from palpate.procedures.measurements.load_cell.learned import late, learned, stopped
 from palpate.procedures.measurements.load_cell.result import (
     CREEP,
     CREEP_TIMES,
@@ -33,16 +35,10 @@ from palpate.procedures.measurements.load_cell.result import (
     ZERO_BEFORE,
     LoadCellPoint,
     LoadCellResult,
+    points_of_run,
     runs_of,
 )
-from palpate.procedures.measurements.load_cell.series import (
-    Wanted,
-    learned,
-    most_runs,
-    series_for,
-    told,
-    weighing_seconds,
-)
+from palpate.procedures.measurements.load_cell.series import Wanted, most_runs, series_for, weighing_seconds
 from palpate.procedures.measurements.load_cell.series import predicted as promised
 from palpate.procedures.measurements.load_cell.wanted_class import ClassSeries, class_series, why_not
 from palpate.procedures.measurements.load_cell.work import RECOVERY, Weighing, WeightStep
@@ -62,7 +58,9 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     calibrating = "load cell"
     manual_work = "places the weights"
     constants = MappingProxyType({"repeats": REPEATS})
-    newer_settings = frozenset({"runs", "positions", "degree", "creep", "valid_days", "iso_class", "tolerance"})
+    newer_settings = frozenset(
+        {"runs", "positions", "degree", "creep", "valid_days", "iso_class", "tolerance", "time", "loads_u"}
+    )
 
     loads: Annotated[tuple[float, ...], Setting("N", "Increasing weights.")] = LOADS
     runs: Annotated[int, Setting(help="Runs up and down in each position; 2 give repeatability.")] = 1
@@ -77,6 +75,12 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         float | None,
         Setting(help="Relative standard uncertainty of the sensitivity: weights and runs are chosen for it."),
     ] = None
+    time: Annotated[
+        float | None, Setting("s", "Bench time that is not exceeded: weights and runs are chosen for it.")
+    ] = None
+    loads_u: Annotated[
+        float, Setting(help="Relative standard uncertainty of all loads together: weights and local gravity.")
+    ] = 0.0
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
@@ -84,8 +88,9 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         Raises:
             RangeError: a load is not positive or exceeds the force limit; loads do not increase, or are too few for
                 the curve; there is no run; positions repeat or are outside 0 to 360 degrees; the validity is outside
-                the limits of ISO 376; the class or the tolerance cannot be reached with these weights.
-            UsageError: a class and a tolerance are given.
+                the limits of ISO 376; the class or the tolerance cannot be reached with these weights; the time is too
+                short for one run; the loads' uncertainty is no share from 0 to below 0.5.
+            UsageError: a class is given beside a tolerance or a time.
             UnknownName: there is no such class.
         """
         loads = self.loads
@@ -114,26 +119,41 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}, the 26 months of ISO 376; "
                 "give one inside"
             )
-        if self.tolerance is not None and self.iso_class is not None:
-            raise UsageError("--tolerance and --class: the series is planned for one of them; give one")
+        if not 0 <= self.loads_u < LARGEST_TOLERANCE:
+            raise RangeError(
+                f"--loads-u {100 * self.loads_u:g} % is outside 0 to {100 * LARGEST_TOLERANCE:g} %; give the relative "
+                "standard uncertainty of the loads, such as '0.02 %'"
+            )
+        if self.iso_class is not None and self._is_planned:
+            other = "--time" if self.tolerance is None else "--tolerance"
+            raise UsageError(f"{other} and --class: the series is planned for one of them; give one")
+        if self.time is not None and not 0 < self.time < math.inf:
+            raise RangeError(f"--time {self.time:g} s is not above 0 and finite; give a time such as '5 min'")
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
-            series_for(self._wanted(self.tolerance, target))
+        if self._is_planned:
+            series_for(self._wanted(target))
         if self.iso_class is not None:
             self._class_series(self.iso_class, target)
 
-    def _wanted(self, tolerance: float, target: Target) -> Wanted:
+    @property
+    def _is_planned(self) -> bool:
+        """Whether weights and runs are planned for a tolerance or a time."""
+        return self.tolerance is not None or self.time is not None
+
+    def _wanted(self, target: Target) -> Wanted:
         places = len(self.positions)
-        return Wanted(tolerance, tuple(self.loads), self.runs, places, self.degree, _cell(target))
+        asked = tuple(self.loads), self.runs, places, self.degree, _cell(target)
+        return Wanted(self.tolerance, *asked, self.time, self.loads_u)
 
     def _class_series(self, name: str, target: Target) -> ClassSeries:
         return class_series(name, tuple(self.loads), self.runs, tuple(self.positions), _cell(target))
 
     def plan(self, target: Target) -> Plan[WeightStep]:
-        """All points: every weight of every run, then the creep test; with a tolerance, those of the most runs."""
+        """All points: every weight of every run, then the creep test; where runs are planned, of the most runs."""
         cell, readings = _cell(target), 2 * REPEATS * self.runs * len(self.positions)
-        if self.tolerance is not None:
-            wanted = self._wanted(self.tolerance, target)
+        if self._is_planned:
+            wanted = self._wanted(target)
             series = series_for(wanted)
             runs = dict.fromkeys(self.positions, most_runs(series))
             return Plan(self.name, list(self._steps(series.loads, runs)), promised(wanted, series))
@@ -141,21 +161,28 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
             planned = self._class_series(self.iso_class, target)
             steps = list(self._steps(planned.loads, {place: planned.runs_in(place) for place in planned.positions}))
             readings = 2 * REPEATS * sum(map(planned.runs_in, planned.positions))
-            likely = predicted(steps, expected_sensitivity(planned.loads, readings, self.degree, cell))
+            likely = predicted(steps, expected_sensitivity(planned.loads, readings, self.degree, cell, self.loads_u))
             lines = planned.lines(self.iso_class)
             expected = {"class": self.iso_class, "expected": dict(planned.expected), "binds": planned.binds}
             return Plan(self.name, steps, Predicted(likely.seconds, likely.u, {**likely.told, **expected}, lines))
         steps = list(self._steps(self.loads, dict.fromkeys(self.positions, self.runs)))
-        return Plan(self.name, steps, predicted(steps, expected_sensitivity(self.loads, readings, self.degree, cell)))
+        found = expected_sensitivity(self.loads, readings, self.degree, cell, self.loads_u)
+        return Plan(self.name, steps, predicted(steps, found))
 
     def skips(self, step: WeightStep, points: Sequence[LoadCellPoint], lab: Lab) -> bool:
-        """Whether the runs so far show that the tolerance needs no run of the step's number."""
-        if self.tolerance is None or step.creep_s or step.run <= self.runs:
+        """Whether the tolerance needs no run of the step's number, or the time has no place for it."""
+        if not self._is_planned or step.creep_s or step.run <= self.runs:
             return False
-        wanted = self._wanted(self.tolerance, lab.target)
+        wanted = self._wanted(lab.target)
         loads = series_for(wanted).loads
         runs = list(runs_of(points, len(loads)))
-        return step.run > learned(wanted, loads, runs, lab.bench.role(LoadIndicator).resolution_mV).runs
+        part = (self.positions.index(step.position_deg) + 1) / len(self.positions)
+        if late(wanted, points[: len(runs) * points_of_run(len(loads))], len(loads), part):
+            return True
+        return (
+            self.tolerance is not None
+            and step.run > learned(wanted, loads, runs, lab.bench.role(LoadIndicator).resolution_mV).runs
+        )
 
     def enough(self, points: Sequence[LoadCellPoint], lab: Lab) -> str:
         """Why no further run can give the class."""
@@ -184,17 +211,16 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
 
     def begin(self, lab: Lab, record: Recorder) -> Weighing:
         turns = len(self.positions) > 1 or self.iso_class is not None
-        return Weighing(lab.bench, turns, self.creep)
+        return Weighing(lab.bench, turns, self.creep, self.time is not None)
 
     def evaluate(self, points: Sequence[LoadCellPoint], lab: Lab) -> LoadCellResult:
         indicator, loads = lab.bench.role(LoadIndicator), self._loads(lab.target)
-        runs, stopped = list(runs_of(points, len(loads))), ""
-        if self.tolerance is not None:
-            found = learned(self._wanted(self.tolerance, lab.target), loads, runs, indicator.resolution_mV)
-            reached = f"{told(found.u)} reached, {told(self.tolerance)} was asked for"
-            stopped = f"{reached}{f'; {found.why_not}' if found.why_not else ''}"
+        runs, why = list(runs_of(points, len(loads))), ""
+        if self._is_planned:
+            wanted = self._wanted(lab.target)
+            why = stopped(wanted, learned(wanted, loads, runs, indicator.resolution_mV))
         elif self.iso_class is not None:
-            stopped = self.enough(points, lab) or "all runs are made"
+            why = self.enough(points, lab) or "all runs are made"
         crept = points[-1].direction.startswith(CREEP)
         calibration = calibrate_load_cell(
             loads,
@@ -202,6 +228,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
             indicator.resolution_mV,
             degree=self.degree,
             creep_mV=points[-1].reading_mV - points[-2].reading_mV if crept else None,
+            loads_u=self.loads_u,
             gage_factor=indicator.gage_factor,
             device=indicator.serial or "unknown",
             simulated=lab.bench.simulated,
@@ -209,12 +236,12 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
             created=lab.started.isoformat(timespec="seconds"),
             expires=(lab.started + timedelta(days=self.valid_days)).date().isoformat(),
         )
-        return LoadCellResult(calibration, points, stopped)
+        return LoadCellResult(calibration, points, why)
 
     def _loads(self, target: Target) -> Sequence[float]:
         """The loads of each run [N]."""
-        if self.tolerance is not None:
-            return series_for(self._wanted(self.tolerance, target)).loads
+        if self._is_planned:
+            return series_for(self._wanted(target)).loads
         return self.loads if self.iso_class is None else self._class_series(self.iso_class, target).loads
 
     def save_calibration(self, done: Finished[LoadCellResult]) -> Kept:

@@ -1,64 +1,70 @@
-"""The series of weights that gives the sensitivity of a load cell a tolerance: which loads, how many runs up and down.
+"""The series of weights that gives the sensitivity of a load cell a tolerance, or as well as a time allows.
 
-A run takes each of its loads up and down. More runs lower what noise leaves; what the display's steps leave is lowered
-by more loads alone, since a load is rounded alike in every run. So each number of loads is planned by itself, and the
-quickest plan is taken. The first run tells how much the display scatters, and that fixes how many runs there are.
+A run takes each of its loads up and down. More runs lower what noise leaves; what the display's steps leave depends on
+the loads alone, since a load is rounded alike in every run. So each number of loads is planned by itself, and the best
+plan is taken. The first run tells how much the display scatters, and that fixes how many runs there are.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
+from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate, allocate_time
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
-from palpate.instrument.allocation.stopping import FIRST
-from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.displayed import rounding_u
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_curve import load_cell_curve, slope_u
+from palpate.instrument.calibration.load_cell_curve import WEIGHTS, slope_u
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import counted, show
-from palpate.instrument.uncertainty.rounding import mean_u
+from palpate.instrument.quantity import counted
+from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
 from palpate.procedures.engine.plan import MOUNTING, Predicted
 from palpate.procedures.engine.promise import RESULTS
 from palpate.procedures.measurements.load_cell.expected import SENSITIVITY
+from palpate.procedures.measurements.load_cell.refusal import below_floor
 from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SETTLING
 from palpate.procedures.measurements.prospects import display_scatter
+from palpate.procedures.measurements.repeated_sets import share
 from palpate.procedures.showing.plan import duration
 
 Floats = npt.NDArray[np.float64]
 
-REPEATABILITY, RESOLUTION, DEVIATION, POSITIONS = "repeatability", "resolution", "deviation from the curve", "positions"
+REPEATABILITY, RESOLUTION = "repeatability", "resolution"
 FEWEST_LOADS = 5  # of a curve of degree 1: three degrees of freedom tell whether readings are off it
 MOST_RUNS = 1000  # in all positions together
+RESERVE = 1.0  # s, for a run that takes longer than usual
 MOST = 5, 4  # times the planned runs, and runs besides: a series that needs more ends without its tolerance
-EXACT = "weights and gravity count as exact"
+EXACT = "weights and gravity count as exact: see --loads-u"
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A tolerance of the sensitivity.
+    """A tolerance of the sensitivity, or a time.
 
     Attributes:
-        tolerance: relative standard uncertainty of the sensitivity.
+        tolerance: relative standard uncertainty of the sensitivity; None: as good as the time allows.
         weights: loads at hand, increasing [N].
         runs: least number of runs in each position.
         positions: number of positions of the cell.
         degree: degree of the curve; None: 1 is expected, and the readings decide.
         cell: what is known of the cell and its display before.
+        time: bench time that is not exceeded [s]; None: as long as the tolerance takes.
+        loads_u: relative standard uncertainty of all loads together, as by gravity.
     """
 
-    tolerance: float
+    tolerance: float | None
     weights: tuple[float, ...]
     runs: int
     positions: int
     degree: int | None
     cell: LoadCellCalibration
+    time: float | None = None
+    loads_u: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,65 +89,121 @@ def weighing_seconds() -> float:
     return PLACING + SETTLING + (REPEATS - 1) * INTERVAL
 
 
-def lines_of(loads: Sequence[float], degree: int, scatter: float, step: float, sensitivity: float) -> list[Line]:
-    """Lines of the sensitivity by runs with some loads [N].
+def lines_of(
+    loads: Sequence[float], reading: Floats, degree: int, scatter: float, step: float, runs: int, loads_u: float
+) -> list[Line]:
+    """Lines of the sensitivity by runs with some loads.
 
     Args:
         loads: the loads [N].
+        reading: readings on the curve at these loads (n,) [mV].
         degree: degree of the curve.
         scatter: standard deviation of single displayed values [mV].
         step: step of the display [mV].
-        sensitivity: the sensitivity [mV/N].
+        runs: number of runs in all positions, which tell how well the slope is known, and so what loads share of the
+            rounding.
+        loads_u: as in `Wanted`.
     """
-    of_reading = slope_u(np.asarray(loads, dtype=np.float64), degree) / sensitivity
-    return [
-        Line(REPEATABILITY, of_reading * scatter / math.sqrt(2 * REPEATS), Unit.SET),
-        Line(RESOLUTION, of_reading * mean_u(scatter, step, math.inf), Unit.NOTHING),
+    load = np.asarray(loads, dtype=np.float64)
+    weights, powers = polynomials(load, degree)
+    sensitivity = float(interpolate(load, reading, 0.0, degree).coefficients[1])
+    rounded = powers[1] * rounding_u(load, reading, weights, scatter, step, 2 * REPEATS * runs)
+    lines = [
+        Line(REPEATABILITY, slope_u(load, degree) / sensitivity * scatter / math.sqrt(2 * REPEATS), Unit.SET),
+        Line(RESOLUTION, float(np.linalg.norm(rounded)) / sensitivity, Unit.NOTHING),
     ]
+    return lines + ([Line(WEIGHTS, loads_u, Unit.NOTHING)] if loads_u else [])
 
 
 @functools.lru_cache(maxsize=64)
 def series_for(wanted: Wanted) -> Series:
-    """The quickest series for a tolerance.
+    """The quickest series for a tolerance, or the best one in a time where that is too short for the tolerance.
 
     Raises:
-        RangeError: no number of runs reaches it, or it takes too many; the message says what binds, the best there is,
-            and what would do.
+        RangeError: no number of runs reaches it, it takes too many, or no run fits into the time; the message says what
+            binds, the best there is, and what would do.
     """
+    if wanted.tolerance is not None:
+        best = _for_tolerance(wanted)
+        if wanted.time is None or best.allocation.seconds <= wanted.time:
+            return best
+    return _for_time(wanted)
+
+
+def _choices(wanted: Wanted) -> list[tuple[float, ...]]:
+    """The loads that a run may have: some of the weights, the fewest first."""
+    least = min(len(wanted.weights), max(FEWEST_LOADS, (wanted.degree or 1) + 2))
+    return [spread(wanted.weights, count) for count in range(least, len(wanted.weights) + 1)]
+
+
+def _expected_lines(wanted: Wanted, loads: tuple[float, ...]) -> Callable[[int], list[Line]]:
+    """The lines by numbers of runs, by what is known of the cell before."""
     cell, degree = wanted.cell, wanted.degree or 1
+    reading = cell.sensitivity_mV_per_N * np.asarray(loads, dtype=np.float64)
+    return lambda runs: lines_of(
+        loads, reading, degree, display_scatter(cell), cell.resolution_mV, runs, wanted.loads_u
+    )
+
+
+def _for_tolerance(wanted: Wanted) -> Series:
     found: list[Series] = []
     refused: list[tuple[BelowFloor, tuple[float, ...]]] = []
-    least = min(len(wanted.weights), max(FEWEST_LOADS, degree + 2))
-    for count in range(least, len(wanted.weights) + 1):
-        loads = spread(wanted.weights, count)
-        lines = lines_of(loads, degree, display_scatter(cell), cell.resolution_mV, cell.sensitivity_mV_per_N)
+    for loads in _choices(wanted):
         try:
-            found.append(_planned(wanted, loads, lines))
+            found.append(planned(wanted, loads, _expected_lines(wanted, loads)))
         except BelowFloor as error:
             refused.append((error, loads))
     if not found:
-        raise _refusal(wanted, *min(refused, key=lambda each: each[0].floor))
+        floor, loads = min(refused, key=lambda each: each[0].floor)
+        raise below_floor(floor, wanted.tolerance or 0.0, loads, wanted.degree or 1, wanted.cell, wanted.loads_u)
     best = min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
     if best.allocation.sets > MOST_RUNS:
         raise RangeError(
-            f"--tolerance {told(wanted.tolerance)} takes {counted(best.allocation.sets, 'run')} up and down, "
+            f"--tolerance {share(wanted.tolerance or 0.0)} takes {counted(best.allocation.sets, 'run')} up and down, "
             f"{duration(best.allocation.seconds)}, above the limit of {MOST_RUNS} runs; ask for more"
         )
     return best
 
 
-def _planned(wanted: Wanted, loads: tuple[float, ...], lines: Sequence[Line]) -> Series:
-    places = wanted.positions
-    turning = MOUNTING * places if places > 1 else 0.0
-    costs = Costs(turning, 0.0, run_seconds(len(loads)) - weighing_seconds())
-    plan = allocate(lines, costs, wanted.tolerance, weighing_seconds(), wanted.runs * places)
-    runs = math.ceil(plan.sets / places)
-    reached = budget(lines, 1, runs * places, 1.0)
+def _for_time(wanted: Wanted) -> Series:
+    asked, time = replace(wanted, tolerance=None), wanted.time or 0.0
+    loads = [each for each in _choices(wanted) if _least_seconds(wanted, each) <= time]
+    if not loads:
+        fewest = _choices(wanted)[0]
+        raise RangeError(
+            f"--time {duration(time)} is too short: {counted(wanted.runs * wanted.positions, 'run')} up and down with "
+            f"{counted(len(fewest), 'weight')} {'takes' if wanted.runs * wanted.positions == 1 else 'take'} "
+            f"{duration(math.ceil(_least_seconds(wanted, fewest)))}; give more time"
+        )
+    found = [planned(asked, each, _expected_lines(asked, each)) for each in loads]
+    return min(found, key=lambda each: (each.allocation.u, each.allocation.seconds))
+
+
+def costs_of(wanted: Wanted, loads: int) -> Costs:
+    """Bench times of runs with some loads, which are the sets; turning the cell is paid once."""
+    turning = MOUNTING * wanted.positions if wanted.positions > 1 else 0.0
+    return Costs(turning, 0.0, run_seconds(loads) - weighing_seconds())
+
+
+def _least_seconds(wanted: Wanted, loads: tuple[float, ...]) -> float:
+    """Bench time of the fewest runs with some loads [s]."""
+    return costs_of(wanted, len(loads)).seconds(1, wanted.runs * wanted.positions, weighing_seconds())
+
+
+def planned(wanted: Wanted, loads: tuple[float, ...], lines_by: Callable[[int], list[Line]]) -> Series:
+    """The plan with some loads; `lines_by`: lines of the sensitivity by a number of runs in all positions."""
+    places, dwell, costs = wanted.positions, weighing_seconds(), costs_of(wanted, len(loads))
+    fewest = wanted.runs * places
+    if wanted.tolerance is not None:
+        runs = math.ceil(allocate(lines_by(fewest), costs, wanted.tolerance, dwell, fewest).sets / places)
+    else:
+        time = max((wanted.time or 0.0) - RESERVE, _least_seconds(wanted, loads))
+        runs = allocate_time(lines_by(fewest), costs, time, dwell, fewest).sets // places
+    reached = budget(lines_by(runs * places), 1, runs * places, 1.0)
     shares = {row["name"]: row["share"] for row in reached.rows()}
     binds = max(shares, key=lambda name: shares[name])
-    seconds = turning + runs * places * run_seconds(len(loads))
-    whole = Allocation(1, runs * places, plan.dwell, seconds, reached.u, shares, binds)
-    return Series(loads, runs, whole)
+    seconds = costs.seconds(1, runs * places, dwell)
+    return Series(loads, runs, Allocation(1, runs * places, dwell, seconds, reached.u, shares, binds))
 
 
 def spread(weights: Sequence[float], count: int) -> tuple[float, ...]:
@@ -150,48 +212,11 @@ def spread(weights: Sequence[float], count: int) -> tuple[float, ...]:
     return tuple(weights[number] for number in numbers)
 
 
-@dataclass(frozen=True, slots=True)
-class Learned:
-    """What the runs so far tell.
-
-    Attributes:
-        u: relative standard uncertainty of the sensitivity that they give.
-        runs: number of runs in each position that reach the tolerance, at least those that are done.
-        why_not: why no further run reaches it; empty: the runs do.
-    """
-
-    u: float
-    runs: int
-    why_not: str
-
-
-def learned(wanted: Wanted, loads: Sequence[float], runs: Sequence[Run], step: float) -> Learned:
-    """What complete runs tell of the tolerance; `step`: step of the indicator's display [mV]."""
-    load, done = np.asarray(loads, dtype=np.float64), math.ceil(len(runs) / wanted.positions)
-    fitted = load_cell_curve(load, runs, step, wanted.degree)
-    found = fitted.sensitivity
-    u = found.u / found.value
-    degree, scatter = fitted.curve.coefficients.size - 1, fitted.scatter_mV or step / math.sqrt(12)
-    lines = lines_of(loads, degree, scatter, step, found.value)
-    parts = {part.name: part for part in found.components}
-    fixed = {POSITIONS: parts[POSITIONS].u / found.value}
-    if fitted.curve.by_scatter:
-        of_noise = budget(lines, 1, len(runs), 1.0).u
-        fixed[DEVIATION] = math.sqrt(max((parts["curve"].u / found.value) ** 2 - of_noise**2, 0.0))
-    lines += [Line(name, part, Unit.NOTHING) for name, part in fixed.items() if part]
-    least = done
-    if differing := parts.get(REPEATABILITY):
-        lines.append(Line("runs", differing.u / found.value * math.sqrt(len(runs)), Unit.SET))
-        least = max(done, FIRST)  # the scatter of the runs themselves decides: few of them tell little of it
-    if u <= wanted.tolerance and len(runs) >= least * wanted.positions:
-        return Learned(u, done, "")
-    try:
-        plan = _planned(wanted, tuple(loads), lines)
-    except BelowFloor as error:
-        return Learned(u, done, f"{error.line} leaves {told(error.floor)}, which no further run lowers")
-    except RangeError:  # by the scatter that was found no time is enough
-        return Learned(u, done, "by the scatter that was found no number of runs is enough")
-    return Learned(u, max(plan.runs, least), "")
+def _wanted_of(wanted: Wanted) -> str:
+    time = "" if wanted.time is None else duration(wanted.time)
+    if wanted.tolerance is None:
+        return f"the sensitivity as well as {time} allow"
+    return f"{share(wanted.tolerance)} of the sensitivity{time and f', within {time}'}"
 
 
 def predicted(wanted: Wanted, series: Series) -> Predicted:
@@ -200,38 +225,21 @@ def predicted(wanted: Wanted, series: Series) -> Predicted:
     each = "" if wanted.positions == 1 else f" in each of {counted(wanted.positions, 'position')}"
     loads = ", ".join(f"{load:.4g}" for load in series.loads)
     lines = [
-        f"wanted         {told(wanted.tolerance)} of the sensitivity",
+        f"wanted         {_wanted_of(wanted)}",
         f"plan           {counted(series.runs, 'run')} up and down{each} with {counted(len(series.loads), 'weight')}:"
         f" {duration(plan.seconds)}",
         f"weights        {loads} N",
-        f"expected       {told(plan.u)}; {EXACT}",
+        f"expected       {share(plan.u)}; {f'loads count with {share(wanted.loads_u)}' if wanted.loads_u else EXACT}",
         f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
     ]
-    planned = {"loads_N": list(series.loads), "runs": series.runs, "positions": wanted.positions,
+    of_series = {"loads_N": list(series.loads), "runs": series.runs, "positions": wanted.positions,
                "seconds": plan.seconds, "u": plan.u, "binds": plan.binds, "shares": plan.shares}  # fmt: skip
     results = [{"name": SENSITIVITY, "u": plan.u, "unit": "relative"}]
-    return Predicted(plan.seconds, plan.u, {"tolerance": wanted.tolerance, "planned": planned, RESULTS: results}, lines)
+    return Predicted(
+        plan.seconds, plan.u, {"tolerance": wanted.tolerance, "planned": of_series, RESULTS: results}, lines
+    )
 
 
 def most_runs(series: Series) -> int:
     """The most runs in each position."""
     return MOST[0] * series.runs + MOST[1]
-
-
-def told(u: float) -> str:
-    """A share in percent, with three digits."""
-    return f"{100 * u:.3g} %"
-
-
-def _refusal(wanted: Wanted, error: BelowFloor, loads: Sequence[float]) -> RangeError:
-    """The refusal of a tolerance that the display's steps alone exceed, whatever the number of loads."""
-    part = wanted.tolerance / error.floor
-    return RangeError(
-        f"--tolerance {told(wanted.tolerance)} cannot be reached: {error.line} leaves {told(error.floor)}: the display "
-        f"of the load cell has steps of {show(wanted.cell.resolution_mV, 'mV')}, and no run lowers what they leave"
-        f"\n  best now  {told(1.01 * error.floor)}"
-        f"\n  or        weights up to {show((loads[-1] - loads[0]) / part + loads[0], 'N')} or more, if the cell takes "
-        "them, or more weights"
-        f"\n  or        an indicator with finer steps"
-        f"\n  note      by {wanted.cell.source}; a calibration without --tolerance tells the steps of this indicator"
-    )

@@ -23,16 +23,19 @@ from palpate.instrument.calibration.classification import (
     must_hold,
     quantities,
 )
+from palpate.instrument.calibration.displayed import rounding_u
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_curve import load_cell_curve
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.quantity import counted, show
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR
+from palpate.instrument.uncertainty.interpolation import polynomials
 from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import MOUNTING
 from palpate.procedures.measurements.load_cell.result import REPEATS
-from palpate.procedures.measurements.load_cell.series import run_seconds, spread, told, weighing_seconds
+from palpate.procedures.measurements.load_cell.series import run_seconds, spread, weighing_seconds
 from palpate.procedures.measurements.prospects import display_scatter
+from palpate.procedures.measurements.repeated_sets import share
 from palpate.procedures.showing.plan import duration
 
 RUNS, POSITIONS = 2, (0.0, 120.0, 240.0)  # of ISO 376: repeatability needs two runs, reproducibility several positions
@@ -74,7 +77,7 @@ class ClassSeries:
     def lines(self, name: str) -> list[str]:
         """The plan for people; `name`: name of the class."""
         others = ", ".join(f"{place:g}°" for place in self.positions[1:])
-        expected = ", ".join(f"{key.replace('_', ' ')} {told(value)}" for key, value in self.expected.items())
+        expected = ", ".join(f"{key.replace('_', ' ')} {share(value)}" for key, value in self.expected.items())
         limit = ISO_376[name][self.binds]
         return [
             f"wanted         class {name} of ISO 376",
@@ -83,7 +86,7 @@ class ClassSeries:
             f"weights        {', '.join(f'{load:.4g}' for load in self.loads)} N",
             f"expected       {expected}, by the display alone",
             f"binds          {self.binds.replace('_', ' ')}, {self.expected[self.binds] / limit:.0%} of the class'"
-            f" {told(limit)}",
+            f" {share(limit)}",
         ]
 
 
@@ -122,7 +125,7 @@ def class_series(
     limits = ISO_376[name]
     places = positions if len(positions) >= len(POSITIONS) else POSITIONS
     try:
-        first = _first_runs(limits["interpolation"], half, len(loads), runs, len(places), cell)
+        first = _first_runs(limits["interpolation"], loads, runs, len(places), cell)
     except BelowFloor as error:
         expected["interpolation"], first = NORMAL_FACTOR * error.floor, RUNS
     binds = max(expected, key=lambda key: expected[key] / limits[key])
@@ -143,20 +146,24 @@ def _expected(half: float, greatest: float, cell: LoadCellCalibration) -> dict[s
     }
 
 
-def _first_runs(limit: float, half: float, loads: int, runs: int, positions: int, cell: LoadCellCalibration) -> int:
+def _first_runs(limit: float, loads: Sequence[float], runs: int, positions: int, cell: LoadCellCalibration) -> int:
     """Runs in the first position, so that noise alone keeps the deviations from the curve in 95 % below their limit.
 
     Raises BelowFloor: what the display's steps leave is above the limit.
     """
-    deflection, scatter = half * cell.sensitivity_mV_per_N, display_scatter(cell)
+    load, scatter, step = np.asarray(loads), display_scatter(cell), cell.resolution_mV
+    half, others = must_hold(load), runs * (positions - 1)
+    fewest = max(RUNS, runs) + others
+    reading = cell.sensitivity_mV_per_N * load
+    weights, _ = polynomials(load, 1)
+    off_line = np.eye(load.size)[:, [half]] - weights @ weights[[half]].T
+    rounded = float(rounding_u(load, reading, off_line, scatter, step, 2 * REPEATS * fewest)[0])
     lines = [
-        Line("noise", scatter / math.sqrt(2 * REPEATS) / deflection, Unit.SET),
-        Line("resolution", mean_u(scatter, cell.resolution_mV, math.inf) / deflection, Unit.NOTHING),
+        Line("noise", scatter / math.sqrt(2 * REPEATS) / reading[half], Unit.SET),
+        Line("resolution", max(rounded, mean_u(scatter, step, math.inf)) / reading[half], Unit.NOTHING),
     ]
-    others = runs * (positions - 1)
-    costs = Costs(0.0, 0.0, run_seconds(loads) - weighing_seconds())
-    plan = allocate(lines, costs, limit / NORMAL_FACTOR, weighing_seconds(), max(RUNS, runs) + others)
-    return plan.sets - others
+    costs = Costs(0.0, 0.0, run_seconds(load.size) - weighing_seconds())
+    return allocate(lines, costs, limit / NORMAL_FACTOR, weighing_seconds(), fewest).sets - others
 
 
 def why_not(name: str, loads: Sequence[float], runs: Sequence[Run], step: float) -> str:
@@ -173,8 +180,8 @@ def why_not(name: str, loads: Sequence[float], runs: Sequence[Run], step: float)
     for key in ONLY_GROW:
         values = found[key]
         if values is not None and (worst := float(values[must_hold(load) :].max())) > ISO_376[name][key]:
-            limit = told(ISO_376[name][key])
-            return f"{key.replace('_', ' ')} is {told(worst)}, above the {limit} of class {name}; no run lowers it"
+            limit = share(ISO_376[name][key])
+            return f"{key.replace('_', ' ')} is {share(worst)}, above the {limit} of class {name}; no run lowers it"
     return ""
 
 

@@ -57,9 +57,11 @@ class Weighing:
         bench: the open bench.
         turns: whether the cell is turned to several positions.
         creeps: whether the creep is watched at the end.
+        timed: whether points tell the bench time since the point before.
     """
 
-    def __init__(self, bench: Bench, turns: bool, creeps: bool) -> None:
+    def __init__(self, bench: Bench, turns: bool, creeps: bool, timed: bool) -> None:
+        self._began_ns = bench.clock.now_ns() if timed else None
         self._bench, self._turns, self._creeps = bench, turns, creeps
         indicator = bench.role(LoadIndicator)
         bench.rest()
@@ -116,7 +118,15 @@ class Weighing:
             reading_mV=sum(values) / len(values),
             readings_mV=tuple(values),
             incidents=self._bench.incidents.new(),
+            seconds=self._seconds(),
         )
+
+    def _seconds(self) -> float | None:
+        """Bench time since it was asked before, or since the beginning; None: the series has no time to keep."""
+        if self._began_ns is None:
+            return None
+        began_ns, self._began_ns = self._began_ns, self._bench.clock.now_ns()
+        return 1e-9 * (self._began_ns - began_ns)
 
     def _drift(self, before: float, after: float, span: float) -> DeviceError | None:
         """An error if the zero has moved too far from before to after a run [mV]; else None."""
