@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import MARKERS, new_figure, write
+from palpate.procedures.showing.figure import MARKERS, new_figure, save_in_new
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
@@ -70,8 +69,4 @@ def plot_dwell(prices: DwellPrices, title: str, folder: Path) -> Path:
     for ax, label in zip((whole, noise, bias), labels, strict=True):
         ax.set(xscale="log", yscale="log", xlabel="dwell (s)", ylabel=f"{label}, relative")
         ax.legend(fontsize=7)
-    path = folder / PLOT
-    with storing(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        write(figure, path)
-    return path
+    return save_in_new(figure, folder, PLOT)

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import MARKERS, write
+from palpate.procedures.showing.figure import MARKERS, save_in_new
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 if TYPE_CHECKING:
@@ -60,11 +59,7 @@ def plot_page(parts: Sequence[Part], folder: Path) -> Path:
     for place, part in enumerate(drawn):
         _draw(part, upper.add_subplot(rows, 2, place + 1))
     _draw_tasks(tasks, lower.add_subplot())
-    path = folder / PLOT
-    with storing(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        write(figure, path)
-    return path
+    return save_in_new(figure, folder, PLOT)
 
 
 def _draw(part: Part, ax: Axes) -> None:

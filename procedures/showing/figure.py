@@ -40,6 +40,13 @@ def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
     return path
 
 
+def save_in_new(figure: Figure, folder: Path, name: str) -> Path:
+    """As `save`, in a folder that is made if there is none."""
+    with storing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return save(figure, folder, name)
+
+
 def write(figure: Figure, path: Path, dpi: int = 120) -> None:
     """Write a figure into a file. Raises RecordError: the file cannot be written."""
     with storing(path), warnings.catch_warnings():

@@ -130,6 +130,12 @@ def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
     ]
 
 
+def taken(outcome: Outcome) -> str:
+    """Bench time that a run took beside the predicted one; the latter alone where nobody knows the former."""
+    achieved, predicted = outcome["achieved_seconds"], outcome["predicted_seconds"]
+    return f"predicted {predicted:z.0f} s" if achieved is None else f"{achieved:z.0f} s (predicted {predicted:z.0f})"
+
+
 def short(value: float | None) -> str:
     """A number with two digits in scientific notation; "-" for None."""
     return "-" if value is None else f"{value:.1e}"

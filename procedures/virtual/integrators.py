@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.console.terminal import console
-from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import MARKERS, write
+from palpate.procedures.showing.figure import MARKERS, save_in_new
 from palpate.simulators.linear import bouc_wen, integrators
 
 if TYPE_CHECKING:
@@ -73,11 +72,7 @@ def plot_integrators(rows: Rows, title: str, folder: Path) -> Path:
         own = [row for row in rows if row["method"].startswith(BOUC_WEN) == bent]
         name = "the force of a Bouc-Wen operator" if bent else "the output of the chain"
         _draw(own, figure.add_subplot(1, 2, place + 1), name)
-    path = folder / "integrators.png"
-    with storing(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        write(figure, path)
-    return path
+    return save_in_new(figure, folder, "integrators.png")
 
 
 def _draw(rows: Rows, ax: Axes, name: str) -> None:

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from palpate.procedures.console.progress import Progress
-from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import new_figure, write
+from palpate.procedures.showing.figure import new_figure, save_in_new
 from palpate.procedures.showing.text import new_table, print_all, stamped
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
@@ -112,8 +111,4 @@ def plot_front(found: SceneFront, folder: Path) -> Path:
     right.set_yticks(rows, [""] * len(found.tried))
     for axes in (left, right):
         axes.set_ylim(len(found.tried) - 0.4, -0.6)
-    path = folder / PLOT
-    with storing(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        write(figure, path)
-    return path
+    return save_in_new(figure, folder, PLOT)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.instrument.allocation.stopping import FIRST
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.measurements.object_modulus.prospect import Prospect
-from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import write
+from palpate.procedures.showing.figure import save_in_new
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
 
@@ -120,11 +119,7 @@ def plot_modulus_front(front: ModulusFront, simulated: bool, folder: Path) -> Pa
     names = [line.name for line in front.lines]
     handles = [Patch(color=_colour(front, name), alpha=AREA, label=name) for name in names]
     figure.legend(handles=handles, loc="outside lower right", ncols=3, fontsize=9)
-    path = folder / PLOT
-    with storing(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        write(figure, path)
-    return path
+    return save_in_new(figure, folder, PLOT)
 
 
 def _draw_front(front: ModulusFront, ax: Axes, times: Sequence[float]) -> None:

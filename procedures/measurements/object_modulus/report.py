@@ -12,7 +12,7 @@ from palpate.procedures.measurements.object_modulus.result import ObjectModulusR
 from palpate.procedures.measurements.object_modulus.telling import planned_lines, share
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.moduli import between
-from palpate.procedures.showing.text import print_all, stamped, where
+from palpate.procedures.showing.text import print_all, stamped, taken, where
 
 
 def print_modulus(result: ObjectModulusResult, outcome: Outcome, plot: Path) -> None:
@@ -23,16 +23,11 @@ def print_modulus(result: ObjectModulusResult, outcome: Outcome, plot: Path) -> 
         *planned_lines(result.wanted, result.prospect),
         *_measured(result),
         f"stopped        {result.stopped}; {counted(sum(map(len, groups)), 'set')} in "
-        f"{counted(len(groups), 'mounting')}, {_seconds(outcome)}",
+        f"{counted(len(groups), 'mounting')}, {taken(outcome)}",
         *([] if not shares else [_binds(shares)]),
         *(f"note           {note}" for note in result.notes),
         *where(outcome, plot),
     )
-
-
-def _seconds(outcome: Outcome) -> str:
-    achieved, predicted = outcome["achieved_seconds"], outcome["predicted_seconds"]
-    return f"predicted {predicted:z.0f} s" if achieved is None else f"{achieved:z.0f} s (predicted {predicted:z.0f})"
 
 
 def _binds(shares: Mapping[str, float]) -> str:

@@ -15,7 +15,7 @@ from palpate.procedures.measurements.position.expected import name_of
 from palpate.procedures.measurements.position.result import DOUBT, FoundPlace, PositionPoint, PositionResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, number, print_all, stamped, taken, where
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -46,7 +46,7 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
             f"position       {result.rms_mm:z.2f} mm rms from the place set; {result.inside:.0%} in their 95 % interval"
         )
     if result.stopped:
-        said.append(f"stopped        {result.stopped}; {counted(len(result.points), 'load set')}, {_seconds(outcome)}")
+        said.append(f"stopped        {result.stopped}; {counted(len(result.points), 'load set')}, {taken(outcome)}")
     tables = [points, *([_places(result, outcome)] if result.places else [])]
     print_all(*tables, *legend(points), *said, *where(outcome, plot))
 
@@ -64,11 +64,6 @@ def _places(result: PositionResult, outcome: Outcome) -> Table:
             f"{foreseen[name_of(1e-3 * p.position_mm)]:z.3f}", f"{p.found_low_mm:z.2f} to {p.found_high_mm:z.2f}",
         )  # fmt: skip
     return table
-
-
-def _seconds(outcome: Outcome) -> str:
-    achieved, predicted = outcome["achieved_seconds"], outcome["predicted_seconds"]
-    return f"predicted {predicted:z.0f} s" if achieved is None else f"{achieved:z.0f} s (predicted {predicted:z.0f})"
 
 
 def plot_sweep(result: PositionResult, design: Design, simulated: bool, folder: Path) -> Path:
