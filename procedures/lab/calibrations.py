@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.lab import Target
 
 C = TypeVar("C", LoadCellCalibration, FilmCalibration, ModelCalibration)
+K = TypeVar("K", ModelCalibration, MountingScatter)
 
 
 def load_cell_path(serial: str) -> Path:
@@ -79,16 +80,25 @@ def mountings_of(
     Raises ConfigError: it is damaged or was changed by hand. What may be of another real sensor does not count instead:
     the bench will tell of it when it is open.
     """
-    found = []
-    path = mountings_path(serial, design, scene)
-    for each in path.parent.glob(path.name if serial != "*" else path.name.replace("---", "-*-", 1)):
-        try:
-            found.append(read_mounting_scatter(each))
-        except ConfigError:
-            if scene is not None or serial != "*":
-                raise
+    certain = scene is not None or serial != "*"
+    found = _stored(mountings_path(serial, design, scene), read_mounting_scatter, certain)
     mine = [each for each in found if serial in ("*", each.device) and each.holds_for(design, scene, simulated, today)]
     return max(mine, key=lambda each: each.created, default=None)
+
+
+def _stored(path: Path, read: Callable[[Path], K], certain: bool) -> list[K]:
+    """What is stored at the path of a calibration, with "*" as serial number at those of all devices.
+
+    One that cannot be read does not count. Raises ConfigError instead: it is certain to be one of the bench's own.
+    """
+    found = []
+    for each in path.parent.glob(path.name.replace("---", "-*-", 1)):
+        try:
+            found.append(read(each))
+        except ConfigError:
+            if certain:
+                raise
+    return found
 
 
 def _path(name: str) -> Path:
@@ -250,23 +260,25 @@ def model_of(
 def probable_references(question: Question, scene: str | None, today: date) -> ByReferences | None:
     """The newest stored calibration of the model that answers a question, before it is known which bench will answer.
 
-    One of another scene is of another sensor. One that is damaged or has expired does not count: the bench will tell of
-    it when it is open.
+    One of another scene is of another sensor. Of a real bench one that is damaged or has expired does not count: the
+    bench will tell of it when it is open.
 
     Args:
         question: what is asked.
         scene: identity of the scene of a simulated bench; None: it is that of a bench file.
         today: date by which calibrations expire.
+
+    Raises ConfigError: that of the scene is damaged, was changed by hand, or has expired.
     """
     from palpate.instrument.findings.object_modulus import ByReferences, answering
 
     thickness = question.load(question.sensor().ring.material.modulus).sensed.thickness
-    path = model_path("*", question.design, answering(question), question.parameters, thickness, None)
-    found = []
-    for each in path.parent.glob(f"{path.stem.replace('model---', 'model-*-', 1)}*.toml"):
-        with suppress(PalpateError):
-            found.append(_checked(each, read_model_calibration(each), lambda c: c.check_date(today)))
-    found = [each for each in found if each.scene == scene]
+    path = model_path("*", question.design, answering(question), question.parameters, thickness, scene)
+
+    def read(file: Path) -> ModelCalibration:
+        return _checked(file, read_model_calibration(file), lambda c: c.check_date(today))
+
+    found = [each for each in _stored(path, read, certain=scene is not None) if each.scene == scene]
     if not found:
         return None
     newest = max(found, key=lambda each: each.created)

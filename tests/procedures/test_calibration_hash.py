@@ -14,7 +14,8 @@ from palpate.instrument.calibration.files import read_calibration, write_calibra
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import ConfigError
-from palpate.procedures.lab.calibrations import mountings_of, mountings_path
+from palpate.instrument.models.ratio import Question
+from palpate.procedures.lab.calibrations import model_path, mountings_of, mountings_path, probable_references
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 
@@ -131,3 +132,9 @@ def test_an_edited_scatter_of_mountings_is_refused_with_the_way_to_do_it_and_tol
     assert known() is None  # it may be of another sensor than the one that will answer
     with pytest.raises(ConfigError, match="is not TOML"):
         known(scatter.device)
+    question = Question("single", "surface")
+    elsewhere = model_path(scatter.device, "single", "surface", question.parameters, 3e-3, scatter.scene)
+    elsewhere.write_text("damaged", encoding="utf-8")
+    assert probable_references(question, None, date(2026, 11, 21)) is None  # a simulated sensor is no real one
+    with pytest.raises(ConfigError, match="is not TOML"):
+        probable_references(question, scatter.scene, date(2026, 11, 21))

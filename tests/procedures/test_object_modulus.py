@@ -136,7 +136,7 @@ def test_the_bound_of_time_is_never_below_the_predicted_time() -> None:
 
 
 @pytest.mark.slow
-def test_a_plan_counts_no_references_of_another_scene_and_none_that_have_expired(palpate: Palpate) -> None:
+def test_a_plan_counts_no_references_of_another_scene_and_refuses_those_that_have_expired(palpate: Palpate) -> None:
     references = ("--reference", "2: 24 kPa ± 2 %", "--loads", "3 N", "--dwell", "0.2 s")
     made = palpate("calibrate", "model", *references, "--scene", "unknown_curve", "--json").object
     asked = (*MEASURE, "--sample", "4", "--tolerance", "25%", "--dry-run", "--scene")
@@ -149,7 +149,7 @@ def test_a_plan_counts_no_references_of_another_scene_and_none_that_have_expired
     assert "it takes 6 min 40 s, once (person 60 s): palpate calibrate model" in told
     path = Path(made["model_calibration_file"])
     write_calibration(path, read_model_calibration(path).model_copy(update={"expires": "2024-02-29"}))
-    assert "cannot be reached: the model binds" in palpate(*asked, "unknown_curve").complaint
+    assert "expired on 2024-02-29; run palpate calibrate model" in palpate(*asked, "unknown_curve").complaint
 
 
 # --- what is refused -------------------------------------------------------------------------------------
