@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +15,12 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.films.procedure import FilmSeries
+from palpate.procedures.measurements.films.result import PressedPoint
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
-REAL = Target(get_design("single"), 10.0, nodes=1)
+SINGLE = get_design("single")
+REAL = Target(SINGLE, 10.0, nodes=1)
 LOADS = (2.0, 3.0, 4.0)
 
 
@@ -29,6 +33,33 @@ def test_sets_come_in_whole_rounds_and_are_shared_among_frequencies() -> None:
     assert (one, two) == (15, 24)  # ten at least at each frequency, in rounds of three
     assert series(0.007).plan(REAL).predicted.told["planned"]["sets"] == 45
     assert series(0.01).plan(REAL).predicted.told["planned"]["binds"] == "scatter from one load set to the next"
+
+
+@pytest.mark.parametrize("frequencies", [(10.0,), (20.0, 5.0)])
+def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets(frequencies: tuple[float, ...]) -> None:
+    pair = Target(get_design("common_base"), 10.0, nodes=1)
+    plan = series(0.01, frequencies).plan(pair)
+    sets = plan.predicted.told["planned"]["sets"] // len(frequencies)
+    first = [step.seconds for step in plan.steps if int(step.what.rpartition(" ")[2]) <= sets]
+    assert len(first) == 2 * len(frequencies) * sets
+    assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)
+
+
+def pressed(gains: Sequence[float]) -> list[PressedPoint]:
+    """Load sets on the tooth of the single sensor, whose tooth film has these gains [V/N]."""
+    return [
+        PressedPoint(1, 10.0, load, 20.0, load, 0.01, False, (gain * load, 0.01 * load), (1e-6, 1e-6), True, ())
+        for gain, load in zip(gains, itertools.cycle(LOADS), strict=False)
+    ]
+
+
+def test_a_tooth_has_enough_after_a_whole_round_in_which_each_film_is_known() -> None:
+    asked = series(0.02)
+    assert asked.tolerance is not None
+    repeats = asked.repeats(SINGLE, THESIS_LOAD_CELL, asked.tolerance)
+    same = [1e-3, 1.01e-3] * 10
+    assert [repeats.has_enough(pressed(same[:count])) for count in (0, 9, 10, 11, 12)] == [False] * 4 + [True]
+    assert not repeats.has_enough(pressed([1e-3, 1.3e-3] * 6))  # the tooth's film scatters, the base's does not
 
 
 def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said() -> None:

@@ -48,6 +48,22 @@ def test_films_whose_calibration_is_worse_than_the_tolerance_are_named_with_what
     assert "palpate calibrate films" in str(refused.value)
 
 
+def test_pick_up_that_is_worse_than_the_tolerance_is_named_with_what_would_do() -> None:
+    moving = replace(REAL, design=SINGLE.with_pickup(0.005))
+    sweep(0.03).check(moving)
+    with pytest.raises(RangeError, match="pick-up in step with the load leaves 2") as refused:
+        sweep(0.02).check(moving)
+    assert "tie the films' cables down" in str(refused.value)
+
+
+def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets() -> None:
+    plan = sweep(0.01, ("2", "5")).plan(REAL)
+    planned = plan.predicted.told["planned"]
+    first = [s.seconds for s in plan.steps if int(s.what.rpartition(" ")[2]) <= planned[s.sample]["sets"]]
+    assert len(first) == sum(each["sets"] for each in planned.values())
+    assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)
+
+
 @pytest.mark.slow
 def test_a_run_repeats_the_loads_until_the_mean_has_the_tolerance_and_resumes_to_the_same(tmp_path: Path) -> None:
     def stop(done: int, _all: int, _what: str) -> None:

@@ -78,10 +78,10 @@ class FilmRepeats:
 
     @property
     def costs(self) -> Costs:
-        """Bench times of a tooth at one frequency."""
-        frequency = min(self.frequencies)
-        first, later = (point_seconds(frequency, self.dwell, first=first) for first in (True, False))
-        return Costs((first - later) / len(self.frequencies), 0.0, later - self.dwell)
+        """Bench times of a tooth at one frequency, on average; it is pressed once, at the first frequency."""
+        first = point_seconds(self.frequencies[0], self.dwell, first=True)
+        later = [point_seconds(frequency, self.dwell, first=False) for frequency in self.frequencies]
+        return Costs((first - later[0]) / len(later), 0.0, math.fsum(later) / len(later) - self.dwell)
 
     def most(self) -> int:
         """The most load sets on a tooth at one frequency, in whole rounds."""
