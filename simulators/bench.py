@@ -17,6 +17,7 @@ from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.bench.usual import CAN, LINE, ON_LINE, Amplifier, CanBus, Indicator, RtuAddress, TcpAddress
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError
+from palpate.instrument.sensor.design import USUAL_NOISE
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import SERIAL, CanSegment
@@ -177,6 +178,7 @@ class SimulatedBench:
             "name": f"{NAMED}, scene {scene.name}",
             "design": scene.design.name,
             "pickup": scene.pickup,
+            **({} if scene.noise in (0.0, USUAL_NOISE) else {"noise": f"{scene.noise!r} V/√Hz"}),
             **tcp,
             **({LINE: SerialLine(**line), **self._units()} if whole else {}),
             **({CAN: CanBus(**can, nodes=tuple(self._node_ids))} if self._node_ids else {}),

@@ -1,6 +1,6 @@
 """How long a run takes that ends by the scatter of its own first sets: on average, and at most.
 
-times(lines, costs, 0.02, plan, most=100).mean
+times(lines, costs, 0.02, plan, (10, 100)).mean
 """
 
 from __future__ import annotations
@@ -21,7 +21,12 @@ MOST_FREEDOM = 1e9  # as good as infinitely many
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Bench times of the runs of one plan [s]: their mean, and what they do not pass with some probability."""
+    """Bench times of the runs of one plan [s].
+
+    Attributes:
+        mean: their mean.
+        longest: the bound, at which a run ends whether or not it has reached its tolerance.
+    """
 
     mean: float
     longest: float
@@ -33,18 +38,19 @@ def times(
     tolerance: float,
     plan: Allocation,
     sets_between: tuple[int, int],
-    probability: float = COVERAGE,
+    limit: float | None = None,
 ) -> Times:
     """Bench times before it is known how much sets scatter in this run.
 
     The variance of the first sets over that of the prior is distributed as F, because the prior is an estimate, too.
-    Its mean is above 1: where a run has more than its first sets, it takes longer than its plan on average.
+    Its mean is above 1: where a run has more than its first sets, it takes longer than its plan on average. The bound
+    is the time that 95 % of the runs need at most, and no run goes on beyond it.
 
     Args:
         lines, costs, tolerance: those from which the plan was made.
         plan: the plan.
         sets_between: least number of sets in each mounting, and the number with which a run ends in any case.
-        probability: that of a run which takes no longer than `longest`.
+        limit: bench time that ends a run instead of the bound [s]; None: the bound ends it.
 
     Raises:
         RangeError: as for `allocate`.
@@ -62,5 +68,7 @@ def times(
         run = allocate(merged(found, plan.dwell), costs, tolerance, plan.dwell, fewest)
         return costs.seconds(run.mountings, min(run.sets, most), plan.dwell)
 
-    shares = (np.arange(PARTS) + 0.5) / PARTS
-    return Times(float(np.mean([seconds(float(share)) for share in shares])), seconds(probability))
+    bound = max(plan.seconds, seconds(COVERAGE))
+    end = bound if limit is None else limit
+    taken = [min(seconds(float(share)), end) for share in (np.arange(PARTS) + 0.5) / PARTS]
+    return Times(float(np.mean(taken)), min(bound, end))

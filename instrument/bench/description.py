@@ -39,7 +39,7 @@ from palpate.instrument.bench.usual import (
 from palpate.instrument.config import Config, check, read_data
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.errors import ConfigError, UnknownName
-from palpate.instrument.quantity import Newtons, Seconds
+from palpate.instrument.quantity import Newtons, Seconds, VoltsPerRootHertz
 from palpate.instrument.sensor.designs import get_design
 
 NO_WATCHDOG = "none"
@@ -57,6 +57,8 @@ class BenchDescription(Config):
     watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)  # infinite ("none" in the file): the exciter has no watchdog
     # greatest force that a film's moving cable adds in step with the drive, as a share of the load; 0: unknown
     pickup: float = Field(default=0.0, ge=0, le=0.5, strict=True)
+    # amplitude density of the films' noise near the drive, by which dwells are planned; None: the usual one is assumed
+    noise: VoltsPerRootHertz | None = Field(default=None, gt=0, le=0.1)
     signal_generator: TcpAddress | None = None
     shaker_amplifier: Amplifier | None = None
     line: SerialLine | None = None

@@ -17,6 +17,7 @@ from palpate.instrument.sensor.limits import require_nested
 from palpate.instrument.sensor.material import Material
 
 # The first words of films' names, for films under a tooth and under a base.
+USUAL_NOISE = 2e-6  # V/√Hz, amplitude density of the noise of a film's channel where none is stated [A]
 FILM_KINDS = ("rigid", "total")
 OUTLINES = ("square", "round")
 SUPPORTS = ("elastic", "rigid")
@@ -120,6 +121,7 @@ class Design:
         film_freedom: degrees of freedom of that covariance; None: infinitely many.
         pickup: greatest force that moving cables add to a film's in step with the drive, as a share of the load on the
             sensor (from the bench file); None: not known.
+        noise: amplitude density of the films' noise near the drive (from the bench file) [V/√Hz]; None: not known.
 
     Raises:
         RangeError: a dimension is not positive and finite, parts overlap, or the films give no force ratio.
@@ -145,6 +147,7 @@ class Design:
     film_covariance: tuple[tuple[float, ...], ...] | None = None
     film_freedom: float | None = None
     pickup: float | None = None
+    noise: float | None = None
 
     def __post_init__(self) -> None:
         for part in (self.tooth, self.ring, self.plate, self.film_sheet, self):
@@ -195,6 +198,10 @@ class Design:
     def with_pickup(self, share: float) -> Design:
         """The design with the pick-up that a bench file states for its cables; 0: the file states none."""
         return replace(self, pickup=share or None)
+
+    def with_noise(self, density: float | None) -> Design:
+        """The design with the noise that a bench file states for its films [V/√Hz]; None or 0: it states none."""
+        return replace(self, noise=density or None)
 
     @property
     def columns(self) -> int:

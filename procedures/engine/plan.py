@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Generic, TypeVar
 
-from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.sensor.design import FILM_KINDS, USUAL_NOISE, Design
 from palpate.procedures.steps.films import settling_length
 from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
 from palpate.procedures.steps.servo import FIRST_AMPLITUDE, LARGEST_GROWTH, window
@@ -19,7 +19,7 @@ MOUNTING = 60.0  # s that a person takes to change the sample [A]
 APPROACH = 30.0  # s to move home and down again until the preload is reached [M]
 FIRST_STEPS, LATER_STEPS = 4, 1  # servo steps to the first load, and to each later load [M]
 NEWTONS_PER_VOLT = 0.87  # N/V, load over the exciter's voltage, peak to peak [M]
-NOISE = 2e-6  # V/√Hz, noise of a film's channel [A]
+NOISE = USUAL_NOISE  # V/√Hz, of a film's channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,17 +127,19 @@ def first_steps(load: float) -> int:
 
 
 def expected_noise(design: Design, load: float, ratio: float) -> float:
-    """Expected relative noise of the force ratio with usual noise in the films, after one second [√s].
+    """Expected relative noise of the force ratio after one second [√s], with the films' noise of the bench file.
+
+    Where the bench file states none, it is the usual one.
 
     Args:
         design: the sensor design.
         load: load, peak to peak [N].
         ratio: the expected force ratio.
     """
-    teeth = len(design.teeth)
+    teeth, density = len(design.teeth), design.noise or NOISE
     square = 0.0
     for kind, force in zip(FILM_KINDS, (ratio * load, load), strict=True):
         films = [film for film in design.films if film.kind == kind]
         amplitudes = [film.sensitivity * force * len(film.teeth) / teeth / 2 for film in films]
-        square += math.fsum((NOISE / a) ** 2 for a in amplitudes) / len(films) ** 2
+        square += math.fsum((density / a) ** 2 for a in amplitudes) / len(films) ** 2
     return math.sqrt(square)

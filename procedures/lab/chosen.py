@@ -51,14 +51,15 @@ class Chosen:
     def target(self) -> Target:
         """What is known of the bench before it is opened. Raises ConfigError, UnknownName."""
         if self.description is not None:
-            design = get_design(self.description.design).with_pickup(self.description.pickup)
+            stated = self.description
+            design = get_design(stated.design).with_pickup(stated.pickup).with_noise(stated.noise)
             nodes = self.description.filling("sensor_node")
             channels = nodes[0].kind.channels if nodes else CHANNELS
             drivable = partial(check_drivable, self.description)
             target = Target(design, self.description.force_limit, len(nodes), channels=channels, drivable=drivable)
             return with_kinds(target, self.description.kind_in)
         assert self.scene is not None
-        design = self.scene.design.with_pickup(self.scene.pickup)
+        design = self.scene.design.with_pickup(self.scene.pickup).with_noise(self.scene.noise)
         force_limit = BenchDescription.model_fields["force_limit"].default
         given = [guest.kind for guest in self.scene.devices if guest.table.get("role") == "sensor_node"]
         count, channels = (len(given), given[0].channels) if given else (self.scene.nodes, CHANNELS)

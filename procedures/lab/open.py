@@ -92,7 +92,7 @@ class OpenBench:
         description, logged = self.bench.description, self.chosen.logged
         if calibrating and logged is None:
             check_nameable(self.bench, "load_indicator" if calibrating == "load cell" else "sensor_node")
-        design = get_design(description.design).with_pickup(description.pickup)
+        design = get_design(description.design).with_pickup(description.pickup).with_noise(description.noise)
         simulated = self.scene
         scene = None if simulated is None else simulated.identity
         references, mountings = None, None

@@ -9,7 +9,7 @@ from palpate.instrument.allocation.allocate import Allocation
 from palpate.instrument.allocation.lines import Costs, Line, budget
 
 MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without the tolerance
-MOST_SETS = 10_000  # of a plan
+MOST_SETS = 10_000  # of a plan, and of a run
 
 
 def in_rounds(lines: Sequence[Line], costs: Costs, sets: int, dwell: float, each: int = 1) -> Allocation:
@@ -27,6 +27,7 @@ def most_sets(plan: Allocation, each: int = 1) -> int:
     return each * math.ceil((MOST[0] * plan.sets + MOST[1]) / each)
 
 
-def share(u: float) -> str:
-    """A share in percent, with three digits."""
-    return f"{100 * u:.3g} %"
+def share(u: float, digits: int = 2) -> str:
+    """A share in percent, with so many digits."""
+    percent = 100 * u
+    return f"{percent:.{digits}g} %" if percent < 10**digits - 0.5 else f"{percent:.0f} %"

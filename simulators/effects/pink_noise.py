@@ -81,6 +81,9 @@ class PinkNoise(InputEffect):
     def largest(self, case: Case, rates: Rates) -> float:
         return SIGMAS * self._deviation() * math.hypot(*(process.passed for process in _processes(case.rate)))
 
+    def noise_density(self, frequency: float) -> float:
+        return self.density * math.sqrt(self.corner / frequency)
+
     def _deviation(self) -> float:
         """Standard deviation of each process [V]; one in each decade, of variance s^2, gives s^2 / (ln 10 f)."""
         return self.density * math.sqrt(math.log(10) * self.corner)

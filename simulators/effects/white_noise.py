@@ -37,5 +37,8 @@ class WhiteNoise(InputEffect):
     def largest(self, case: Case, rates: Rates) -> float:
         return SIGMAS * self.dither(case.rate)
 
+    def noise_density(self, frequency: float) -> float:
+        return self.density
+
     def dither(self, rate: float) -> float:
         return self.density * math.sqrt(rate / 2)

@@ -86,6 +86,10 @@ class Effect(Config):
         """The share of the load that it adds to the force which each film seems to feel."""
         return 0.0
 
+    def noise_density(self, frequency: float) -> float:
+        """Amplitude density of the noise that it adds to a film near a frequency [Hz], one-sided [V/√Hz]."""
+        return 0.0
+
     def dither(self, rate: float) -> float:
         """Standard deviation of what it adds to each sample independently of all others [V], at samples a second."""
         return 0.0

@@ -28,6 +28,7 @@ from palpate.simulators.physics.effect import Effect
 if TYPE_CHECKING:
     from palpate.simulators.faults.fault import Fault
 
+USUAL_DRIVE = 10.0  # Hz
 LARGEST_SEED = 2**63 - 1
 MOST_EFFECTS = 100
 WHEN, ON = "when", "on"  # key of an effect's table that says when it is simulated, and its value if it is absent
@@ -119,6 +120,14 @@ class Scene:
     def pickup(self) -> float:
         """Bound on the force that pickup in the cables adds to a film, as a share of the load; for the bench file."""
         return math.fsum(effect.pickup for effect in self.effects.values())
+
+    @property
+    def noise(self) -> float:
+        """Amplitude density of the films' noise near the usual drive [V/√Hz], for the bench file; 0: there is none.
+
+        The steps of the converter are not in it.
+        """
+        return math.hypot(*(effect.noise_density(USUAL_DRIVE) for effect in self.effects.values()))
 
     def kind_in(self, role: Role) -> DeviceKind | None:
         """Kind of the device that fills a role on the simulated bench; None: there is none."""

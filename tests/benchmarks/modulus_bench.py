@@ -165,7 +165,8 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
             taken += costs.mounting
         if verdict:
             more = verdict.sets // verdict.mountings - sum(point.mounting == mounting for point in points)
-            following = number + (1 if every or mounting > 1 else max(1, more // 2))
+            left = int((course.prospect.times.longest - taken - END) / (costs.set + plan.dwell))  # until the bound
+            following = number + (1 if every or mounting > 1 else max(1, min(more, left) // 2))
         began.append((round(1e9 * taken), mounted))
         ratio = draws.ratio(*began[-1])
         noise = draws.noise(load, plan.dwell, ratio)

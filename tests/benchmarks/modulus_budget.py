@@ -26,7 +26,7 @@ import numpy as np
 from palpate.instrument.errors import EstimateError, PalpateError
 from palpate.instrument.findings import object_modulus
 from palpate.instrument.models.curve import RatioCurve
-from palpate.procedures.measurements.object_modulus import course, procedure, prospect
+from palpate.procedures.measurements.object_modulus import course, lines, procedure
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.simulators.effects.curve_error import CurveError
 from tests.benchmarks.lines import read
@@ -39,7 +39,7 @@ SEEDS, BLOCK = 1000, 100
 MODULI = (15e3, 30e3, 60e3, 120e3, 250e3, 500e3)
 TOLERANCES = (0.2, 0.1, 0.05, 0.02)
 FREEDOM = 7.0  # degrees of freedom of the stated scatter
-SAMPLES = 5  # degrees of freedom of the spread of the thesis' samples about a curve
+SAMPLES, DISTANCE = 5, 6  # degrees of freedom of the spread of the thesis' samples about a curve, and of their distance
 ROOT = Path(__file__).parents[2]
 SOURCES = ("instrument/allocation", "procedures/measurements/object_modulus", "simulators/effects")
 CABLES = {"charge": "0.1 pC"}
@@ -52,7 +52,7 @@ class Kind:
     Attributes:
         effects: those that draw, with their parameters.
         known: whether the scatter of gains is certain for the procedure; else the design's counts as an estimate.
-        drawn: whether the true scatter, or spread about the curve, is drawn by what its degrees of freedom leave open.
+        drawn: whether the true scatter, or distance from the curve, is drawn by what its degrees of freedom leave open.
         mounted: scatter of mountings that the procedure is told.
         phased: whether the pick-up of each film's cable has a phase of its own, drawn anew; else all are in step.
         references: whether three references calibrate the model, for each seed anew.
@@ -73,7 +73,10 @@ class Kind:
         chance = np.random.default_rng([20, seed])
         if self.drawn and "curve_error" in effects:
             spread = CurveError().spread * math.sqrt(SAMPLES / float(chance.chisquare(SAMPLES)))
-            effects["curve_error"] = {"spread": min(0.5, spread)}
+            constant = CurveError().constant
+            if not self.references:  # nothing tells the constant
+                constant *= float(chance.normal()) * math.sqrt(DISTANCE / float(chance.chisquare(DISTANCE)))
+            effects["curve_error"] = {"constant": min(3.0, max(-3.0, constant)), "spread": min(0.5, spread)}
         elif self.drawn:
             strength = min(10.0, math.sqrt(FREEDOM / float(chance.chisquare(FREEDOM))))
             effects["gain_scatter"] = {**effects["gain_scatter"], "strength": strength}
@@ -90,8 +93,10 @@ KINDS = {
     "scatter x 1.5": Kind({"gain_scatter": {"strength": 1.5}}),
     "mounting scatter 1 %": Kind({**SCATTER, "mounting_scatter": {"scatter": 0.01}}, mounted=0.01),
     "moving cables": Kind({**SCATTER, "triboelectric": CABLES}),
-    "moving cables, any phase": Kind({**SCATTER, "triboelectric": CABLES}, phased=True),
-    "off the model's curve": Kind({**SCATTER, "curve_error": {}}, tolerances=(0.1,)),
+    "moving cables, any phase, scatter drawn": Kind({**SCATTER, "triboelectric": CABLES}, drawn=True, phased=True),
+    "off the model's curve by a drawn distance": Kind(
+        {**SCATTER, "curve_error": {}}, drawn=True, tolerances=(0.1,), moduli=MODULI[:3]
+    ),
     "off the curve, references": Kind({**SCATTER, "curve_error": {}}, references=True, tolerances=(0.1,)),
     "off the curve by a drawn spread, references": Kind(
         {**SCATTER, "curve_error": {}}, drawn=True, references=True, tolerances=(0.1,)
@@ -193,15 +198,15 @@ def _sensitivity(curve: RatioCurve, ratio: float) -> float | None:
     """Of a ratio to three digits: the sensitivity is found by search, and changes by less than 1 % between them."""
     rounded = float(f"{ratio:.3g}")
     if (id(curve), rounded) not in _KNOWN:
-        _KNOWN[id(curve), rounded] = curve, prospect.sensitivity_at(curve, rounded)
+        _KNOWN[id(curve), rounded] = curve, lines.sensitivity_at(curve, rounded)
     return _KNOWN[id(curve), rounded][1]
 
 
 @contextmanager
 def _told(kind: Kind) -> Iterator[None]:
     """The procedure takes the stated scatter as certain, or as an estimate; plans and validation are kept."""
-    places, freedom = (prospect, course), math.inf if kind.known else FREEDOM
-    was, validation = prospect.PRIOR_FREEDOM, object_modulus.validation_u
+    places, freedom = (lines, course), math.inf if kind.known else FREEDOM
+    was, validation = lines.PRIOR_FREEDOM, object_modulus.validation_u
     caches = (procedure._prospect, procedure._course)
     try:
         for place in places:
@@ -215,7 +220,7 @@ def _told(kind: Kind) -> Iterator[None]:
         for place in places:
             place.PRIOR_FREEDOM = was  # type: ignore[attr-defined]
         object_modulus.validation_u = validation
-        course.sensitivity_at = prospect.sensitivity_at  # type: ignore[attr-defined]
+        course.sensitivity_at = lines.sensitivity_at  # type: ignore[attr-defined]
         for cache in caches:
             cache.cache_clear()
 

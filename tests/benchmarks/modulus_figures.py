@@ -75,7 +75,8 @@ class Cell:
     @property
     def spread(self) -> float:
         """Standard deviation of the answers over the mean of what they state."""
-        return float(np.std([run.error for run in self.runs], ddof=1)) / self.mean("stated")
+        told = [run for run in self.runs if math.isfinite(run.error)]  # else only a bound is known
+        return float(np.std([run.error for run in told], ddof=1) / np.mean([run.stated for run in told]))
 
     @property
     def told(self) -> str:

@@ -20,16 +20,10 @@ from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
-from palpate.procedures.measurements.object_modulus.prospect import (
-    MOST_SETS,
-    Expected,
-    Prospect,
-    Wanted,
-    best_of,
-    expected,
-    lines_of,
-)
+from palpate.procedures.measurements.object_modulus.lines import Expected, Wanted, expected, lines_of
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
 from palpate.procedures.measurements.object_modulus.refusal import below_floor, not_known, too_many_sets
+from palpate.procedures.measurements.repeated_sets import MOST_SETS
 
 TARGETS = (0.2, 0.1, 0.05, 0.02, 0.01)  # relative standard uncertainty
 POINTS = 48  # of the front

@@ -74,7 +74,7 @@ def print_modulus_front(front: ModulusFront, simulated: bool, plot: Path | None)
         f"{duration(front.mounting)} of each time are for mounting and end, {front.person:g} s of them a person's;"
         f" {mounted}",
         f"u: relative standard uncertainty. With fewer than {FIRST} sets it leans upon what is known of the sensor;"
-        " noise of the films is taken as usual: palpate accuracy dwell measures it",
+        " noise of the films is that of the scene or bench file (noise), or else the usual one",
         *([refused[-1].why] if refused else []),
         *([] if plot is None else [f"plot           {plot}"]),
     )

@@ -106,10 +106,10 @@ class FilmRepeats:
         plan, teeth = self.allocation(), len(self.design.teeth)
         sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
         lines = [
-            f"wanted         {share(self.tolerance)} of the sensitivity of each film",
+            f"wanted         {share(self.tolerance, 3)} of the sensitivity of each film",
             f"plan           {sets} load sets on each tooth, of {show(self.dwell, 's')}: {duration(seconds)} "
             f"(person {MOUNTING * teeth:g} s)",
-            f"expected       {share(plan.u)}, of which the load cell's calibration has {share(self.cell_u)}",
+            f"expected       {share(plan.u, 3)}, of which the load cell's calibration has {share(self.cell_u, 3)}",
             f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
         ]
         loads = self.loads * (plan.sets // len(self.loads))
@@ -132,9 +132,9 @@ def _allocation(asked: FilmRepeats) -> Allocation:
         found = _planned(tuple(lines), asked.costs, asked.tolerance, asked.dwell)
     except BelowFloor as error:
         told = [
-            f"--tolerance {share(asked.tolerance)} cannot be reached: the calibration of the {error.line} leaves "
-            f"{share(error.floor)} of each sensitivity, which no load set lowers",
-            f"best now  {share(error.floor)}",
+            f"--tolerance {share(asked.tolerance, 3)} cannot be reached: the calibration of the {error.line} leaves "
+            f"{share(error.floor, 3)} of each sensitivity, which no load set lowers",
+            f"best now  {share(error.floor, 3)}",
             "or        calibrate the load cell with more weights and runs: palpate calibrate load-cell --runs 3",
             "or        greater --loads, at which its zero counts for less",
             "note      a force ratio does not feel the load cell: it cancels in tooth and base",
@@ -142,7 +142,7 @@ def _allocation(asked: FilmRepeats) -> Allocation:
         raise RangeError("\n  ".join(told)) from None
     if found.sets > MOST_SETS:
         raise RangeError(
-            f"--tolerance {share(asked.tolerance)} takes {found.sets} load sets on each tooth, above the limit of "
+            f"--tolerance {share(asked.tolerance, 3)} takes {found.sets} load sets on each tooth, above the limit of "
             f"{MOST_SETS}; ask for more"
         )
     return in_rounds(lines, asked.costs, found.sets, asked.dwell, len(asked.loads))

@@ -105,11 +105,11 @@ class Repeats:
         sets = ", ".join(f"{sample}: {plan.sets}" for sample, plan in plans.items())
         dwell = max(plan.dwell for plan in plans.values())
         lines = [
-            f"wanted         {share(self.tolerance)} of the mean ratio of each sample, below the "
-            f"{share(self.design.ratio_scatter)} that one load set scatters",
+            f"wanted         {share(self.tolerance, 3)} of the mean ratio of each sample, below the "
+            f"{share(self.design.ratio_scatter, 3)} that one load set scatters",
             f"plan           load sets of each sample: {sets}, of {show(dwell, 's')} at most: {duration(seconds)} "
             f"(person {MOUNTING * len(plans):g} s)",
-            f"expected       {share(worst.u)} at most",
+            f"expected       {share(worst.u, 3)} at most",
             f"binds          {worst.binds}, {worst.shares[worst.binds]:.0%} of the variance",
         ]
         results = [Expected(ratio_of(sample), plan.u) for sample, plan in plans.items()]
@@ -133,15 +133,15 @@ def _allocation(asked: Repeats, sample: str) -> Allocation:
         found = allocate(lines, asked.costs, asked.tolerance, shortest, FIRST)
     except BelowFloor as error:
         told = [
-            f"--tolerance {share(asked.tolerance)} cannot be reached for sample {sample}: {error.line} leaves "
-            f"{share(error.floor)} of its mean ratio, which no load set lowers",
-            f"best now  {share(error.floor)}",
+            f"--tolerance {share(asked.tolerance, 3)} cannot be reached for sample {sample}: {error.line} leaves "
+            f"{share(error.floor, 3)} of its mean ratio, which no load set lowers",
+            f"best now  {share(error.floor, 3)}",
             f"or        {REMEDIES.get(error.line, 'lower that line')}",
         ]
         raise RangeError("\n  ".join(told)) from None
     if found.sets > MOST_SETS:
         raise RangeError(
-            f"--tolerance {share(asked.tolerance)} takes {counted(found.sets, 'load set')} of sample {sample}, "
+            f"--tolerance {share(asked.tolerance, 3)} takes {counted(found.sets, 'load set')} of sample {sample}, "
             f"{duration(found.seconds)}, above the limit of {MOST_SETS} sets; ask for more"
         )
     dwell = whole_steps(max(found.dwell, shortest))

@@ -15,16 +15,17 @@ from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
+from palpate.procedures.engine.plan import NOISE, expected_noise
 from palpate.procedures.measurements.object_modulus.costs import costs_of, end_seconds
-from palpate.procedures.measurements.object_modulus.prospect import (
-    BOUND_SETS,
+from palpate.procedures.measurements.object_modulus.lines import (
     CURVE,
     MOUNTED,
-    Prospect,
     Wanted,
+    cost_of_trend,
     lines_of,
     sensitivity_at,
 )
+from palpate.procedures.measurements.object_modulus.prospect import BOUND_SETS, Prospect
 from palpate.procedures.measurements.object_modulus.result import (
     LEAST_MOUNTINGS,
     Answer,
@@ -35,6 +36,7 @@ from palpate.procedures.measurements.object_modulus.result import (
 )
 
 RESERVE = 1.0  # s, for what takes longer than usual
+NOISY, MATTERS = 1.5, 0.3  # times the planned noise that is told, and the share of the scatter from which on
 IN_A_ROW = 5  # sets that are not valid, after which the measurement ends
 TOO_ALIKE = 0.001  # probability that sets repeat so well by chance, if their gains scatter as the design's do
 
@@ -64,6 +66,11 @@ class Course:
 
     def verdict(self, points: Sequence[ModulusPoint]) -> Verdict:
         """Whether the points are enough, and how many mountings and sets there will be in all."""
+        found = self._whatever_it_takes(points)
+        return found if found.why or not points else self._within_time(points, found)
+
+    def _whatever_it_takes(self, points: Sequence[ModulusPoint]) -> Verdict:
+        """The verdict if time were no matter."""
         plan, ratios = self.prospect.allocation, ratios_of(points)
         found = Verdict(plan.mountings, plan.sets, _unusable(points))
         if found.why or not ratios:
@@ -72,9 +79,9 @@ class Course:
         if slope is None:
             why = "the ratio is only good for a bound, however many sets there are"
             return replace(found, why=why) if sum(map(len, ratios)) >= BOUND_SETS else found
-        if self.wanted.tolerance is not None:
-            found = self._for_tolerance(self.wanted.tolerance, slope, ratios)
-        return found if found.why else self._within_time(points, found)
+        if self.wanted.tolerance is None:
+            return found
+        return self._for_tolerance(self.wanted.tolerance, slope, ratios)
 
     def _for_tolerance(self, tolerance: float, slope: float, ratios: Ratios) -> Verdict:
         plan = self.prospect.allocation
@@ -94,15 +101,34 @@ class Course:
         return Verdict(asked, asked * each, "")
 
     def _within_time(self, points: Sequence[ModulusPoint], found: Verdict) -> Verdict:
-        """The verdict; the given time ends the measurement before a set that would not fit into it."""
-        if self.wanted.time is None:
+        """The verdict; a set that would not fit into the time ends the measurement before it.
+
+        That time is the given one, or else the printed bound, which leaves the first sets of each mounting alone.
+        """
+        bound = self.prospect.times.longest
+        limit = bound if self.wanted.time is None else self.wanted.time
+        if self._seconds_after(points, found) <= limit:
             return found
+        if self.wanted.time is not None:
+            return replace(found, why=f"another set would not end within {limit:g} s")
+        if self._first_are_due(ratios_of(points)):
+            return found
+        needed = self.costs.seconds(found.mountings, found.sets, self.prospect.allocation.dwell)
+        told = f"the bound of {limit:.0f} s is spent; as the first sets scatter it takes {needed:.0f} s (--time)"
+        return replace(found, why=told)
+
+    def _first_are_due(self, ratios: Ratios) -> bool:
+        """Whether planned mountings lack sets of those that decide how many there are in all."""
+        plan = self.prospect.allocation
+        full = sum(len(sets) >= first_sets(plan) for sets in ratios)
+        return full < (self.wanted.mountings or 1)
+
+    def _seconds_after(self, points: Sequence[ModulusPoint], found: Verdict) -> float:
+        """Bench time at the end of a measurement that takes another set [s]."""
         costs, taken = self.costs, math.fsum(point.seconds for point in points)
         following = costs.set + self.prospect.allocation.dwell
         following += costs.mounting if _remounts(points, found) else 0.0
-        if taken + following + end_seconds(self.prospect.load) + RESERVE <= self.wanted.time:
-            return found
-        return replace(found, why=f"another set would not end within {self.wanted.time:g} s")
+        return taken + following + end_seconds(self.prospect.load) + RESERVE
 
     def remounts(self, points: Sequence[ModulusPoint]) -> bool:
         """Whether the object is mounted again before the next set."""
@@ -135,6 +161,8 @@ class Course:
             )
         if ratios and (late := self._late(points, ratios)):
             found.append(late)
+        if ratios and (noisy := self._noisy(points)):
+            found.append(noisy)
         if ratios and self.too_alike(ratios):
             found.append(
                 "the sets repeat far better than gains are known to scatter from set to set, so that this scatter "
@@ -143,18 +171,51 @@ class Course:
         return tuple(found)
 
     def _late(self, points: Sequence[ModulusPoint], ratios: Ratios) -> str:
-        """Why the measurement took longer than the plan says of most runs; empty: it did not."""
-        taken = math.fsum(point.seconds for point in points) + end_seconds(self.prospect.load)
-        if self.wanted.tolerance is None or taken <= self.prospect.times.longest:
+        """Why the measurement needed more than the bound, which is enough for most runs; empty: it did not."""
+        bound, plan = self.prospect.times.longest, self.prospect.allocation
+        found, taken = self._whatever_it_takes(points), math.fsum(point.seconds for point in points)
+        within = taken + end_seconds(self.prospect.load) if found.why else self._seconds_after(points, found)
+        if self.wanted.tolerance is None or within <= bound:
             return ""
-        plan, expected = self.prospect.allocation, self.design.ratio_scatter
-        told = f"it took {taken:.0f} s, more than the {self.prospect.times.longest:.0f} s of 95 % of runs: sets"
+        expected = math.hypot(self.design.ratio_scatter, self._set_noise)
+        told = f"the {bound:.0f} s that are enough for 95 % of runs were not: sets"
         if any(len(sets) > 1 for sets in ratios):
             told += f" scatter by {100 * pooled(0.0, 0.0, *ratios).u:.2g} %, and"
         told += f" were expected to by {100 * expected:.2g} %"
         if len(ratios) > plan.mountings:
             told += f"; mountings scatter more than was known, so that {len(ratios)} were made, not {plan.mountings}"
         return told
+
+    @property
+    def _cycles(self) -> int:
+        return round(self.prospect.allocation.dwell * self.wanted.frequency)
+
+    @property
+    def _set_noise(self) -> float:
+        """Relative standard deviation of the ratio of a set by noise that is expected."""
+        noise = expected_noise(self.design, self.prospect.load, self.prospect.found.ratio)
+        return noise * cost_of_trend(self._cycles) / math.sqrt(self.prospect.allocation.dwell)
+
+    def noise_density(self, points: Sequence[ModulusPoint]) -> float | None:
+        """Amplitude density of the films' noise by the points [V/√Hz]; None: no point is valid."""
+        parts = [point.noise_u / point.force_ratio for point in points if point.valid and point.force_ratio > 0]
+        if not parts:
+            return None
+        measured = math.hypot(*parts) / math.sqrt(len(parts))
+        return (self.design.noise or NOISE) * measured / self._set_noise
+
+    def _noisy(self, points: Sequence[ModulusPoint]) -> str:
+        """That films were noisier than the plan says, where it matters; empty: they were not."""
+        density, planned = self.noise_density(points), self.design.noise or NOISE
+        if density is None or density < NOISY * planned:
+            return ""
+        if self._set_noise * density / planned < MATTERS * self.design.ratio_scatter:
+            return ""
+        told = show(density, "V/√Hz", 2)
+        return (
+            f"noise of the films was {told}, not {show(planned, 'V/√Hz', 2)}: with noise = {told!r} in the bench file"
+            " the next plan has longer dwells"
+        )
 
     def _for_tolerance_ended(self, ratios: Ratios) -> bool:
         """Whether the number of sets follows from the scatter of the first ones."""
@@ -184,7 +245,7 @@ class Course:
         freedom. As independent ones (Welch and Satterthwaite) their interval holds 90 % where it says 95 %.
         """
         found = replace(self.prospect.found, ratio=_mean(ratios), sensitivity=slope)
-        lines = lines_of(self.design, found, self.prospect.load, self.wanted, absolute)
+        lines = lines_of(self.design, found, self.prospect.load, self.wanted, absolute, self._cycles)
         if self.too_alike(ratios):
             scatter = math.hypot(self.design.ratio_scatter, self.wanted.mounted or 0.0)
             mounted = Line(MOUNTED, slope * scatter, Unit.MOUNTING, PRIOR_FREEDOM)

@@ -28,16 +28,8 @@ from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
 from palpate.procedures.measurements.object_modulus.course import Course
-from palpate.procedures.measurements.object_modulus.prospect import (
-    MOST_SETS,
-    Prospect,
-    Wanted,
-    best_of,
-    curve_of,
-    expected,
-    for_bound,
-    most_sets,
-)
+from palpate.procedures.measurements.object_modulus.lines import Wanted, curve_of, expected
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of, for_bound, most_sets
 from palpate.procedures.measurements.object_modulus.refusal import (
     below_floor,
     check_mountings,
@@ -51,9 +43,10 @@ from palpate.procedures.measurements.object_modulus.result import (
     mounting_spread,
     ratios_of,
 )
-from palpate.procedures.measurements.object_modulus.telling import planned_lines
+from palpate.procedures.measurements.object_modulus.telling import missed_by, planned_lines
 from palpate.procedures.measurements.object_modulus.work import Measuring
 from palpate.procedures.measurements.object_modulus.worth import worth_lines
+from palpate.procedures.measurements.repeated_sets import MOST_SETS
 from palpate.procedures.measurements.settings import Frequency
 from palpate.procedures.measurements.softness.procedure import check_simulated
 from palpate.procedures.records.record import Recorder
@@ -210,12 +203,17 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def evaluate(self, points: Sequence[ModulusPoint], lab: Lab) -> ObjectModulusResult:
         course = self.course(lab)
-        stopped = (
-            course.verdict(points).why or "the most sets that were planned are taken; the tolerance is not reached"
+        stopped = course.verdict(points).why or "the most sets that were planned are taken"
+        found = ObjectModulusResult(
+            list(points),
+            course.wanted,
+            course.prospect,
+            course.answer(points),
+            stopped,
+            course.notes(points),
+            course.noise_density(points),
         )
-        return ObjectModulusResult(
-            list(points), course.wanted, course.prospect, course.answer(points), stopped, course.notes(points)
-        )
+        return replace(found, stopped=f"{stopped}{missed_by(course.wanted, found.achieved_u)}")
 
     def save_calibration(self, done: Finished[ObjectModulusResult]) -> Kept:
         """Store what three mountings or more of this run scattered."""

@@ -15,18 +15,11 @@ from palpate.instrument.models.validation import validate
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements.object_modulus.costs import costs_of
-from palpate.procedures.measurements.object_modulus.prospect import (
-    CURVE,
-    MOST_SETS,
-    VALIDATION,
-    Expected,
-    Prospect,
-    Wanted,
-    best_of,
-    lines_of,
-)
+from palpate.procedures.measurements.object_modulus.lines import CURVE, VALIDATION, Expected, Wanted, lines_of
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
 from palpate.procedures.measurements.object_modulus.telling import reachable
-from palpate.procedures.measurements.object_modulus.telling import share as told
+from palpate.procedures.measurements.repeated_sets import MOST_SETS
+from palpate.procedures.measurements.repeated_sets import share as told
 from palpate.procedures.showing.plan import duration
 
 NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known

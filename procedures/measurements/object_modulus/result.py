@@ -13,14 +13,8 @@ from palpate.instrument.findings.object_modulus import COVERAGE, estimate
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation_line import ValidationLine
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.measurements.object_modulus.prospect import (
-    CURVE,
-    EDGE,
-    VALIDATION,
-    Expected,
-    Prospect,
-    Wanted,
-)
+from palpate.procedures.measurements.object_modulus.lines import CURVE, EDGE, VALIDATION, Expected, Wanted
+from palpate.procedures.measurements.object_modulus.prospect import Prospect
 
 LEAST_MOUNTINGS = 3  # whose scatter is told
 
@@ -163,6 +157,7 @@ class ObjectModulusResult:
         answer: the modulus; None: no point is valid.
         stopped: why the measurement ended.
         notes: what else to know, for people.
+        noise_density: amplitude density of the films' noise [V/√Hz]; None: no point is valid.
     """
 
     points: list[ModulusPoint]
@@ -171,6 +166,7 @@ class ObjectModulusResult:
     answer: Answer | None
     stopped: str
     notes: tuple[str, ...]
+    noise_density: float | None
 
     @property
     def achieved_u(self) -> float | None:
@@ -214,6 +210,7 @@ class ObjectModulusResult:
             "dwell_s": plan.dwell,
             "load_N": self.prospect.load,
             "mounting_scatter": None if scattered is None else scattered[0],
+            "noise_density": self.noise_density,
             "mounting_scatter_freedom": None if scattered is None else scattered[1],
             "coverage": COVERAGE,
             **({} if answer is None else {name: value for name, value in answer.row.items() if name != "model"}),

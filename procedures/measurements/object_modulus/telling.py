@@ -7,8 +7,11 @@ from collections.abc import Mapping
 
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.engine.plan import MOUNTING
-from palpate.procedures.measurements.object_modulus.prospect import Prospect, Wanted
+from palpate.procedures.measurements.object_modulus.lines import Wanted
+from palpate.procedures.measurements.object_modulus.prospect import Prospect
+from palpate.procedures.measurements.repeated_sets import share
 
+ROUNDING = 1e-9
 LEAST_SHARE = 0.005  # a smaller one is not told
 
 
@@ -20,17 +23,34 @@ def wanted_line(wanted: Wanted, model: str) -> str:
     return f"{share(wanted.tolerance)} {scale}" + ("" if wanted.time is None else f", within {wanted.time:g} s")
 
 
+def missed_by(wanted: Wanted, reached: float | None) -> str:
+    """What was reached instead of the tolerance, to end a sentence; empty: it was reached, or none was asked for."""
+    if wanted.tolerance is None or reached is None or reached <= wanted.tolerance * (1 + ROUNDING):
+        return ""
+    return f": {share(reached)} reached, {share(wanted.tolerance)} was asked for"
+
+
+def _end(wanted: Wanted, prospect: Prospect) -> str:
+    """When a run ends at the latest."""
+    bound = f"{prospect.times.longest:.0f} s"
+    if wanted.tolerance is None or prospect.times.longest == wanted.time:
+        return f"ends at {bound}"
+    if wanted.time is not None:
+        return f"95 % of runs need no more than {bound}"
+    return f"ends at {bound}, which are enough for 95 % of runs"
+
+
 def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     """What is planned and what is expected of it."""
     plan, found = prospect.allocation, prospect.found
     expected = prospect.scale_u if wanted.relative else prospect.absolute_u
     person = f"person {MOUNTING * plan.mountings:g} s"
     counts = f"{counted(plan.mountings, 'mounting')}, {counted(plan.sets, 'set')}"
-    each = f"{show(prospect.load, 'N')}, {show(plan.dwell, 's')}"
+    each = f"{show(prospect.load, 'N')}, {show(wanted.frequency, 'Hz')}, {show(plan.dwell, 's')}"
     lines = [
         f"wanted         {wanted_line(wanted, found.model)}",
-        f"plan           {counts}, {each}: {prospect.times.mean:.0f} s on average ({person}), 95 % of runs within"
-        f" {prospect.times.longest:.0f} s",
+        f"plan           {counts}, {each} ({person})",
+        f"lasts          {prospect.times.mean:.0f} s on average; {_end(wanted, prospect)}",
     ]
     if wanted.mounted_by:
         lines.append(f"mountings      scatter by {share(wanted.mounted or 0.0)} of the ratio: {wanted.mounted_by}")
@@ -41,11 +61,6 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
         told += f" ({share(prospect.scale_u)} on the scale)"
     uncalibrated = "" if any(name.startswith("films") for name in plan.shares) else ", films not calibrated"
     return [*lines, f"expected       {told}: {parts_of(plan.shares, plan.u)}{uncalibrated}"]
-
-
-def share(u: float) -> str:
-    """A share in percent, with two digits."""
-    return f"{100 * u:.2g} %" if u < 0.995 else f"{100 * u:.0f} %"
 
 
 def reachable(floor: float) -> str:

@@ -6,9 +6,11 @@ import math
 
 from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.procedures.engine.plan import MOUNTING
-from palpate.procedures.measurements.object_modulus.prospect import VALIDATION, Prospect, Wanted
+from palpate.procedures.measurements.object_modulus.lines import VALIDATION, Wanted
+from palpate.procedures.measurements.object_modulus.prospect import Prospect
 from palpate.procedures.measurements.object_modulus.refusal import REFERENCE_SECONDS
-from palpate.procedures.measurements.object_modulus.telling import LEAST_SHARE, share
+from palpate.procedures.measurements.object_modulus.telling import LEAST_SHARE
+from palpate.procedures.measurements.repeated_sets import share
 from palpate.procedures.showing.plan import duration
 
 
