@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import palpate
 from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.position import locate
+from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.position.expected import share_noise, share_scatter
 from palpate.procedures.measurements.position.procedure import PositionSweep
 from tests.procedures.conftest import Benches, Palpate, refused
 
@@ -29,6 +35,21 @@ def test_a_smaller_tolerance_takes_more_sets_where_the_scatter_counts() -> None:
     assert {row["name"]: row["unit"] for row in ASKED.plan(REAL).predicted.told["predicted_results"]} == {
         "position at 2 mm": "mm", "position at 12 mm": "mm",
     }  # fmt: skip
+
+
+def test_one_load_set_is_expected_to_tell_a_place_as_sets_do_that_are_off_as_runs_are() -> None:
+    single = PositionSweep((2e-3, 12e-3), load=0.1)  # so small a load that its noise counts
+    rows = single.plan(REAL).predicted.told["predicted_results"]
+    design, sample, rng = REAL.design, get_sample(single.sample), np.random.default_rng(3)
+    scatter = share_scatter(design)
+    for x, row in zip(single.positions, rows, strict=True):
+        shares = np.array(tooth_shares(design, sample, (x, design.cell[1] / 2)))
+        noise = share_noise(design, shares.tolist(), single.load)
+        apart = [noise, shares * scatter, np.full(2, ERROR / math.sqrt(3))]
+        sets = shares + sum(each * rng.normal(size=(400, 2)) for each in apart)
+        found = [locate(design, sample, (left, right), noise, scatter).u for left, right in sets]
+        assert row["unit"] == "mm"
+        assert row["u"] == pytest.approx(1e3 * math.sqrt(np.mean(np.square(found))), rel=0.1)
 
 
 def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can() -> None:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.measurements.position.expected import name_of
 
 DOUBT = (
     "Table A2.7 prints neither the object nor the shape of its load, and its force hardly depends on the place of a"
@@ -97,7 +98,7 @@ class PositionResult:
     def unbudgeted(self) -> dict[str, tuple[float, float]]:
         """Each found place and its standard uncertainty [mm]."""
         found: Sequence[FoundPlace | PositionPoint] = self.places or [point for point in self.points if point.valid]
-        return {f"position at {p.position_mm:g} mm": (p.found_mm, p.found_u) for p in found}
+        return {name_of(1e-3 * p.position_mm): (p.found_mm, p.found_u) for p in found}
 
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""
