@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -92,6 +93,7 @@ def _bend_noise(frequency: float, dwell: float, length: float) -> float:
     return math.sqrt(12) * bend_leak(frequency, dwell) / length**2
 
 
+@functools.lru_cache(maxsize=256)
 def bend_leak(frequency: float, dwell: float | None) -> float:
     """Error of an amplitude from a signal that bends by 1 V/s² when a dwell [s] begins [V].
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,6 +25,13 @@ def test_the_table_is_what_the_solid_model_says() -> None:
     place = (12e-3, MIDDLE)  # in the middle, where a quarter of the sensor is solved for
     (shares,) = point_loads(solid_parameters(DESIGN, Load(1.0, HARD)), [place], 0)
     assert tooth_shares(DESIGN, HARD, place) == pytest.approx(tuple(shares), abs=1e-4)
+
+
+def test_what_a_bench_tells_of_films_and_cables_moves_no_load() -> None:
+    """A stated noise or pick-up, and a calibration of the films, belong to the same sensor."""
+    known = replace(DESIGN, film_covariance=((1e-4,) * 4,) * 4, film_freedom=5.0).with_pickup(0.01).with_noise(2e-6)
+    place = (6e-3, MIDDLE)
+    assert tooth_shares(known, HARD, place) == tooth_shares(DESIGN, HARD, place)
 
 
 @pytest.mark.parametrize("name", list("123456"))

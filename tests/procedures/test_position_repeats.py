@@ -66,6 +66,8 @@ def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can()
         (("--tolerance", "5 %"), "where m belongs"),
         (("--time", "2 min"), "one load set at each of 13 positions takes"),
         (("--time", "0 s"), "--time 0 s is not above 0"),
+        (("--time", "300 h"), "holds 46104 load sets at each of 13 positions, above the limit of 10000"),
+        (("--time", "1e300 s"), "a bench time of"),
         (("--dwell", "1 s", "--time", "1 h"), "these determine the dwell; leave --dwell out"),
     ],
 )

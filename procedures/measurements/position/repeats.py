@@ -255,10 +255,18 @@ def _for_time(asked: PlaceRepeats, time: float, shortest: float) -> dict[float, 
         found = {x: allocate_time(asked.lines(x), asked.costs, each, shortest) for x in asked.positions}
     except RangeError:
         least = ONCE + len(asked.positions) * asked.costs.seconds(1, 1, shortest)
+        if time > least:  # it is beyond what any plan takes
+            raise
         raise RangeError(
             f"--time {time:g} s is too short: one load set at each of {places} takes {least:.0f} s; give more time, or "
             "fewer --positions"
         ) from None
+    most = max(plan.sets for plan in found.values())
+    if most > MOST_SETS:
+        raise RangeError(
+            f"--time {time:g} s holds {most} load sets at each of {places}, above the limit of {MOST_SETS}; give less"
+            " time"
+        )
     dwells = {x: max(shortest, whole_steps(plan.dwell - STEP)) for x, plan in found.items()}
     return {x: in_rounds(asked.lines(x), asked.costs, plan.sets, dwells[x]) for x, plan in found.items()}
 
