@@ -20,7 +20,7 @@ ANY_TIME = 1000.0  # s; each point of the front has a time of its own
     "\n\n  palpate accuracy modulus --bench lab.toml --modulus '20 kPa' --model surface",
 )
 @option("--sample", help="Rubber sample (default: 4, if no modulus is given).")
-@option("--modulus", callback=texts.quantity("Pa"), help="Young modulus that is expected of an object.")
+@option("--modulus", callback=texts.quantity("Pa", positive=True), help="Young modulus that is expected of an object.")
 @options.thickness_option
 @option("--scene", metavar="NAME|FILE", help="Scene of a simulated bench (default: thesis_single).")
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench; nothing is sent to it.")

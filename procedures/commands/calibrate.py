@@ -158,7 +158,7 @@ def films(
 @options.frequency_option
 @option("--model", "answering", metavar="NAME", default="auto", help="Sensor model that is calibrated.")
 @option("--parameters", default="physical", help="Its parameter set: thesis, physical, identified or capped.")
-@option("--thickness", callback=texts.quantity("m"), default="3 mm", help="Thickness of the references.")
+@option("--thickness", callback=texts.quantity("m", positive=True), default="3 mm", help="Thickness of the references.")
 @option("--valid-days", default=365, help="Days until the calibration expires.")
 @options.DRY_RUN
 @options.bench_options

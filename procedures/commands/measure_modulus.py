@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 @option("--time", callback=texts.quantity("s"), help="Bench time that is not exceeded, a person's 60 s included.")
 @option("--relative-to-model", is_flag=True, help="The tolerance is about the model's scale, not absolute.")
 @option("--sample", help="Rubber sample.")
-@option("--modulus", callback=texts.quantity("Pa"), help="Young modulus of an unknown object; on a real bench a guess.")
+@option(
+    "--modulus",
+    callback=texts.quantity("Pa", positive=True),
+    help="Young modulus of an unknown object; on a real bench a guess.",
+)
 @options.thickness_option
 @option("--model", metavar="NAME", default="auto", help="Sensor model that turns the ratio into the modulus.")
 @option("--load", callback=texts.quantity("N"), help="Load, peak to peak (default: the plan chooses it).")

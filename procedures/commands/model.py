@@ -58,7 +58,7 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
         command(question=Question(design, name, parameters, settings, tolerance), **given)
 
     described = [
-        option(f"--{name.replace('_', '-')}", callback=texts.quantity(unit), help=text)
+        option(f"--{name.replace('_', '-')}", callback=texts.quantity(unit, positive=bool(unit)), help=text)
         for name, (unit, text) in _SETTINGS.items()
     ]
     for each in reversed(
@@ -100,7 +100,7 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
 )
 @option(
     "--sensed-modulus",
-    callback=texts.quantities("Pa"),
+    callback=texts.quantities("Pa", positive=True),
     required=True,
     help="Young modulus of the object, or a list with commas.",
 )
@@ -233,7 +233,7 @@ def modulus(
 )
 @option(
     "--sensed-modulus",
-    callback=texts.quantities("Pa"),
+    callback=texts.quantities("Pa", positive=True),
     required=True,
     help="Young modulus of the object, or a list with commas.",
 )

@@ -83,7 +83,9 @@ DRY_RUN = option(
 sample_option = option("--sample", default="1", help="Rubber sample.")
 load_option = option("--load", callback=quantity("N"), default="2 N", help="Load, peak to peak.")
 dwell_option = option("--dwell", callback=quantity("s"), default="1 s", help="Time over which each point is averaged.")
-thickness_option = option("--thickness", callback=quantity("m"), help="Thickness of an unknown object (default: 3 mm).")
+thickness_option = option(
+    "--thickness", callback=quantity("m", positive=True), help="Thickness of an unknown object (default: 3 mm)."
+)
 frequency_option = option("--frequency", callback=quantity("Hz"), default="10 Hz", help="Frequency of the load.")
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @option("--samples", callback=texts.samples, help="Rubber samples, in order.")
 @option(
     "--modulus",
-    callback=texts.quantities("Pa"),
+    callback=texts.quantities("Pa", positive=True),
     help="Young modulus of unknown objects on a simulated bench, or a list with commas.",
 )
 @options.thickness_option

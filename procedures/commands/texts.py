@@ -5,7 +5,8 @@ What reads a text is imported when there is one to read, so that commands start 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 import click
@@ -32,26 +33,49 @@ def _callback(read: Callable[[str], T]) -> Callback[T]:
     return called
 
 
-def quantity(unit: str, example: str = "") -> Callback[float]:
-    """A number with its unit, such as "2 N": the command gets it in `unit`. `example` is for messages."""
+def quantity(unit: str, example: str = "", *, positive: bool = False) -> Callback[float]:
+    """A number with its unit, such as "2 N": the command gets it in `unit`.
+
+    Args:
+        unit: the unit.
+        example: a text for messages.
+        positive: whether only values above 0 are allowed.
+    """
 
     def read(text: str) -> float:
         from palpate.instrument.quantity import parse
 
-        return parse(text, unit, example)
+        value = parse(text, unit, example)
+        if positive:
+            _check_positive([text], [value])
+        return value
 
     return _callback(read)
 
 
-def quantities(unit: str, example: str = "") -> Callback[tuple[float, ...]]:
-    """A list of quantities, such as "5 Hz, 10 Hz": the command gets a tuple of numbers in `unit`."""
+def quantities(unit: str, example: str = "", *, positive: bool = False) -> Callback[tuple[float, ...]]:
+    """A list of quantities, such as "5 Hz, 10 Hz": the command gets a tuple of numbers in `unit`.
+
+    Args:
+        unit, example, positive: as in `quantity`, for each of them.
+    """
 
     def read(text: str) -> tuple[float, ...]:
         from palpate.instrument.quantity import parse_list
 
-        return parse_list(text, unit, example)
+        values = parse_list(text, unit, example)
+        if positive:
+            _check_positive(text.split(","), values)
+        return values
 
     return _callback(read)
+
+
+def _check_positive(texts: Sequence[str], values: Sequence[float]) -> None:
+    """Raises UsageError, which quotes the text: a value is not above 0 and finite."""
+    for text, value in zip(texts, values, strict=True):
+        if not 0 < value < math.inf:
+            raise UsageError(f"{text.strip()!r} is not above 0 and finite; give a positive one")
 
 
 @_callback

@@ -180,7 +180,10 @@ def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Pa
     assert [line.split("  ")[1] for line in said[1:]] == ["best now", "or", "or", "or"]
     assert "with 6 references" in said[2]
     assert "palpate test modulus" in said[3]
-    assert said[4].endswith("--relative-to-model")
+    plan = palpate(*MEASURE, "--sample", "4", "--tolerance", "5 %", "--relative-to-model", "--dry-run").out
+    price = re.search(r"about (.*): --relative-to-model", said[4])
+    assert price is not None
+    assert f"about {price[1]} on hardware" in plan
 
 
 @pytest.mark.parametrize(
@@ -194,8 +197,10 @@ def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Pa
         (("--tolerance", "5 %", "--scene", "array_16"), "validation error of .surface. is not known"),
         (("--tolerance", "60 %"), "above the 50 % that a tolerance may be"),
         (("--time", "2 min", "--mountings", "0"), "--mountings 0 is outside 1 to 100"),
-        (("--time", "2 min", "--mounting-scatter", "2"), "--mounting-scatter 2 is outside 0 to 0.5"),
+        (("--time", "2 min", "--mounting-scatter", "2"), "--mounting-scatter 200 % is outside 0 to 50 %"),
         (("--time", "2 min", "--mounting-scatter", "nan"), "'nan' is not a quantity; write for example '1 %'"),
+        (("--time", "2 min", "--modulus", "-1 kPa"), "--modulus: '-1 kPa' is not above 0 and finite"),
+        (("--time", "2 min", "--thickness", "-5 mm"), "--thickness: '-5 mm' is not above 0 and finite"),
         (("--time", "2 min", "--thickness", "5 mm"), "--thickness is that of an unknown object, and a sample has its"),
         (("--time", "2 min", "--modulus", "50 kPa"), "--sample and --modulus: give either"),
         (("--time", "2 min", "--model", "nothing"), "nothing"),

@@ -157,7 +157,7 @@ class ModulusFront:
             asked = wanted(tolerance, None, not absolute)
             try:
                 if absolute and found.validation.u is None:
-                    raise not_known(asked, found, design)
+                    raise not_known(asked, found, design, loads)
                 plan = best_of(design, found, asked, loads)
             except BelowFloor as error:
                 why = str(below_floor(asked, question, found, design, loads, error))

@@ -108,8 +108,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
             raise RangeError(f"--mountings {self.mountings} is outside 1 to {MOST_MOUNTINGS}; give a number inside")
         if self.mounting_scatter is not None and not 0 <= self.mounting_scatter <= LARGEST_SCATTER:
             raise RangeError(
-                f"--mounting-scatter {self.mounting_scatter:g} is outside 0 to {LARGEST_SCATTER:g}; give a share such"
-                " as '1 %'"
+                f"--mounting-scatter {100 * self.mounting_scatter:g} % is outside 0 to {100 * LARGEST_SCATTER:g} %;"
+                " give a share such as '1 %'"
             )
         check_nodes(target.design, target.nodes, target.channels)
         check_force(self.loads_on(target), target.force_limit)
@@ -263,7 +263,7 @@ def _prospect(
     if found.sensitivity is None:
         return for_bound(found, wanted, loads[0])
     if tolerance is not None and found.validation.u is None and not wanted.relative:
-        raise not_known(wanted, found, design)
+        raise not_known(wanted, found, design, loads)
     try:
         prospect = best_of(design, found, wanted, loads)
     except BelowFloor as error:

@@ -7,15 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from palpate.instrument.allocation.allocate import BelowFloor, allocate
+from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.errors import PalpateError, RangeError, UsageError
 from palpate.instrument.findings.mean_ratio import CALIBRATION, PICKUP
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import validate
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.measurements.object_modulus.costs import costs_of
-from palpate.procedures.measurements.object_modulus.lines import CURVE, VALIDATION, Expected, Wanted, lines_of
+from palpate.procedures.measurements.object_modulus.lines import CURVE, VALIDATION, Expected, Wanted
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
 from palpate.procedures.measurements.object_modulus.telling import reachable
 from palpate.procedures.measurements.repeated_sets import MOST_SETS
@@ -54,7 +53,7 @@ def below_floor(
         best,
         *_with_references(question, found),
         f"or        {COMPRESSION}",
-        *_on_scale(wanted, found, design),
+        *_on_scale(wanted, found, design, loads),
     ]
     return RangeError("\n  ".join(lines))
 
@@ -85,14 +84,14 @@ def _least_tolerance(design: Design, found: Expected, wanted: Wanted, loads: tup
     return high
 
 
-def not_known(wanted: Wanted, found: Expected, design: Design) -> RangeError:
+def not_known(wanted: Wanted, found: Expected, design: Design, loads: Sequence[float]) -> RangeError:
     """The refusal of an absolute tolerance where the model's validation error is not known."""
     share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
     lines = [
         f"--tolerance {share} absolute cannot be promised: the validation error of {found.model!r} is"
         f" {found.validation.source}",
         f"or        {COMPRESSION}",
-        *_on_scale(wanted, found, design),
+        *_on_scale(wanted, found, design, loads),
     ]
     return RangeError("\n  ".join(lines))
 
@@ -124,14 +123,12 @@ def _with_references(question: Question, found: Expected) -> list[str]:
     return [f"or        {100 * left:.2g} % with {REFERENCES} references ({seconds}, once): palpate calibrate model"]
 
 
-def _on_scale(wanted: Wanted, found: Expected, design: Design) -> list[str]:
+def _on_scale(wanted: Wanted, found: Expected, design: Design, loads: Sequence[float]) -> list[str]:
     """What the tolerance costs on the model's scale; empty: it is not reached there either."""
-    load = 2.0
-    lines = lines_of(design, found, load, wanted, absolute=False)
     try:
-        plan = allocate(lines, costs_of(load, wanted.frequency), wanted.tolerance or 0.0)
+        plan = best_of(design, found, replace(wanted, time=None, relative=True), loads)
     except RangeError:
         return []
     share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
-    seconds = duration(plan.seconds)
+    seconds = duration(plan.times.mean)
     return [f"or        {share} on the scale of {found.model!r}, about {seconds}: --relative-to-model"]

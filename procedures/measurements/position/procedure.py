@@ -33,7 +33,7 @@ from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.probe import lower, mount, withdraw
 
-LARGEST_TOLERANCE = 0.3e-3  # m; a single load set has a greater one wherever many have
+LARGEST_TOLERANCE = 0.3e-3  # m; single load sets find most places so well, and near a tooth's middle none do
 SMALLEST_TOLERANCE = 1e-5  # m
 TABLE = "A2.7"
 
@@ -97,8 +97,8 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
         if self.tolerance is not None and not SMALLEST_TOLERANCE <= self.tolerance <= LARGEST_TOLERANCE:
             raise RangeError(
                 f"--tolerance {mm(self.tolerance)} is outside {mm(SMALLEST_TOLERANCE)} to "
-                f"{mm(LARGEST_TOLERANCE)}; give one inside, such as '0.1 mm'. Single load sets have a greater "
-                "one wherever many have: leave --tolerance out"
+                f"{mm(LARGEST_TOLERANCE)}; give one inside, such as '0.1 mm'. For less, leave it out: one load "
+                "set at each position is then enough"
             )
         if self.time is not None and not 0 < self.time < math.inf:
             raise RangeError(f"--time {self.time:g} s is not above 0 and finite; give a time such as '30 min'")
