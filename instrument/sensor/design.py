@@ -16,8 +16,8 @@ from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.limits import require_nested
 from palpate.instrument.sensor.material import Material
 
-# The first words of films' names, for films under a tooth and under a base.
 USUAL_NOISE = 2e-6  # V/√Hz, amplitude density of the noise of a film's channel where none is stated [A]
+# The first words of films' names, for films under a tooth and under a base.
 FILM_KINDS = ("rigid", "total")
 OUTLINES = ("square", "round")
 SUPPORTS = ("elastic", "rigid")
