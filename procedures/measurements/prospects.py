@@ -95,12 +95,13 @@ def load_on(design: Design, film: Film, ratio: float, load: float) -> float:
     return share * load * len(film.teeth) / len(design.teeth)
 
 
-def film_noise(film: Film, force: float, dwell: float) -> float:
+def film_noise(film: Film, force: float, dwell: float, density: float = NOISE) -> float:
     """Expected relative standard uncertainty of a film's amplitude by noise.
 
     Args:
         film: the film.
         force: force on it, peak to peak [N].
         dwell: dwell [s].
+        density: amplitude density of the noise [V/√Hz].
     """
-    return NOISE / (film.sensitivity * force / 2) / math.sqrt(dwell)
+    return density / (film.sensitivity * force / 2) / math.sqrt(dwell)

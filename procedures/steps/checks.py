@@ -68,6 +68,17 @@ def parse_steps(text: str, unit: str, name: str, example: str, repeated: bool = 
 _ORDER = {False: "must be increasing and distinct", True: "must not decrease; a repeated one is a load set of its own"}
 
 
+def check_bench_time(time: float | None, example: str) -> None:
+    """Refuse a bench time of a run [s] that is none. Raises RangeError.
+
+    Args:
+        time: the bench time [s]; None: none is asked for.
+        example: a time that would do, as people write it.
+    """
+    if time is not None and not 0 < time < math.inf:
+        raise RangeError(f"--time {time:g} s is not above 0 and finite; give a time such as '{example}'")
+
+
 def check_increasing(name: str, values: Sequence[float], unit: str, repeated: bool = False) -> None:
     """Refuse values in a unit of which one is below the one before it, or equal to it unless `repeated`.
 

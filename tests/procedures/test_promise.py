@@ -163,6 +163,7 @@ def test_a_plan_with_a_target_tells_the_uncertainty_of_each_result(
         (LoadSweep(("2",), (3.0, 4.0), tolerance=0.03), (0.6, 1.5)),
         (FilmSeries((2.0, 3.0, 4.0), dwell=0.2, tolerance=0.015), (0.6, 1.5)),
         (SoftnessTest(tuple(get_sample(name) for name in "34"), model="auto", risk=0.05), (0.6, 1.5)),
+        (Characterisation(drift_time=60.0, tolerance=0.02), (0.5, 1.6)),
     ],
     ids=lambda each: getattr(each, "name", ""),
 )

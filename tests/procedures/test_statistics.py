@@ -350,7 +350,7 @@ def test_figures_of_a_sensor_have_the_uncertainty_of_their_equations() -> None:
     amplitude = gtc.ureal(top.voltages_V[1], top.voltages_u[1])
     noise = gtc.ureal(top.noise_V[1], top.noise_u[1])
     about = np.linalg.norm(volts - line.intercept - line.slope * loads) / math.sqrt(len(loads) - 2)
-    gain = gtc.ureal(1, float(about / (loads @ volts / (loads @ loads) * loads.max())))
+    gain = gtc.ureal(1, float(about / math.sqrt(np.mean(volts**2))))
     ratio = 20 * gtc.log10(amplitude * gain / math.sqrt(8) / noise)
     held = [p for p in points if p.direction == "holding"]
     volts_held = np.array([p.voltages_V[1] for p in held])

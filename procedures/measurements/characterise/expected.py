@@ -1,15 +1,15 @@
 """What a characterisation is expected to give: the uncertainty of each figure of merit, by its budget's components.
 
-A film's gain scatters from load to load as the design says [M], noise is that of usual films [A] and of the
-converter's steps, and each load is off by its reading. Linearity, hysteresis and drift are expected to be what scatter
-and noise make of them.
+A film's gain scatters from load to load as the design says [M], noise is that of the bench file, or of usual films [A],
+and of the converter's steps, and each load is off by its reading. Linearity, hysteresis and drift are expected to be
+what scatter and noise make of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -63,6 +63,11 @@ class Conditions:
         """Number of samples in each record."""
         return round(SAMPLES_PER_CYCLE * self.frequency * self.dwell)
 
+    @property
+    def density(self) -> float:
+        """Amplitude density of the films' noise [V/√Hz]: that of the bench file, or the usual one."""
+        return self.design.noise or NOISE
+
     def force(self, film: Film, load: float) -> float:
         """Force on a film under a load [N, peak to peak]."""
         return load_on(self.design, film, self.ratio, load)
@@ -72,7 +77,8 @@ class Conditions:
         steps = math.sqrt(2 / self.samples) * self.rounding(film)
         forces = [self.force(film, load) for load in self.loads]
         relative = [
-            math.hypot(film_noise(film, force, self.dwell), steps / (film.sensitivity * force / 2)) for force in forces
+            math.hypot(film_noise(film, force, self.dwell, self.density), steps / (film.sensitivity * force / 2))
+            for force in forces
         ]
         return np.array(self.loads) * relative
 
@@ -93,7 +99,13 @@ class Conditions:
         return found
 
 
-def expected_figures(of: Conditions, rounds: int, times: Sequence[float], force_limit: float) -> list[Expected]:
+def expected_figures(
+    of: Conditions,
+    rounds: int,
+    times: Sequence[float],
+    force_limit: float,
+    slope_u: Callable[[Film], float] | None = None,
+) -> list[Expected]:
     """The uncertainty of each figure of merit.
 
     Args:
@@ -101,10 +113,14 @@ def expected_figures(of: Conditions, rounds: int, times: Sequence[float], force_
         rounds: how often each load is set on the way up.
         times: times of the points while the middle load is held [s].
         force_limit: force limit of the bench [N].
+        slope_u: relative uncertainty of the slope of a film's line; None: by the scatter about that line.
     """
     found = []
     for film in of.design.films:
-        parts = components(_sources(of, film, rounds, times, force_limit))
+        sources = _sources(of, film, rounds, times, force_limit)
+        if slope_u is not None:
+            sources = replace(sources, line=Component("line", slope_u(film)))
+        parts = components(sources)
         for quantity, each in parts.items():
             u = factor(quantity, 1.0) * math.hypot(*(part.u for part in each))
             unit = RELATIVE if quantity in named.SCALED else named.DEFINITIONS[quantity].unit
@@ -121,7 +137,7 @@ def _sources(of: Conditions, film: Film, rounds: int, times: Sequence[float], fo
     top, span, middle = float(loads.max()), float(np.ptp(loads)), len(of.loads) // 2
     minutes = np.asarray(times) / 60
     square = of.rounding(film) ** 2
-    rounded = ROUNDED * square / (square + NOISE**2 * of.samples / of.dwell / 2)
+    rounded = ROUNDED * square / (square + of.density**2 * of.samples / of.dwell / 2)
     random = 1 / math.sqrt(2 * of.samples)
     widest = 2 * max(RANGE_VOLTS) * top / (film.sensitivity * of.force(film, top))
     return Sources(
@@ -132,6 +148,7 @@ def _sources(of: Conditions, film: Film, rounds: int, times: Sequence[float], fo
         residual=Component("noise", random / math.sqrt(rounds)),
         greatest=Component("greatest of the noise", of_greatest(of.samples) / math.sqrt(rounds)),
         scatter=Component("scatter", scatter),
+        typical=math.sqrt(float(np.mean(loads**2))),
         top=top,
         span=span,
         rounds=rounds,

@@ -11,6 +11,7 @@ import numpy as np
 from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.uncertainty.budget import Component
 
+LEAST_LOADS = 3  # for a line with its scatter
 LOADING, UNLOADING, HOLDING = "loading", "unloading", "holding"
 
 
@@ -33,6 +34,7 @@ class FilmsPoint:
         flags: why the point is not used, or what to know about it.
         attempts: number of attempts.
         incidents: number of failures of the bench that were made good since the point before.
+        seconds: bench time since the point before, or since the beginning [s]; None: the run has no time to keep.
     """
 
     direction: str
@@ -51,6 +53,7 @@ class FilmsPoint:
     flags: tuple[str, ...]
     attempts: int = 1
     incidents: int = 0
+    seconds: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
 
 from palpate.drivers.roles import SensorNode
+from palpate.instrument.allocation.lines import Costs
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import counted, show
+from palpate.instrument.quantity import check_tolerance, counted, show
+from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
@@ -17,23 +22,25 @@ from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.characterise.expected import Conditions, expected_figures
-from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING, FilmsPoint
+from palpate.procedures.measurements.characterise.point import HOLDING, LEAST_LOADS, LOADING, UNLOADING, FilmsPoint
+from palpate.procedures.measurements.characterise.repeats import SlopeRepeats
 from palpate.procedures.measurements.characterise.result import (
     LEAST_DRIFT_POINTS,
-    LEAST_LOADS,
     CharacteriseResult,
     evaluate,
 )
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-from palpate.procedures.measurements.prospects import expected_ratio, load_cell_of
+from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
+from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER, check_nodes
+from palpate.procedures.steps.laps import Laps
 
 LARGEST_DRIFT_TIME = 86_400.0  # s
 DRIFT_POINTS = 10  # of the load that is held, after the first one
+END = 7.0  # s, for the load cell's zero after the last point, with the probe moved home [M]
 STANDING = 6 * CHARGE_AMPLIFIER  # s, until a film's offset stands still: before, steps round it anew in each record
 
 
@@ -49,24 +56,34 @@ class CharacteriseStep(Step):
 class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResult]):
     """Find noise, sensitivity, resolution, linearity, hysteresis, dynamic range and drift of a sensor.
 
-    The loads are set in increasing order, then in decreasing order. Then the middle one is held for `drift_time`.
+    The loads are set in increasing order, then in decreasing order. Then the middle one is held for `drift_time`. With
+    a tolerance or a time, they are set in increasing order several times.
     """
 
     name = "characterise"
     point = FilmsPoint
+    newer_settings = frozenset({"tolerance", "time"})
 
     sample: SampleName = "1"
     loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5)
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     drift_time: Annotated[float, Setting("s", "Time for which the middle load is held.")] = 300.0
+    tolerance: Annotated[
+        float | None,
+        Setting(help="Relative standard uncertainty of each film's force sensitivity: loads up are repeated."),
+    ] = None
+    time: Annotated[
+        float | None, Setting("s", "Bench time, which is filled with repeated loads up and not exceeded.")
+    ] = None
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
 
         Raises:
             RangeError: there are too few loads for a line, a load exceeds the force limit, the frequency, the dwell or
-                the drift time is outside its limits, or the bench has too few sensor nodes.
+                the drift time is outside its limits, or the bench has too few sensor nodes; no rounds of loads give the
+                tolerance, or the time holds none.
             UnknownName: there is no such sample.
         """
         get_sample(self.sample)
@@ -85,28 +102,67 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
                 f"drift time {self.drift_time:g} s is outside {least:g} s, {LEAST_DRIFT_POINTS} dwells, to"
                 f" {LARGEST_DRIFT_TIME:g} s; give one inside"
             )
+        if self.tolerance is not None:
+            check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
+        check_bench_time(self.time, "30 min")
+        if repeats := self.repeats(target.design, target.load_cell):
+            repeats.allocation()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads)
 
     def plan(self, target: Target) -> Plan[CharacteriseStep]:
-        """All points: every load up, every load down, then the middle one several times."""
-        middle = self.loads[len(self.loads) // 2]
-        places = [(LOADING, load) for load in self.loads] + [(UNLOADING, load) for load in self.loads[::-1]]
+        """All points: every load up, every load down, then the middle one several times.
+
+        With a tolerance or a time, there are the most rounds up that a run can have.
+        """
+        repeats = self.repeats(target.design, target.load_cell)
+        later, up = self._seconds(), self.loads * (repeats.most() if repeats else 1)
         steps = [
-            self._step(direction, load, point_seconds(self.frequency, self.dwell, first=not number))
-            for number, (direction, load) in enumerate(places)
+            self._step(LOADING, load, later if number else point_seconds(self.frequency, self.dwell, first=True))
+            for number, load in enumerate(up)
         ]
-        steps.append(self._step(HOLDING, middle, point_seconds(self.frequency, self.dwell, first=False) + STANDING))
-        held = self._step(HOLDING, middle, max(self.interval, self.dwell))
-        steps += [held] * DRIFT_POINTS
-        times = [self.interval * number for number in range(DRIFT_POINTS + 1)]
-        found = expected_figures(self._conditions(target), 1, times, target.force_limit)
+        steps += [self._step(UNLOADING, load, later) for load in self.loads[::-1]]
+        steps += [self._step(HOLDING, self.middle, seconds) for seconds in self._holding()]
+        times = [STANDING + self.interval * number for number in range(DRIFT_POINTS + 1)]
+        if repeats:
+            return Plan(self.name, steps, repeats.predicted(times, target.force_limit))
+        found = expected_figures(self.conditions(target.design, target.load_cell), 1, times, target.force_limit)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def _conditions(self, target: Target) -> Conditions:
-        ratio = expected_ratio(target.design, self.sample)
-        return Conditions(target.design, ratio, tuple(self.loads), self.frequency, self.dwell, load_cell_of(target))
+    def skips(self, step: CharacteriseStep, points: Sequence[FilmsPoint], lab: Lab) -> bool:
+        """Whether the rounds up before a step give the tolerance, or fill the time."""
+        repeats = self.repeats(lab.design, lab.calibration)
+        return repeats is not None and step.direction == LOADING and repeats.has_enough(points)
+
+    def repeats(self, design: Design, cell: LoadCellCalibration | None) -> SlopeRepeats | None:
+        """The repeated rounds, where a tolerance or a time is given; None: neither is."""
+        if self.tolerance is None and self.time is None:
+            return None
+        later = self._seconds()
+        after = len(self.loads) * later + math.fsum(self._holding()) + END
+        before = point_seconds(self.frequency, self.dwell, first=True) - later
+        costs = Costs(before + after, 0.0, later - self.dwell)
+        return SlopeRepeats(self.conditions(design, cell), costs, after, self.tolerance, self.time)
+
+    def conditions(self, design: Design, cell: LoadCellCalibration | None) -> Conditions:
+        """The conditions that a plan expects; `cell` None: the load cell of the thesis."""
+        ratio, loads = expected_ratio(design, self.sample), tuple(self.loads)
+        return Conditions(design, ratio, loads, self.frequency, self.dwell, cell or THESIS_LOAD_CELL)
+
+    def _seconds(self) -> float:
+        """Expected time of a load after the first one [s]."""
+        return point_seconds(self.frequency, self.dwell, first=False)
+
+    def _holding(self) -> list[float]:
+        """Expected time of each point of the load that is held [s]."""
+        still = point_seconds(self.frequency, self.dwell, first=False, steps=0)
+        return [self._seconds() + STANDING, *[max(0.0, self.interval - self.dwell) + still] * DRIFT_POINTS]
+
+    @property
+    def middle(self) -> float:
+        """The load that is held [N]."""
+        return self.loads[len(self.loads) // 2]
 
     def _step(self, direction: str, load: float, seconds: float) -> CharacteriseStep:
         what, group = f"{direction}, {show(load, 'N')}", f"mount sample {self.sample}"
@@ -122,7 +178,12 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
 
     def evaluate(self, points: Sequence[FilmsPoint], lab: Lab) -> CharacteriseResult:
         widest = max(lab.bench.role(SensorNode).ranges.values())
-        return evaluate(points, lab.design, lab.calibration, self.dwell, lab.bench.force_limit, widest)
+        limit, repeats = lab.bench.force_limit, self.repeats(lab.design, lab.calibration)
+        if repeats is None:
+            return evaluate(points, lab.design, lab.calibration, self.dwell, limit, widest)
+        lines = repeats.found(points)
+        found = evaluate(points, lab.design, lab.calibration, self.dwell, limit, widest, lines)
+        return replace(found, stopped=repeats.stopped(found.sensitivities))
 
     def report(self, result: CharacteriseResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.characterise.report import plot_characteristics, print_characteristics
@@ -135,6 +196,7 @@ class Characterising(DynamicLoadWork):
     """The bench work: loads up, loads down, then one load that is held."""
 
     def __init__(self, lab: Lab, record: Recorder, asked: Characterisation) -> None:
+        self._laps = Laps(lab.bench.clock, asked.time is not None)
         super().__init__(lab, record, asked.loads, asked.frequency, (asked.sample,))
         self._asked = asked
         self._held_ns: int | None = None  # bench time since which the last load is held
@@ -153,7 +215,8 @@ class Characterising(DynamicLoadWork):
             clock.wait(STANDING)
         measured = self.held(step.load_N, step.what, self._asked.dwell, compare=False)
         time = 0.0 if self._held_ns is None else 1e-9 * (clock.now_ns() - self._held_ns)
-        return Measurement(_point(step, time, measured), measured.waveforms(self.lab.design))
+        point = replace(_point(step, time, measured), seconds=self._laps.seconds())
+        return Measurement(point, measured.waveforms(self.lab.design))
 
 
 def _point(step: CharacteriseStep, time: float, measured: FilmPoint) -> FilmsPoint:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import counted, show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
 from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING
 from palpate.procedures.measurements.characterise.result import CharacteriseResult, Characteristic
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
-from palpate.procedures.showing.text import new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, percent, print_all, stamped, taken, where
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,7 +29,16 @@ def print_characteristics(result: CharacteriseResult, outcome: Outcome, plot: Pa
     table.columns[5].no_wrap = False
     for row in result.rows:
         table.add_row(row.film or "sensor", row.quantity, *_shown(row), row.thesis, row.how)
-    print_all(table, _definitions(result), *where(outcome, plot))
+    said = []
+    if result.stopped:
+        sets = counted(sum(point.direction == LOADING for point in result.points), "load set")
+        predicted, achieved = outcome["predicted_u"], result.achieved_u
+        said = [
+            f"uncertainty    {percent(achieved)} % of a force sensitivity at most, standard"
+            f"{'' if predicted is None else f' (predicted {percent(predicted)} %)'}",
+            f"stopped        {result.stopped}; {sets} up, {taken(outcome)}",
+        ]
+    print_all(table, _definitions(result), *said, *where(outcome, plot))
 
 
 def _definitions(result: CharacteriseResult) -> Table:

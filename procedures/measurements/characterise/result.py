@@ -18,7 +18,15 @@ from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
 from palpate.procedures.measurements.characterise import definitions as named
-from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING, FilmsPoint, at_top, means
+from palpate.procedures.measurements.characterise.point import (
+    HOLDING,
+    LEAST_LOADS,
+    LOADING,
+    UNLOADING,
+    FilmsPoint,
+    at_top,
+    means,
+)
 from palpate.procedures.measurements.characterise.uncertainty import (
     Sources,
     cell_component,
@@ -27,7 +35,6 @@ from palpate.procedures.measurements.characterise.uncertainty import (
     noise_component,
 )
 
-LEAST_LOADS = 3
 SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
 LEAST_DRIFT_POINTS = 3
 
@@ -67,17 +74,31 @@ class CharacteriseResult:
         points: the points.
         rows: the figures of merit, film by film, then of the sensor.
         budgets: uncertainty budget of each row.
+        stopped: why a run that repeats its loads ended, for people; empty: it repeats none.
     """
 
     films: tuple[str, ...]
     points: list[FilmsPoint]
     rows: list[Characteristic]
     budgets: list[Budget]
+    stopped: str = ""
+
+    @property
+    def achieved_u(self) -> float:
+        """Greatest relative uncertainty of a force sensitivity, in a run that repeats its loads; else of a figure."""
+        wanted = (named.SENSITIVITY,) if self.stopped else named.SCALED
+        return max(row.u / abs(row.value) for row in self.rows if row.quantity in wanted)
+
+    @property
+    def sensitivities(self) -> list[tuple[str, float]]:
+        """Each film and the relative uncertainty of its force sensitivity."""
+        return [(row.film, row.u / abs(row.value)) for row in self.rows if row.quantity == named.SENSITIVITY]
 
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""
         return {
             "films": list(self.films),
+            **({"stopped": self.stopped} if self.stopped else {}),
             "rows": [asdict(row) for row in self.rows],
             "elsewhere": named.elsewhere(),
             "budgets": [budget.summary() for budget in self.budgets],
@@ -94,6 +115,7 @@ def evaluate(
     dwell: float,
     force_limit: float,
     widest: float = max(RANGE_VOLTS),
+    lines: Sequence[Component] = (),
 ) -> CharacteriseResult:
     """Find the figures of merit of every film and of the sensor.
 
@@ -104,6 +126,7 @@ def evaluate(
         dwell: dwell of each point [s].
         force_limit: force limit of the bench [N].
         widest: widest input range of its sensor nodes [V].
+        lines: relative uncertainty of each film's slope; empty: by the scatter about its line.
 
     Raises:
         EstimateError: too few points are valid for a line.
@@ -112,7 +135,7 @@ def evaluate(
     found = [
         each
         for number, film in enumerate(design.films)
-        for each in _film(film, number, valid, calibration, dwell, force_limit, widest)
+        for each in _film(film, number, valid, calibration, dwell, force_limit, widest, lines)
     ]
     pitch = min(design.cell)
     how = "by the design; palpate sweep position tells more"
@@ -146,6 +169,7 @@ def _film(
     dwell: float,
     force_limit: float,
     widest: float,
+    lines: Sequence[Component],
 ) -> list[Row]:
     ways = {way: [p for p in points if p.direction == way] for way in (LOADING, UNLOADING, HOLDING)}
     up, held = ways[LOADING], ways[HOLDING]
@@ -175,16 +199,18 @@ def _film(
     amplitudes = np.array([p.voltages_V[number] for p in held])
     mean = float(amplitudes.mean())
     drift = interpolate(minutes, amplitudes / mean, held[0].voltages_u[number] / mean)
+    by_scatter = Component("line", math.sqrt(line.covariance[1, 1]) / slope, 1.0, *_repeats(line))
     top = at_top([p for p in up if p.load_N == max(going_up)], number)
 
     of = components(Sources(
-        line=Component("line", math.sqrt(line.covariance[1, 1]) / slope, 1.0, *_repeats(line)),
+        line=lines[number] if lines else by_scatter,
         cell=cell_component(calibration),
         noise=noise_component(float(noises.std(ddof=1)) / noise_u, len(up), sum(p.samples for p in up)),
         amplitude=top.amplitude,
         residual=top.residual,
         greatest=top.greatest,
         scatter=Component("scatter", max(line.residual_sd, reading_u), 1.0, *_repeats(line)),
+        typical=math.sqrt(float(np.mean(volts**2))),
         top=reach,
         span=span,
         rounds=len(up) / len(going_up),

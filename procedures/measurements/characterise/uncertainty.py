@@ -22,7 +22,7 @@ class Sources:
         noise: noise of an amplitude, in the mean over the loads.
         amplitude, residual, greatest: amplitude at the greatest load, rms and greatest value of the residual there.
         scatter: voltage of one load set about the line.
-        top: voltage at the greatest load, in the unit of `scatter`.
+        typical, top: root mean square of the voltages, and that at the greatest load, in the unit of `scatter`.
         span: rise of the line from the least to the greatest load, in the unit of `scatter`.
         rounds: how often each load was set on the way up; on the way down it is set once.
         drift: slope of the amplitude under a load that is held [1/min].
@@ -36,6 +36,7 @@ class Sources:
     residual: Component
     greatest: Component
     scatter: Component
+    typical: float
     top: float
     span: float
     rounds: float
@@ -50,7 +51,7 @@ def components(of: Sources) -> dict[str, tuple[Component, ...]]:
         return replace(of.scatter, name=name, u=of.scatter.u * math.sqrt(sets) / whole)
 
     mean = 1 / of.rounds
-    gain = part("gain of a load set", mean, of.top)
+    gain = part("gain of a load set", mean, of.typical)  # gains scatter by a share of the load
     slope = of.line, of.cell
     return {
         named.SNR: (of.amplitude, gain, of.residual),

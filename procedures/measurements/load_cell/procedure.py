@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
@@ -44,6 +43,7 @@ from palpate.procedures.measurements.load_cell.wanted_class import ClassSeries, 
 from palpate.procedures.measurements.load_cell.work import RECOVERY, Weighing, WeightStep
 from palpate.procedures.measurements.settings import ValidDays
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.checks import check_bench_time
 
 LOADS = tuple(1e-3 * m * STANDARD_GRAVITY for m in range(140, 741, 100))  # N, Table 5.1
 LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
@@ -127,8 +127,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         if self.iso_class is not None and self._is_planned:
             other = "--time" if self.tolerance is None else "--tolerance"
             raise UsageError(f"{other} and --class: the series is planned for one of them; give one")
-        if self.time is not None and not 0 < self.time < math.inf:
-            raise RangeError(f"--time {self.time:g} s is not above 0 and finite; give a time such as '5 min'")
+        check_bench_time(self.time, "5 min")
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
         if self._is_planned:

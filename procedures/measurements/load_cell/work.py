@@ -24,6 +24,7 @@ from palpate.procedures.measurements.load_cell.result import (
     LoadCellPoint,
 )
 from palpate.procedures.steps.indicator import steady
+from palpate.procedures.steps.laps import Laps
 from palpate.procedures.steps.policy import carry_out
 
 RECOVERY = 300.0  # s without load before the creep test, so that the creep of the runs is gone
@@ -61,7 +62,7 @@ class Weighing:
     """
 
     def __init__(self, bench: Bench, turns: bool, creeps: bool, timed: bool) -> None:
-        self._began_ns = bench.clock.now_ns() if timed else None
+        self._laps = Laps(bench.clock, timed)
         self._bench, self._turns, self._creeps = bench, turns, creeps
         indicator = bench.role(LoadIndicator)
         bench.rest()
@@ -118,15 +119,8 @@ class Weighing:
             reading_mV=sum(values) / len(values),
             readings_mV=tuple(values),
             incidents=self._bench.incidents.new(),
-            seconds=self._seconds(),
+            seconds=self._laps.seconds(),
         )
-
-    def _seconds(self) -> float | None:
-        """Bench time since it was asked before, or since the beginning; None: the series has no time to keep."""
-        if self._began_ns is None:
-            return None
-        began_ns, self._began_ns = self._began_ns, self._bench.clock.now_ns()
-        return 1e-9 * (self._began_ns - began_ns)
 
     def _drift(self, before: float, after: float, span: float) -> DeviceError | None:
         """An error if the zero has moved too far from before to after a run [mV]; else None."""

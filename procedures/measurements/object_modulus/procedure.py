@@ -50,7 +50,7 @@ from palpate.procedures.measurements.repeated_sets import MOST_SETS
 from palpate.procedures.measurements.settings import Frequency
 from palpate.procedures.measurements.softness.procedure import check_simulated
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_time
 from palpate.procedures.steps.films import check_nodes
 
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
@@ -102,8 +102,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
             raise UsageError("--tolerance or --time is missing: say how well, or how long, or both")
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
-        if self.time is not None and not 0 < self.time < math.inf:
-            raise RangeError(f"--time {self.time:g} s is not above 0 and finite; give a time such as '2 min'")
+        check_bench_time(self.time, "2 min")
         if self.mountings is not None and not 1 <= self.mountings <= MOST_MOUNTINGS:
             raise RangeError(f"--mountings {self.mountings} is outside 1 to {MOST_MOUNTINGS}; give a number inside")
         if self.mounting_scatter is not None and not 0 <= self.mounting_scatter <= LARGEST_SCATTER:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,9 +27,10 @@ from palpate.procedures.measurements.position.repeats import PlaceRepeats
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
+from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
+from palpate.procedures.steps.laps import Laps
 from palpate.procedures.steps.probe import lower, mount, withdraw
 
 LARGEST_TOLERANCE = 0.3e-3  # m; single load sets find most places so well, and near a tooth's middle none do
@@ -100,8 +100,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
                 f"{mm(LARGEST_TOLERANCE)}; give one inside, such as '0.1 mm'. For less, leave it out: one load "
                 "set at each position is then enough"
             )
-        if self.time is not None and not 0 < self.time < math.inf:
-            raise RangeError(f"--time {self.time:g} s is not above 0 and finite; give a time such as '30 min'")
+        check_bench_time(self.time, "30 min")
         repeats.allocations()
 
     def required_loads(self) -> RequiredLoads:
@@ -172,7 +171,7 @@ class Sweeping(DynamicLoadWork):
     """A position sweep on the bench: the point probe presses at one place after the other."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: PositionSweep) -> None:
-        self._began_ns = lab.bench.clock.now_ns() if sweep.time is not None else None
+        self._laps = Laps(lab.bench.clock, sweep.time is not None)
         super().__init__(lab, record, (sweep.load,), sweep.frequency, (sweep.sample,), sweep.extrapolate)
         self._sweep, self._sample = sweep, get_sample(sweep.sample)
         self._pressed: float | None = None  # position on which the probe presses [mm]
@@ -185,7 +184,7 @@ class Sweeping(DynamicLoadWork):
         if self._pressed != step.position_mm:
             self._press(position, step.position_mm)
         measured = self.load_set(self._sweep.load, step.what, float(step.dwell_s or 0.0))
-        point = replace(_point(design, self._sample, position, measured), seconds=self._seconds())
+        point = replace(_point(design, self._sample, position, measured), seconds=self._laps.seconds())
         return Measurement(point, measured.waveforms(design))
 
     def _press(self, position: float, position_mm: float) -> None:
@@ -195,13 +194,6 @@ class Sweeping(DynamicLoadWork):
         onto = f"sample {self._sweep.sample} at {show(position, 'm')}"
         self.hold(lower(bench, self.lab.calibration, self.preload, onto))
         self._pressed = position_mm
-
-    def _seconds(self) -> float | None:
-        """Bench time since it was asked before, or since the beginning; None: the sweep has no time to keep."""
-        if self._began_ns is None:
-            return None
-        began_ns, self._began_ns = self._began_ns, self.lab.bench.clock.now_ns()
-        return 1e-9 * (self._began_ns - began_ns)
 
 
 def _at(design: Design, position: float) -> tuple[float, float]:

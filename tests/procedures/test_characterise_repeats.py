@@ -1,0 +1,148 @@
+"""`characterise --tolerance` and `--time`: the loads go up until every film's sensitivity is known well enough."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import palpate
+from palpate.instrument.allocation.lines import budget
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.characterise.point import FilmsPoint
+from palpate.procedures.measurements.characterise.procedure import Characterisation
+from palpate.procedures.measurements.characterise.repeats import NOISE, READING, SlopeRepeats
+from tests.procedures.conftest import Benches, Palpate, refused
+
+pytestmark = pytest.mark.usefixtures("own_store")
+
+REAL = Target(get_design("single"), 10.0, nodes=1)
+LOADS = (2.0, 3.0, 4.0)
+ASKED = Characterisation(loads=LOADS, dwell=0.2, drift_time=2.0, tolerance=0.03)
+
+
+def repeats(tolerance: float | None = 0.03, time: float | None = None) -> SlopeRepeats:
+    found = replace(ASKED, tolerance=tolerance, time=time).repeats(REAL.design, THESIS_LOAD_CELL)
+    assert found is not None
+    return found
+
+
+def rounds(count: int, apart: float, seconds: float = 3.0) -> list[FilmsPoint]:
+    """Rounds of loads whose gains are off by some share, up and down in turn."""
+    found = []
+    for number in range(count * len(LOADS)):
+        load = LOADS[number % len(LOADS)]
+        volts = 0.07 * load * (1 + apart * (-1) ** (number // 2))
+        found.append(FilmsPoint(
+            "loading", 0.0, load, load, 0.03, (volts, volts), (1e-5,) * 2, (1e-5,) * 2, (1e-6,) * 2, 20.0,
+            (3e-5,) * 2, 50, True, (), seconds=seconds,
+        ))  # fmt: skip
+    return found
+
+
+def test_a_smaller_tolerance_takes_more_rounds_and_tells_each_figure() -> None:
+    plans = [replace(ASKED, tolerance=u).plan(REAL).predicted for u in (0.05, 0.03, 0.01)]
+    assert [plan.told["planned"]["rounds"] for plan in plans] == [4, 7, 83]
+    told = {row["name"]: row["u"] for row in plans[1].told["predicted_results"]}
+    worst = max(told[f"force sensitivity, {film}"] for film in ("rigid", "total"))
+    assert worst == pytest.approx(plans[1].u)
+    assert worst <= 0.03
+    once = {row["name"]: row["u"] for row in Characterisation.plan(replace(ASKED, tolerance=None), REAL).predicted.told[
+        "predicted_results"]}  # fmt: skip
+    assert told.keys() == once.keys()
+    halved = told["peak signal-to-noise ratio, rigid"] / once["peak signal-to-noise ratio, rigid"]
+    assert halved == pytest.approx(1 / math.sqrt(7), rel=0.1)
+
+
+def test_the_first_rounds_decide_and_no_round_is_broken_off() -> None:
+    asked = repeats()
+    assert asked.has_enough(rounds(5, 0.02))
+    assert not asked.has_enough(rounds(5, 0.02)[:-1])
+    assert not asked.has_enough(rounds(3, 0.02))
+    assert not asked.has_enough(rounds(5, 0.1))
+    assert asked.has_enough(rounds(80, 0.1))
+
+
+def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:
+    asked = repeats(None, 160.0)
+    left = 160.0 - asked.after
+    assert not asked.has_enough(rounds(1, 0.02, (left - 20) / 3))
+    assert asked.has_enough(rounds(1, 0.02, (left - 2) / 3))
+    assert asked.stopped([("rigid", 0.1)]) == "another round of loads would not have ended within 160 s"
+
+
+def test_sets_that_agree_by_chance_leave_what_readings_and_noise_do() -> None:
+    asked, points = repeats(), rounds(4, 1e-9)
+    film = REAL.design.films[0]
+    least = budget([line for line in asked.lines(film) if line.name in (NOISE, READING)], 1, len(points), 0.2)
+    assert asked.found(points)[0].u == pytest.approx(least.u)
+    assert asked.found(points[:2]) == []
+
+
+def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said() -> None:
+    with pytest.raises(RangeError, match=r"calibration of the load cell leaves 0.54 %") as error:
+        replace(ASKED, tolerance=0.005).check(REAL)
+    assert "palpate calibrate load-cell --tolerance '0.354 %'" in str(error.value)
+    best = float(str(error.value).split("best now ")[1].split("%")[0]) / 100
+    replace(ASKED, tolerance=best).check(REAL)
+    better = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 1e-3, "covariance": 0.0})
+    replace(ASKED, tolerance=0.005).check(replace(REAL, load_cell=better))
+    with pytest.raises(RangeError, match="above the limit of 10000"):
+        replace(ASKED, tolerance=0.0005).check(replace(REAL, load_cell=better))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--tolerance", "0.5 %"), "calibration of the load cell leaves 0.54 %"),
+        (("--tolerance", "1 mm"), "is no share"),
+        (("--tolerance", "60 %"), "above the 50 % that a tolerance may be"),
+        (("--time", "440 s"), "one round of 7 loads and what follows take 452 s"),
+        (("--time", "0 s"), "--time 0 s is not above 0"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_a_bench_starts(
+    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
+) -> None:
+    assert message in refused(palpate("characterise", *arguments), benches)
+
+
+@pytest.mark.slow
+def test_a_run_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: Path) -> None:
+    with palpate.open_bench(scene="thesis_single") as bench:
+        whole = palpate.run(ASKED, bench, out=tmp_path / "whole")
+    assert whole.result.stopped == "3 % reached"
+    assert whole.outcome["achieved_u"] == max(u for _, u in whole.result.sensitivities) <= 0.03
+    with palpate.open_bench(scene="thesis_single") as bench:
+        short = palpate.run(replace(ASKED, time=140.0), bench, out=tmp_path / "short")
+    assert short.outcome["achieved_seconds"] is not None
+    assert 130 < short.outcome["achieved_seconds"] <= 140
+    assert short.result.stopped.startswith("3 % NOT REACHED within 140 s: ")
+
+
+@pytest.mark.slow
+def test_a_run_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
+    def stop(done: int, _all: int, _what: str) -> None:
+        if done == 8:
+            raise KeyboardInterrupt
+
+    asked = replace(ASKED, time=160.0)
+    with palpate.open_bench(scene="thesis_single") as bench:
+        whole = palpate.run(asked, bench, out=tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="thesis_single") as bench:
+        palpate.run(asked, bench, out=tmp_path / "cut", progress=stop)
+    assert palpate.resume(tmp_path / "cut").run.digest() == whole.run.digest()
+
+
+@pytest.mark.slow
+def test_sensitivities_and_ratios_hold_the_truth_as_often_as_they_say() -> None:
+    from tests.benchmarks.characterise import OFFSETS, noisy, sloped
+    from tests.benchmarks.repeats import TRUTHS
+
+    rows = [*sloped(*TRUTHS[0], tolerance=0.03, runs=300), *noisy(*OFFSETS[0], runs=300)]
+    assert all(row.met is not False for row in rows), rows
