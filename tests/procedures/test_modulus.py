@@ -134,6 +134,11 @@ def test_a_pad_beyond_the_travel_or_a_force_beyond_the_limit_is_refused(monkeypa
     ("settings", "error", "message"),
     [
         (replace(THREE, strain=0.02), UnreachableError, "gives about 225 mN, below 4 steps of the load indicator"),
+        (
+            ModulusTest("2", strain=0.2, steps=3),
+            UnreachableError,
+            "of the loads up to about 483 mN, in 3 steps, 2 would be above 194 mN, which surely is contact, and 3 are",
+        ),
         (replace(THREE, strain=0.6), RangeError, r"lies outside the 1.373 to 5 N that the load cell is calibrated for"),
     ],
 )
@@ -144,6 +149,21 @@ def test_a_load_that_cannot_be_read_is_refused(
     with pytest.raises(error, match=message):
         compressed(bench, tmp_path / "run", settings, narrow)
     assert bench.device("positioner").position() == 0
+
+
+def test_loads_that_may_be_no_contact_count_neither_in_a_run_nor_in_what_is_expected_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(modulus, "DISPLAYS", 10)
+
+    def expected(steps: int, strain: float = 0.3) -> dict[str, float]:
+        plan = ModulusTest("4", strain, steps).plan(Target(get_design("single"), 10.0, 1))
+        return {row["name"]: row["u"] for row in plan.predicted.told["predicted_results"]}
+
+    runs = {"tangent modulus": 0.0283, "unloading modulus": 0.0346, "thickness": 0.00877}  # rms of 24 drawn runs
+    for name, u in runs.items():
+        assert expected(10)[name] == pytest.approx(u, rel=0.05)  # by all ten loads it is 0.83 to 0.89 of it
+    assert expected(3, 0.05) == {}
 
 
 def test_the_command_gives_the_public_names(palpate: Palpate) -> None:

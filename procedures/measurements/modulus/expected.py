@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.findings.compression import POSITION_STEP
+from palpate.instrument.findings.load_line import LEAST_POINTS, SURE
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.promise import Expected
 from palpate.procedures.measurements.prospects import display_u
@@ -23,16 +24,21 @@ COMPLIANCE = 1e-3  # m/N, of the bench, which yields with the sample [M]
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """Loads that grow evenly from `first` to `last` [N] over positions, each off by `u` [N]."""
+    """Loads that grow evenly from `first` to `last` [N] over positions, each off by `u` [N].
+
+    Those of `least` [N] or less do not count, because they may be no contact.
+    """
 
     first: float
     last: float
     steps: int
     u: float
+    least: float
 
     @property
     def loads(self) -> np.ndarray:
-        return np.linspace(self.first, self.last, self.steps)
+        loads = np.linspace(self.first, self.last, self.steps)
+        return loads[loads > self.least]
 
     @property
     def slope_u(self) -> float:
@@ -42,7 +48,7 @@ class _Line:
     @property
     def mean_u(self) -> float:
         """Standard uncertainty of the mean load [N]."""
-        return self.u / math.sqrt(self.steps)
+        return self.u / math.sqrt(len(self.loads))
 
 
 def expected_moduli(
@@ -56,6 +62,8 @@ def expected_moduli(
 ) -> list[Expected]:
     """Relative uncertainties of the tangent and the unloading modulus, of the thickness, and of the bench's compliance.
 
+    Empty where too few loads are surely contact, so that the run gives no result.
+
     Args:
         sample: the sample.
         strain: the largest strain.
@@ -67,8 +75,10 @@ def expected_moduli(
     """
     load_u = display_u(cell, displays) / cell.sensitivity_mV_per_N
     force = sample.modulus * sample.area * strain
-    support = _Line(*bare, steps, load_u)
-    pad = _Line(force / steps, force, steps, load_u)
+    sure = SURE * cell.resolution()
+    support, pad = _Line(*bare, steps, load_u, sure), _Line(force / steps, force, steps, load_u, sure)
+    if min(len(support.loads), len(pad.loads)) < LEAST_POINTS:
+        return []
     yields = sample.thickness / (sample.modulus * sample.area)  # m/N, of the sample alone
     whole, thick = yields + COMPLIANCE, sample.thickness
     # Each error's relative effect on the thickness, which is the distance of two contacts, and on the tangent modulus,

@@ -14,7 +14,7 @@ from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
 from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
-from palpate.instrument.findings.load_line import LEAST_POINTS, Series
+from palpate.instrument.findings.load_line import LEAST_POINTS, SURE, Series
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import MOUNTING, Plan, Step
@@ -166,6 +166,13 @@ class Compressing:
             raise UnreachableError(
                 f"strain {test.strain:g} of sample {sample.name!r} gives about {show(force, 'N', 3)}, below"
                 f" {LEAST_LOAD:g} steps of the load indicator; ask for {least:.2g} or more"
+            )
+        count = sum(force * number / test.steps > SURE * resolution for number in range(1, test.steps + 1))
+        if count < LEAST_POINTS:
+            raise UnreachableError(
+                f"of the loads up to about {show(force, 'N', 3)}, in {test.steps} steps, {count} would be above"
+                f" {show(SURE * resolution, 'N', 3)}, which surely is contact, and {LEAST_POINTS} are needed; ask for a"
+                " larger strain or more steps"
             )
         if force > self._calibration.greatest_N and not test.extrapolate:
             self._calibration.check_range(force)
