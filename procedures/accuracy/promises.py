@@ -1,20 +1,41 @@
 """Whether promises are kept: what runs of a store were predicted to take and to give, and what they took and gave.
 
 kept = promises(Path("runs"))
-kept.procedures[0].time.mean             # 0.99: bench time over the predicted one
+kept.procedures[0].time.mean                             # 0.99: bench time over the predicted one
+kept.procedures[0].results["modulus, scale"].mean        # 0.97: its uncertainty over the predicted one
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from palpate.instrument.errors import RecordError
+from palpate.procedures.engine.promise import ACHIEVED, RESULTS
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import list_runs
+
+
+@dataclass(frozen=True, slots=True)
+class PromisedResult:
+    """One result of a run: its predicted and achieved standard uncertainty, both in `unit` or "relative"."""
+
+    name: str
+    unit: str
+    predicted_u: float | None
+    achieved_u: float | None
+
+    @property
+    def uncertainty(self) -> float | None:
+        """The achieved uncertainty over the predicted one."""
+        return _over(self.achieved_u, self.predicted_u)
+
+    def row(self) -> dict[str, Any]:
+        """Under the names of JSON."""
+        return {**asdict(self), "u_over_predicted": self.uncertainty}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +46,8 @@ class Promised:
         run: name of its folder.
         procedure: name of its procedure.
         simulated: whether its bench was.
+        bound_seconds: bench time within which 95 % of runs were predicted to end; None: the plan has no such bound.
+        results: its predicted results, with what was achieved of each.
     """
 
     run: str
@@ -34,6 +57,8 @@ class Promised:
     achieved_seconds: float | None
     predicted_u: float | None
     achieved_u: float | None
+    bound_seconds: float | None = None
+    results: tuple[PromisedResult, ...] = ()
 
     @property
     def time(self) -> float | None:
@@ -45,9 +70,17 @@ class Promised:
         """Relative standard uncertainty over the predicted one."""
         return _over(self.achieved_u, self.predicted_u)
 
+    @property
+    def within(self) -> bool | None:
+        """Whether it ended within the bound; None: not known."""
+        if self.achieved_seconds is None or self.bound_seconds is None:
+            return None
+        return self.achieved_seconds <= self.bound_seconds
+
     def row(self) -> dict[str, Any]:
         """Under the names of JSON."""
-        return {**asdict(self), "seconds_over_predicted": self.time, "u_over_predicted": self.uncertainty}
+        own = {"results": [each.row() for each in self.results], "within_bound": self.within}
+        return {**asdict(self), **own, "seconds_over_predicted": self.time, "u_over_predicted": self.uncertainty}
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +102,38 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True)
+class Within:
+    """How many runs had a bound of bench time, and the share of them that ended within it."""
+
+    count: int
+    share: float
+
+    @classmethod
+    def of(cls, values: Sequence[bool | None]) -> Within | None:
+        """Of the values that are known; None: none is."""
+        known = [value for value in values if value is not None]
+        return cls(len(known), sum(known) / len(known)) if known else None
+
+
+@dataclass(frozen=True, slots=True)
 class KeptBy:
-    """The promises of one procedure on simulated or on real benches."""
+    """The promises of one procedure on simulated or on real benches.
+
+    Attributes:
+        runs: number of runs.
+        time: their bench time over the predicted one.
+        within: how many of them ended within the bound of bench time, where there is one.
+        uncertainty: relative uncertainty of the run's least known result over the predicted one.
+        results: uncertainty over the predicted one, result by result, by its name.
+    """
 
     procedure: str
     simulated: bool
     runs: int
     time: Spread | None
+    within: Within | None
     uncertainty: Spread | None
+    results: Mapping[str, Spread]
 
     def row(self) -> dict[str, Any]:
         """Under the names of JSON."""
@@ -85,7 +142,9 @@ class KeptBy:
             "simulated": self.simulated,
             "runs": self.runs,
             "seconds_over_predicted": None if self.time is None else asdict(self.time),
+            "within_bound": None if self.within is None else asdict(self.within),
             "u_over_predicted": None if self.uncertainty is None else asdict(self.uncertainty),
+            "results": [{"name": name, "u_over_predicted": asdict(each)} for name, each in self.results.items()],
         }
 
 
@@ -129,7 +188,13 @@ def promises(store: Path) -> Kept:
 def _kept_by(runs: Sequence[Promised], procedure: str, simulated: bool) -> KeptBy:
     own = [run for run in runs if (run.procedure, run.simulated) == (procedure, simulated)]
     times, uncertainties = ([run.time for run in own], [run.uncertainty for run in own])
-    return KeptBy(procedure, simulated, len(own), Spread.of(times), Spread.of(uncertainties))
+    by_name: dict[str, list[float | None]] = {}
+    for run in reversed(own):  # results in the order of the oldest run
+        for each in run.results:
+            by_name.setdefault(each.name, []).append(each.uncertainty)
+    results = {name: spread for name, values in by_name.items() if (spread := Spread.of(values)) is not None}
+    within = Within.of([run.within for run in own])
+    return KeptBy(procedure, simulated, len(own), Spread.of(times), within, Spread.of(uncertainties), results)
 
 
 def _promised(run: Run) -> Promised | None:
@@ -138,7 +203,22 @@ def _promised(run: Run) -> Promised | None:
     if not all(name in run.summary for name in names):
         return None
     seconds, taken, u, reached = (_number(run.summary[name]) for name in names)
-    return Promised(run.folder.name, run.procedure, run.simulated, seconds, taken, u, reached)
+    planned = run.summary.get("planned")
+    bound = _number(planned.get("longest_s")) if isinstance(planned, dict) else None
+    told = run.folder.name, run.procedure, run.simulated
+    return Promised(*told, seconds, taken, u, reached, bound, _results(run))
+
+
+def _results(run: Run) -> tuple[PromisedResult, ...]:
+    """The predicted results of a run, each with the achieved one of the same name and unit."""
+    predicted, achieved = _uncertainties(run, RESULTS), _uncertainties(run, ACHIEVED)
+    return tuple(PromisedResult(name, unit, u, achieved.get((name, unit))) for (name, unit), u in predicted.items())
+
+
+def _uncertainties(run: Run, key: str) -> dict[tuple[str, str], float | None]:
+    """Standard uncertainties of a run's results, by name and unit; empty: an older version recorded none."""
+    rows: list[dict[str, Any]] = run.summary.get(key, [])  # type: ignore[assignment]  # as the engine wrote them
+    return {(row["name"], row["unit"]): _number(row["u"]) for row in rows}
 
 
 def _number(value: object) -> float | None:

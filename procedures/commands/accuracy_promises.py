@@ -19,8 +19,9 @@ from palpate.procedures.lab.store import store as usual
 def promises_command(store: Path | None, as_json: bool, quiet: bool) -> None:
     """Compare what runs were predicted to take and to give with what they took and gave.
 
-    Of each procedure whose runs are in the store: bench time over the predicted one, and the relative standard
-    uncertainty of the result over the predicted one, where the plan predicts one.
+    Of each procedure whose runs are in the store: bench time over the predicted one, and the share of runs that ended
+    within the printed bound, where the plan has one; and of each result, its standard uncertainty over the predicted
+    one.
     """
     from palpate.instrument.errors import UsageError
     from palpate.procedures.accuracy.promises import promises

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from palpate.procedures.engine.procedure import Result
 
 RELATIVE = "relative"
-RESULTS = "predicted_results"  # key of a plan in JSON
+RESULTS, ACHIEVED = "predicted_results", "achieved_results"  # keys of a plan and of a run in JSON
 
 
 @dataclass(frozen=True, slots=True)

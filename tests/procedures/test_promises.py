@@ -22,10 +22,16 @@ def promise(seconds: float, taken: float | None, u: float | None, reached: float
     return {"predicted_seconds": seconds, "achieved_seconds": taken, "predicted_u": u, "achieved_u": reached}
 
 
+def results(predicted: float, achieved: float) -> dict[str, Any]:
+    """Of two results, the second of which the run does not have."""
+    told = [{"name": name, "u": predicted, "unit": unit} for name, unit in (("ratio", "relative"), ("place", "mm"))]
+    return {"predicted_results": told, "achieved_results": [{**told[0], "u": achieved}, {**told[1], "unit": "m"}]}
+
+
 @pytest.fixture
 def store(palpate: Palpate) -> Palpate:
-    run("one", **promise(80.0, 88.0, 0.02, 0.03))
-    run("two", **promise(100.0, 90.0, 0.02, None))
+    run("one", **promise(80.0, 88.0, 0.02, 0.03), **results(0.02, 0.03), planned={"longest_s": 87.0})
+    run("two", **promise(100.0, 90.0, 0.02, None), **results(0.02, 0.01), planned={"longest_s": 110.0})
     run("real", simulated=False, **promise(100.0, None, 0.02, 0.02))
     run("sweep", "sweep-loads", **promise(50.0, 50.0, None, None))
     run("old", "sweep-loads", bench_seconds=50.0)
@@ -46,6 +52,14 @@ def test_achieved_over_predicted_values_are_gathered_by_procedure_and_kind_of_be
         "count": 2, "mean": pytest.approx(1.0), "least": pytest.approx(0.9), "greatest": pytest.approx(1.1),
     }  # fmt: skip
     assert simulated["u_over_predicted"]["mean"] == pytest.approx(1.5)
+    assert simulated["within_bound"] == {"count": 2, "share": 0.5}
+    (ratio,) = simulated["results"]
+    assert ratio["name"] == "ratio"
+    assert ratio["u_over_predicted"] == {"count": 2, "mean": pytest.approx(1.0), "least": 0.5, "greatest": 1.5}
+    one = next(each for each in found["runs"] if each["run"] == "one")
+    assert (one["within_bound"], one["bound_seconds"]) == (False, 87.0)
+    assert [each["u_over_predicted"] for each in one["results"]] == [1.5, None]
+    assert by["measure-modulus", False]["within_bound"] is None
     assert by["measure-modulus", False]["seconds_over_predicted"] is None
     assert by["sweep-loads", True]["u_over_predicted"] is None
     assert (found["without"], found["unreadable"], len(found["runs"])) == (1, ["broken"], 4)
@@ -54,7 +68,9 @@ def test_achieved_over_predicted_values_are_gathered_by_procedure_and_kind_of_be
 def test_people_get_a_table(store: Palpate) -> None:
     said = store("accuracy", "promises")
     assert said.status == 0
-    assert "1.000  0.90 to 1.10" in said.out
+    rows = " ".join(said.out.split())
+    assert "measure-modulus simulated 2 1.000 0.90 to 1.10 50% of 2" in rows
+    assert "measure-modulus ratio 2 1.000 0.50 to 1.50" in rows
     assert "1 run of an older version without a promise" in said.out
     assert "cannot be read: broken" in said.out
 
