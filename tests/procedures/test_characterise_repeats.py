@@ -57,6 +57,8 @@ def test_a_smaller_tolerance_takes_more_rounds_and_tells_each_figure() -> None:
     assert told.keys() == once.keys()
     halved = told["peak signal-to-noise ratio, rigid"] / once["peak signal-to-noise ratio, rigid"]
     assert halved == pytest.approx(1 / math.sqrt(7), rel=0.1)
+    worst = max(told[f"resolution, {film}"] for film in ("rigid", "total"))
+    assert f", {100 * worst:.3g} % of each resolution," in " ".join(plans[1].lines)
 
 
 def test_the_first_rounds_decide_and_no_round_is_broken_off() -> None:

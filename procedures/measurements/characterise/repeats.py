@@ -24,6 +24,7 @@ from palpate.instrument.sensor.design import Film
 from palpate.instrument.uncertainty.budget import Component
 from palpate.procedures.engine.plan import MOUNTING, Predicted
 from palpate.procedures.engine.promise import RESULTS
+from palpate.procedures.measurements.characterise.definitions import RESOLUTION, SNR
 from palpate.procedures.measurements.characterise.expected import Conditions, expected_figures
 from palpate.procedures.measurements.characterise.point import LEAST_LOADS, LOADING, FilmsPoint
 from palpate.procedures.measurements.characterise.uncertainty import cell_component
@@ -170,11 +171,17 @@ class SlopeRepeats:
         plan, loads = self.allocation(), len(self.of.loads)
         rounds = plan.sets // loads
         figures = expected_figures(self.of, rounds, times, force_limit, self._slope_u)
+
+        def most(quantity: str) -> float:
+            return max(each.u for each in figures if each.name.startswith(f"{quantity}, "))
+
+        dwell, resolution = show(self.of.dwell, "s"), share(most(RESOLUTION), 3)
         lines = [
             f"wanted         {self._wanted()}",
-            f"plan           {counted(rounds, 'round')} of {loads} loads up, of {show(self.of.dwell, 's')}; then down "
-            f"and held: {duration(plan.seconds)} (person {MOUNTING:g} s)",
-            f"expected       {share(plan.u, 3)} of each sensitivity at most",
+            f"plan           {counted(rounds, 'round')} of {loads} loads up, of {dwell}; then down and held",
+            f"time           {duration(plan.seconds)} (person {MOUNTING:g} s)",
+            f"expected       {share(plan.u, 3)} of each sensitivity at most, {resolution} of each resolution,",
+            f"               {most(SNR):.2g} dB of each {SNR}",
             f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
         ]
         told = {
