@@ -33,6 +33,16 @@ def new_figure(simulated: bool, panels: int, title: str) -> tuple[Figure, list[A
     return figure, axes
 
 
+def logarithmic(axes: Axes, low: float, high: float) -> None:
+    """Make the horizontal axis logarithmic, from low to high, with plain labels that do not touch."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
+
+    axes.set(xscale="log", xlim=(low, high))
+    axes.xaxis.set_major_locator(MaxNLocator(5) if high < 8 * low else LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
 def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
     """Save a figure as PNG; returns its path. Raises RecordError: the file cannot be written."""
     path = folder / name

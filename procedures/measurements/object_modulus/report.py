@@ -15,6 +15,8 @@ from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.moduli import between
 from palpate.procedures.showing.text import print_all, stamped, taken, where
 
+MOST_NAMED = 7  # mountings in the legend of the plot
+
 
 def print_modulus(result: ObjectModulusResult, outcome: Outcome, plot: Path) -> None:
     """Print what was wanted, planned, measured and reached."""
@@ -61,14 +63,16 @@ def _absolute(row: Mapping[str, object], line: ValidationLine) -> str:
 def plot_modulus(result: ObjectModulusResult, simulated: bool, folder: Path) -> Path:
     """Draw the ratio of each set, and the share of each line in the variance. Returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2, f"modulus of one object by model {result.prospect.found.model}")
-    for number in dict.fromkeys(point.mounting for point in result.points):
+    mountings = dict.fromkeys(point.mounting for point in result.points)
+    for number in mountings:
         own = [(place, p) for place, p in enumerate(result.points, 1) if p.mounting == number and p.valid]
-        left.plot([place for place, _ in own], [p.force_ratio for _, p in own], "o", label=f"mounting {number}")
+        label = f"mounting {number}" if len(mountings) <= MOST_NAMED else None
+        left.plot([place for place, _ in own], [p.force_ratio for _, p in own], "o", label=label)
     if result.answer is not None:
         ratio = result.answer.ratio
         left.axhspan(*ratio.interval(), alpha=0.2, label="mean, 95 %")
     left.set(xlabel="set", ylabel="force ratio")
-    left.legend(fontsize=8)
+    left.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     shares = sorted(result.shares.items(), key=lambda each: each[1])
     right.barh([name for name, _ in shares], [100 * value for _, value in shares])
     right.set(xlabel="share of the variance (%)")

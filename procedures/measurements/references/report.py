@@ -14,7 +14,7 @@ from palpate.instrument.quantity import counted, show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.references.result import ReferencesResult
 from palpate.procedures.showing import moduli
-from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.figure import logarithmic, new_figure, save
 from palpate.procedures.showing.text import blocks, new_table, number, print_all, stamped, where
 
 
@@ -87,9 +87,8 @@ def plot_references(result: ReferencesResult, curve: RatioCurve, folder: Path) -
         1e-3 * given, ratios, u, 1e-3 * given * [each.modulus_u for each in c.references], "o", capsize=2,
         label="references, u",
     )  # fmt: skip
-    left.set(xscale="log", xlabel="modulus (kPa)", ylabel="force ratio")
-    for axis in (left.xaxis.set_major_formatter, left.xaxis.set_minor_formatter):
-        axis("{x:g}")
+    left.set(xlabel="modulus (kPa)", ylabel="force ratio")
+    logarithmic(left, 1e-3 * moduli_Pa[0], 1e-3 * moduli_Pa[-1])
     left.legend(fontsize=7)
     places, errors = range(len(c.references)), [100 * each.ln_error for each in c.references]
     right.errorbar(places, errors, [100 * each.ln_error_u for each in c.references], fmt="o", capsize=2)

@@ -10,7 +10,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.softness.ranking import ranked_lines
 from palpate.procedures.measurements.softness.result import SoftnessResult
 from palpate.procedures.showing import moduli
-from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.figure import logarithmic, new_figure, save
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
 
@@ -75,7 +75,7 @@ def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path
     """Plot ratios over loads, and the moduli with their intervals. Returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2, f"softness by model {result.model}")
     for each in result.objects:
-        points = [p for p in result.points if p.object == each.object]
+        points = sorted((p for p in result.points if p.object == each.object), key=lambda p: p.load_N)
         left.errorbar(
             [p.load_N for p in points], [p.force_ratio for p in points], [p.force_ratio_u for p in points], fmt="o-",
             capsize=2, label=each.object,
@@ -88,10 +88,10 @@ def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path
             _bar(right, place, each.absolute_low_Pa, each.modulus_Pa, each.absolute_high_Pa, ABSOLUTE)
         _bar(right, place, each.scale_low_Pa, each.modulus_Pa, each.scale_high_Pa, SCALE)
     told = "thick absolute, thin scale" if result.validation.u is not None else "scale; absolute not known"
-    right.set(xscale="log", xlabel=f"modulus (kPa; 95 %: {told}; arrows: bounds)", ylabel="object")
+    right.set(xlabel=f"modulus (kPa; 95 %: {told}; arrows: bounds)", ylabel="object")
     right.set(yticks=range(len(known)), yticklabels=[e.object for e in known])
-    for axis in (right.xaxis.set_major_formatter, right.xaxis.set_minor_formatter):
-        axis("{x:g}")
+    right.set_xscale("log")
+    logarithmic(right, *right.get_xlim())
     return save(figure, folder)
 
 
