@@ -111,8 +111,8 @@ def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public
         (("--samples", "1", "--model", "colum"), "unknown model 'colum'"),
         (("--samples", "1", "--loads", "30 N"), "above the bench's force limit of 10 N"),
         (("--samples", "1", "--dwell", "0 s"), "dwell 0 s is not above 0"),
-        (("--samples", "1", "--thickness", "0 mm", "--modulus", "1 kPa"), "not both"),
-        (("--modulus", "1 kPa", "--thickness", "0 mm"), "thickness 0 m of sample '1 kPa' is not above 0"),
+        (("--samples", "1", "--thickness", "3 mm", "--modulus", "1 kPa"), "not both"),
+        (("--modulus", "1 kPa", "--thickness", "0 mm"), "--thickness: '0 mm' is not above 0"),
         (("--modulus", "50 kPa, 50 kPa"), "give at least one, and each only once"),
     ],
 )
