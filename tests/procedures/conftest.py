@@ -14,6 +14,7 @@ from typing import Any, Self
 import pytest
 from matplotlib.figure import Figure
 
+import palpate as package
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
@@ -264,3 +265,17 @@ OFF = (False, False, 0.0)
 def own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs and calibrations of a test are stored for it alone: what it stores must change no other test."""
     monkeypatch.setenv("PALPATE_STORE", str(tmp_path / "store"))
+
+
+def resumes_to_the_same(asked: package.Procedure[Any, Any, Any], scene: str, after: int, folder: Path) -> bool:
+    """Whether a run that is cut after so many points resumes to the digest of one that is not cut."""
+
+    def stop(done: int, _all: int, _what: str) -> None:
+        if done == after:
+            raise KeyboardInterrupt
+
+    with package.open_bench(scene=scene) as bench:
+        whole = package.run(asked, bench, out=folder / "whole")
+    with pytest.raises(KeyboardInterrupt), package.open_bench(scene=scene) as bench:
+        package.run(asked, bench, out=folder / "cut", progress=stop)
+    return package.resume(folder / "cut").run.digest() == whole.run.digest()

@@ -17,7 +17,7 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.point import FilmsPoint
 from palpate.procedures.measurements.characterise.procedure import Characterisation
 from palpate.procedures.measurements.characterise.repeats import NOISE, READING, SlopeRepeats
-from tests.procedures.conftest import Benches, Palpate, refused
+from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -129,16 +129,7 @@ def test_a_run_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: Pa
 
 @pytest.mark.slow
 def test_a_run_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
-    def stop(done: int, _all: int, _what: str) -> None:
-        if done == 8:
-            raise KeyboardInterrupt
-
-    asked = replace(ASKED, time=160.0)
-    with palpate.open_bench(scene="thesis_single") as bench:
-        whole = palpate.run(asked, bench, out=tmp_path / "whole")
-    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="thesis_single") as bench:
-        palpate.run(asked, bench, out=tmp_path / "cut", progress=stop)
-    assert palpate.resume(tmp_path / "cut").run.digest() == whole.run.digest()
+    assert resumes_to_the_same(replace(ASKED, time=160.0), "thesis_single", 8, tmp_path)
 
 
 @pytest.mark.slow

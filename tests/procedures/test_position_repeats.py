@@ -18,7 +18,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.position.expected import share_noise, share_scatter
 from palpate.procedures.measurements.position.procedure import PositionSweep
-from tests.procedures.conftest import Benches, Palpate, refused
+from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -95,16 +95,7 @@ def test_a_sweep_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: 
 
 @pytest.mark.slow
 def test_a_sweep_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
-    def stop(done: int, _all: int, _what: str) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
-    asked = replace(ASKED, time=255.0)
-    with palpate.open_bench(scene="thesis_common_base") as bench:
-        whole = palpate.run(asked, bench, out=tmp_path / "whole")
-    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="thesis_common_base") as bench:
-        palpate.run(asked, bench, out=tmp_path / "cut", progress=stop)
-    assert palpate.resume(tmp_path / "cut").run.digest() == whole.run.digest()
+    assert resumes_to_the_same(replace(ASKED, time=255.0), "thesis_common_base", 2, tmp_path)
 
 
 @pytest.mark.slow
