@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.instrument.notice import told
+from palpate.simulators.planning import weights
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.weights import DRAWS, Subset, front, leaving_out, nested, see, weigh
+from palpate.simulators.planning.weights import DRAWS, Seen, Subset, front, leaving_out, nested, see, weigh
+from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 SCENE = IDEAL_SCENE + (
@@ -26,18 +29,18 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_each_effect_is_left_out_by_what_it_changes_and_all_are_measured_together(scene: str) -> None:
     read = read_scene(scene)
-    weights = weigh(read, Question())
-    changes = {each.name: each.change for each in weights}
+    weighed = weigh(read, Question())
+    changes = {each.name: each.change for each in weighed}
     assert changes["load_cell"] is None  # the films do not show the indicator
     assert changes["crosstalk"] == 0  # a single sensor has no neighbour
     assert 0 < (changes["white_noise"] or 0) < (changes["gain_scatter"] or 0)
-    tried = nested(read, Question(), weights)
+    tried = nested(read, Question(), weighed)
     assert [each.without[-1:] for each in tried] == [(), ("adc",), ("crosstalk",), ("white_noise",), ("gain_scatter",)]
     assert tried[0].change == tried[1].change == 0
     assert tried[-2].ratio == pytest.approx(changes["white_noise"], rel=0.2)  # it stands there almost alone
     assert tried == [
         Subset(each.without, each.force, each.ratio, again.seconds)
-        for each, again in zip(nested(read, Question(), weights), tried, strict=True)
+        for each, again in zip(nested(read, Question(), weighed), tried, strict=True)
     ]  # the same seed gives the same changes
 
 
@@ -52,6 +55,22 @@ def test_the_change_is_the_root_mean_square_over_draws_of_the_same_seeds(scene: 
         by_hand.append(ratios[1] / ratios[0] - 1)
     (found,) = [each for each in weigh(read, Question()) if each.name == "white_noise"]
     assert found.ratio == pytest.approx(np.sqrt(np.mean(np.square(by_hand))), rel=1e-12)
+
+
+def test_an_effect_costs_what_it_adds_whether_it_is_in_or_put_in_and_the_price_of_all_is_told(
+    scene: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of_its_effects(scene: Scene, *_: object) -> Seen:
+        return Seen(np.ones((DRAWS, 1)), np.ones((DRAWS, 1)), float(len(scene.effects)))
+
+    monkeypatch.setattr(weights, "see", of_its_effects)
+    heard: list[str] = []
+    with told(heard.append):
+        found = weigh(read_scene(scene), Question(dwell=2.0), ["pink_noise"])
+    assert {each.name: each.seconds for each in found} == {
+        "gain_scatter": 1, "white_noise": 1, "load_cell": None, "crosstalk": 1, "adc": 1, "pink_noise": 1,
+    }  # fmt: skip
+    assert heard == ["measuring 6 effects takes about 4 min"]  # of 6 effects, 4 draws, 5 s, and a dwell of 2 s
 
 
 def test_the_front_leaves_out_what_is_neither_nearer_nor_quicker() -> None:
