@@ -84,14 +84,7 @@ class Repeats:
 
     def has_enough(self, sample: str, taken: int, ratios: Sequence[float]) -> bool:
         """Whether the valid `ratios` of a sample are enough; `taken` counts all its sets."""
-        if taken % len(self.loads):
-            return False
-        try:
-            return bool(
-                enough(self.lines(sample), self.costs, self.tolerance, self.allocation(sample), 1.0, [ratios]).why
-            )
-        except RangeError:  # by the scatter that was found no time is enough
-            return True
+        return taken % len(self.loads) == 0 and _suffice(self, sample, tuple(ratios))
 
     def answer(self, sample: str, ratios: Sequence[float]) -> Answer:
         """Mean ratio of a sample, and its relative uncertainty by what its sets scatter."""
@@ -123,6 +116,16 @@ class Repeats:
             },
         }  # fmt: skip
         return Predicted(seconds, worst.u, told, lines)
+
+
+@functools.lru_cache(maxsize=64)
+def _suffice(asked: Repeats, sample: str, ratios: tuple[float, ...]) -> bool:
+    """Whether these ratios are enough; the same question comes with every step that is left out."""
+    plan = asked.allocation(sample)
+    try:
+        return bool(enough(asked.lines(sample), asked.costs, asked.tolerance, plan, 1.0, [ratios]).why)
+    except RangeError:  # by the scatter that was found no time is enough
+        return True
 
 
 @functools.lru_cache(maxsize=64)
