@@ -24,6 +24,7 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
 from palpate.procedures.measurements.references.reference import Reference, read_reference
 from palpate.procedures.measurements.references.result import MODULUS, ReferencesResult, evaluate
+from palpate.procedures.measurements.softness import result as softness
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.records.run import Run
@@ -233,6 +234,21 @@ def test_the_calibration_has_each_line_of_the_measured_ratios_and_its_worth_is_t
     assert constant.u == pytest.approx(math.hypot(spread * math.sqrt(c.weight), c.constant_u, 0.006, 0.002))
     assert [part.degrees_of_freedom for part in constant.components] == [c.spread_degrees_of_freedom, *[math.inf] * 3]
     assert found.unbudgeted == {MODULUS: (1.0, now.modulus_u)}
+
+
+def test_what_references_and_object_share_cancels_in_both_uncertainties_of_a_softness_test() -> None:
+    calibration = measured().calibration.model_copy(update={"film_calibration": "ab"})
+    ratio, own, films = 0.2, 0.004, 0.006
+    point = SoftnessPoint("it", 3.0, 3.0, 0.03, ratio, math.hypot(own, films), 0.0, True, (), films, 0.0, 20.0)
+    for same in (True, False):
+        found = softness.evaluate([point], SENSOR, QUESTION, calibration, same_films=same)
+        (each,), line, absolute = found.objects, calibration.line(same), found.budgets[-1]
+        assert found.validation == line
+        assert line.u is not None and each.absolute_u is not None
+        apart = math.hypot(own, each.curve_error / math.sqrt(3), 0.0 if same else films)
+        assert each.absolute_u == pytest.approx((each.sensitivity or 0.0) * math.hypot(apart / ratio, line.u))
+        assert absolute.u / absolute.value == pytest.approx(each.absolute_u)
+        assert ("films' calibration" in [part.name for part in absolute.components]) is not same
 
 
 def test_a_reference_none_of_whose_points_is_valid_is_named() -> None:
