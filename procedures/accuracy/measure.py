@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -24,7 +25,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import by_interval, element_prices, errors_of
 from palpate.procedures.accuracy.machine import seconds_of, this_machine
-from palpate.procedures.accuracy.meshes import BETWEEN, MODULI, TIMED, solve_all
+from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, solve_all
 from palpate.procedures.accuracy.references import truth_of
 from palpate.procedures.console.progress import Progress
 
@@ -74,6 +75,28 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
         prices += element_prices(design, truth, case.surface.force_ratios, errors.tolist(), solved)
         prices += _surfaces(case)
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
+
+
+def expected_seconds(prices: PriceList) -> float:
+    """Processor time that `measure` takes for a list [s], by the list's own prices.
+
+    Each process eliminates a mesh of the solid model once for all moduli. The axisymmetric model solves each anew.
+    """
+    times = {"solid": PROCESSES, "axisymmetric": len(MODULI) + len(MIDDLES)}
+    meshes = math.fsum(times.get(each.model, 1) * (each.seconds or 0.0) for each in prices.prices)
+    return meshes + math.fsum(each.seconds for each in prices.references)
+
+
+def expected_curve_seconds(name: str, prices: PriceList) -> float:
+    """Processor time that finding a design's curves takes [s], by the shipped ones.
+
+    Where those do not fit the design's sensors any more, it is the build time of the list; 0: not priced there either.
+    """
+    try:
+        sensors = [(get_parameter_set(each, "surface"), get_design(name)) for each in sets_of(name)]
+        return math.fsum(surface.find(own.design(design), own.load(TIMED)).seconds for own, design in sensors)
+    except RangeError:
+        return math.fsum(p.build_s or 0.0 for p in prices.prices if (p.design, p.model) == (name, "surface"))
 
 
 def sets_of(name: str) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,7 @@ def truth_of(design: Design, solved: Results) -> Truth:
         checked = f"{way} by {apart:.0e} at {show(TIMED, 'Pa', 3)}"
     unseen = UNSEEN[count]
     how = f"solid, limit of its refinements up to {count - 1}: the last differs by {left.max():.0e} at most, {checked}"
-    return Truth(_reference(design, limit, np.maximum(left, max(apart, unseen)), how), (), ())
+    return Truth(_reference(design, solved, limit, np.maximum(left, max(apart, unseen)), how), (), ())
 
 
 def _round(design: Design, solved: Results) -> Truth:
@@ -74,17 +75,20 @@ def _round(design: Design, solved: Results) -> Truth:
     )
     middles = at(mesh, MIDDLES)
     uncertain = np.abs(middles - at(coarser_mesh, MIDDLES))
-    reference = _reference(design, ratios, np.maximum(np.abs(ratios - second), coarser), how)
+    reference = _reference(design, solved, ratios, np.maximum(np.abs(ratios - second), coarser), how)
     return Truth(reference, tuple(middles.tolist()), tuple(uncertain.tolist()))
 
 
-def _reference(design: Design, ratios: Array, uncertainties: Array, how: str) -> Reference:
+def _reference(design: Design, solved: Results, ratios: Array, uncertainties: Array, how: str) -> Reference:
+    load = PHYSICAL.load(TIMED)
+    own = [solved[mesh.at(modulus)] for mesh in references(design, load) for modulus in mesh.moduli]
     return Reference(
         design=design.name,
-        fingerprint=fingerprint(design, PHYSICAL.load(TIMED)),
+        fingerprint=fingerprint(design, load),
         force_ratios=tuple(ratios.tolist()),
         uncertainties=tuple(uncertainties.tolist()),
         how=how,
+        seconds=math.fsum(math.fsum(each.seconds) for each in own),
     )
 
 

@@ -1,7 +1,7 @@
 """How much each possible cause changes the solid model's force ratio, on one sensor and on a pair, one at a time.
 
 Each is solved on the solid model's coarsest mesh, within 1 % of the converged ratio, where only the change counts, and
-kept: all of them take some minutes.
+kept.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from palpate.procedures.console.progress import Progress
 from palpate.procedures.reproduce.solutions import Solutions
 
 STORED = Path(__file__).with_name("what_if.json")
+SECONDS = 11.0  # s of processor time that these and the models of `accuracy validation` take [M]
 ONE, PAIR = "single", "common_base"
 MESH = 0
 SOFT_FILM = FilmMaterial.isotropic(22e6, 0.34)

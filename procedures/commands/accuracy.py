@@ -16,8 +16,6 @@ from palpate.procedures.commands.integrators import integrators
 from palpate.procedures.commands.options import FILE_NAME, Group, Output, make_folder, option, output_options
 from palpate.procedures.commands.validation import validation
 
-ALL_MODELS, ALL_CURVES = 413.0, 600.0  # s of processor time, for all designs [M]
-
 
 @click.group(
     cls=Group,
@@ -67,7 +65,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     from palpate.instrument.shipped import text
     from palpate.procedures.accuracy.keep import keep
     from palpate.procedures.accuracy.machine import this_machine
-    from palpate.procedures.accuracy.measure import DESIGNS, measure
+    from palpate.procedures.accuracy.measure import DESIGNS, expected_seconds, measure
     from palpate.procedures.accuracy.meshes import MODULI
     from palpate.procedures.accuracy.plot import PLOT, plot_prices
 
@@ -80,8 +78,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     make_folder(out)
     if anew or store:
         with output.prices(), output.progress() as progress:
-            known = {of: sum(each.seconds or 0.0 for each in price_list.stored().of([of]).prices) for of in DESIGNS}
-            price("measuring the models", ALL_MODELS * sum(known[of] for of in asked) / sum(known.values()))
+            price("measuring the models", expected_seconds(price_list.stored().of(asked)))
             prices = measure(asked, progress)
         if store:
             kept = prices if design is None else price_list.stored().replaced(prices)
@@ -120,10 +117,11 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.curve import ratio_curve
     from palpate.instrument.models.parameter_sets import get_parameter_set
+    from palpate.instrument.models.prices.price_list import stored
     from palpate.instrument.models.stored import surface
     from palpate.instrument.notice import price
     from palpate.instrument.sensor.designs import get_design
-    from palpate.procedures.accuracy.measure import SHIPPED, sensor_of, sets_of
+    from palpate.procedures.accuracy.measure import SHIPPED, expected_curve_seconds, sensor_of, sets_of
     from palpate.procedures.records.run import storing
 
     output = Output(as_json, quiet)
@@ -132,7 +130,7 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
     asked = list(SHIPPED) if design is None else [design]
     if store:
         with output.prices(), output.progress() as progress:
-            price("finding the curves", ALL_CURVES * len(asked) / len(SHIPPED))
+            price("finding the curves", sum(expected_curve_seconds(each, stored()) for each in asked))
             for done, name in enumerate(asked):
                 sensors = [sensor_of(name, parameters) for parameters in sets_of(name)]
                 with storing(surface.STORED):

@@ -38,6 +38,7 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
     """
     if context.invoked_subcommand is not None:
         return 0
+    from palpate.instrument.notice import price
     from palpate.procedures.reproduce import everything
     from palpate.procedures.reproduce.files import table_object
     from palpate.procedures.reproduce.models import Reproduction
@@ -47,7 +48,8 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
     output = Output(as_json, quiet)
     with result_folder(out, everything.PROCEDURE, datetime.now(UTC)) as folder:
         done = Everything(Reproduction(folder))
-        with _kept(done.tables, folder), output.progress() as progress:
+        with _kept(done.tables, folder), output.prices(), output.progress() as progress:
+            price("measuring every experiment and drawing every figure", everything.SECONDS)
             everything.run(done, seed, progress)
     if output.as_json:
         output.json(
@@ -80,7 +82,7 @@ def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
     " --out compared\n\n  palpate reproduce models --json"
 )
 @option("--parameters", default="both", help="Sets of the sensor models: physical, identified or both.")
-@option("--fresh", is_flag=True, help="Solve everything anew, in a minute or two, and write the solutions.")
+@option("--fresh", is_flag=True, help="Solve everything anew, and write the solutions.")
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: new in runs/).")
 @output_options
 def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
@@ -90,6 +92,7 @@ def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet:
     chapter 4 as PNG, with the thesis' values as marks and palpate's as curves, and its schematics from designs and
     meshes; and a summary.
     """
+    from palpate.instrument.notice import price
     from palpate.procedures.reproduce import models as against
     from palpate.procedures.reproduce.files import table_object
     from palpate.procedures.reproduce.show import print_reproduction
@@ -98,7 +101,11 @@ def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet:
     chosen = against.parameter_sets(parameters)
     with result_folder(out, against.PROCEDURE, datetime.now(UTC)) as folder:
         done = against.Reproduction(folder)
-        with _kept(done.tables, folder), output.progress("solving") as progress:
+        with _kept(done.tables, folder), output.prices(), output.progress("solving") as progress:
+            if fresh:
+                price("solving everything anew", against.FRESH * len(chosen) / len(against.SETS))
+            else:
+                price("drawing every figure", against.SECONDS)
             against.run(chosen, done, progress, fresh)
     if output.as_json:
         output.json(

@@ -14,7 +14,7 @@ from palpate.procedures.commands.options import Command, Output, option, output_
 )
 @option("--design", help="single, common_base or different_base (default: all).")
 @option("--what-if", "causes", is_flag=True, help="Show how far possible causes move models from experiments.")
-@option("--store", is_flag=True, help="Solve the stored finite elements anew, in some minutes, and store them.")
+@option("--store", is_flag=True, help="Solve the stored finite elements anew, and store them.")
 @output_options
 def validation(design: str | None, causes: bool, store: bool, as_json: bool, quiet: bool) -> None:
     """Show the difference of each sensor model from the thesis' experiments, sample by sample.
@@ -26,6 +26,7 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     """
     from palpate.instrument.errors import UnknownName, UsageError
     from palpate.instrument.models import validation as kept
+    from palpate.instrument.notice import price
     from palpate.instrument.shipped import text
     from palpate.procedures.accuracy import what_if
     from palpate.procedures.accuracy.causes import Causes
@@ -41,8 +42,9 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     if design is not None and (causes or store):
         raise UsageError("--design: not with --what-if or --store, which always take one sensor and the pairs")
     solutions = Solutions() if store else Solutions.shipped(what_if.STORED, kept.RENEW)
-    with output.progress("solving") as progress:
+    with output.prices(), output.progress("solving") as progress:
         if store:
+            price("solving the stored finite elements anew", what_if.SECONDS)
             keep(text(kept.measure(progress)), kept.STORED)
             kept.stored.cache_clear()
         found = Causes.of(solutions, progress) if causes or store else None

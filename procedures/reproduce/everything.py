@@ -36,6 +36,7 @@ from palpate.procedures.reproduce.outcome import Everything
 from palpate.procedures.reproduce.page import write_page
 
 PROCEDURE = "reproduce"
+SECONDS = 18.0  # s of processor time that `run` takes [M]
 DWELL, FREQUENCY = 1.0, 10.0  # s, Hz
 STRAIN, STEPS = 0.3, 10
 CREATED = datetime(2026, 1, 1, tzinfo=UTC)

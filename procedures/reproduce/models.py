@@ -39,6 +39,9 @@ TABLES: Mapping[str, Compare] = MappingProxyType(
 )
 
 
+SECONDS, FRESH = 7.0, 12.0  # s of processor time that `run` takes for both sets, by known solutions and anew [M]
+
+
 @dataclass(slots=True)
 class Reproduction:
     """Tables and pictures that are done so far, with their files in `folder`; `summary` lists all."""

@@ -50,7 +50,7 @@ LIST = PriceList(
     references=(
         Reference(
             design=ROUND.name, fingerprint=fingerprint(ROUND, LOAD), force_ratios=(0.1,) * 4, uncertainties=(0.0,) * 4,
-            how="made up",
+            how="made up", seconds=0.0,
         ),
     ),
     prices=(

@@ -254,7 +254,7 @@ def test_the_stored_list_is_printed_as_json_with_its_names(palpate: Palpate) -> 
     said = palpate(*MODELS_COMMAND, "--json").object
     assert set(said) == {"format", "machine", "moduli_Pa", "references", "prices", "validation", "plot"}
     assert set(said["machine"]) == {"cpu", "cores", "system", "python", "date"}
-    assert set(said["references"][0]) == {"design", "fingerprint", "force_ratios", "uncertainties", "how"}
+    assert set(said["references"][0]) == {"design", "fingerprint", "force_ratios", "uncertainties", "how", "seconds"}
     assert set(said["prices"][0]) == {
         "design", "model", "refinement", "errors", "estimates", "build_s", "solve_s", "evaluate_s", "answer_s",
         "failure",
@@ -299,6 +299,8 @@ def test_measuring_keeps_nothing_unless_told_to(
     monkeypatch.setattr(price_list, "STORED", path)
     said = palpate(*MODELS_COMMAND, "--measure", "--design", "single", "--json", "--out", str(tmp_path))
     assert not path.exists() and Path(said.object["plot"]).exists()
+    assert said.err.startswith("palpate: note: measuring the models takes about 50 s\n")
+    assert measuring.expected_seconds(stored()) == pytest.approx(413, rel=0.1)  # s, measured for all designs
     palpate(*MODELS_COMMAND, "--store", "--quiet")
     assert asked == [["single"], [*measuring.DESIGNS]]
     assert json.loads(path.read_text())["machine"] == said.object["machine"]
@@ -366,7 +368,8 @@ def test_curves_are_found_and_stored_in_place_of_what_the_design_had(
     monkeypatch.setitem(surface.REFINEMENTS, "axisymmetric", (1, 2))
     for name in ("single_round.1.00000000.curve", "single.1.00000000.curve"):
         (tmp_path / name).write_text("old")
-    palpate("accuracy", "surfaces", "--design", "single_round", "--store", "--quiet")
+    said = palpate("accuracy", "surfaces", "--design", "single_round", "--store", "--json")
+    assert said.err.startswith("palpate: note: finding the curves takes about")
     names = [path.name.split(".")[:2] for path in sorted(tmp_path.iterdir())]
     assert names == [["single", "1"], ["single_round", "1"], ["single_round", "2"]]
     assert not (tmp_path / "single_round.1.00000000.curve").exists()

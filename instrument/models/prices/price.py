@@ -30,6 +30,7 @@ class Reference:
             version of their code. Prices with another fingerprint are not used.
         force_ratios, uncertainties: force ratio and its uncertainty at each modulus of the list.
         how: how they were computed and checked.
+        seconds: processor time of the meshes that only the reference needs [s].
     """
 
     design: str
@@ -37,6 +38,7 @@ class Reference:
     force_ratios: tuple[float, ...]
     uncertainties: tuple[float, ...]
     how: str
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True)
