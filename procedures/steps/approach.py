@@ -4,8 +4,9 @@
     ...                                       # the same object is mounted again
     approach(bench, calibration, 1.2, "sample 2", known=first.free)
 
-`probe.preload` moves at 1 mm/s, and reads each force four times. No step here is longer than one of its steps, except
-through what is known to be free. At 5 mm/s most of the time was spent in the air; so the air is read once a step.
+`probe.preload` moves at 1 mm/s, and takes the mean of four readings after each step. Here the probe moves at 5 mm/s,
+and the force is read once after each step until the probe touches. No step is longer than one of `preload`, but for the
+way that is known to be free.
 """
 
 from __future__ import annotations

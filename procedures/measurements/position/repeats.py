@@ -166,7 +166,10 @@ class PlaceRepeats:
         return (*of_sets, replace(table, u=locate(self.design, self.sample, _mean(shares), NONE, NONE).u))
 
     def _apart(self, x: float, shares: Sequence[Shares], plan: Allocation) -> list[float]:
-        """How far each set alone would move the place x [m], as the exponential that the rules of ratios take."""
+        """Exponential of how far each set alone would move the place x [m].
+
+        The rules of stopping take ratios, and look at their logarithms.
+        """
         noise = self._noise(_mean(shares), plan)
         off = deviations(self.design, self.sample, x, shares, noise, share_scatter(self.design))
         moved: list[float] = np.exp(self._of_set(x, plan) * off).tolist()
