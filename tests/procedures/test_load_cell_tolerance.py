@@ -177,6 +177,7 @@ def test_a_series_to_a_tolerance_ends_when_it_is_reached_and_tells_predicted_and
     assert {point["load_N"] for point in found["points"]} == {0.0, *planned["planned"]["loads_N"]}
     certificate = Path(found["certificate"]).read_text(encoding="utf-8")
     assert "runs up and down in each position | 1 |" in certificate
+    assert "uncertainty of all loads together | none given |" in certificate
 
 
 @pytest.mark.slow

@@ -60,6 +60,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
     indicator = settings_of.model_dump(mode="json", exclude={"gage_factor"}, exclude_none=True)
     points = run.points()
     runs = {p["position_deg"]: p["run"] for p in points if p["direction"] == ZERO_AFTER}  # the last one of each
+    loads_u = settings.get("loads_u", 0.0)  # an older version recorded none
     pair = ("", "")
     return [
         Section("Identities", pair, [
@@ -82,6 +83,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
             ("begun", header["started"]),
             ("time on the bench", f"{points[-1]['bench_ns'] * 1e-9:.0f} s"),
             ("loads", f"dead weights at {STANDARD_GRAVITY} m/s², {c.least_N:.4g} to {c.greatest_N:.4g} N"),
+            ("uncertainty of all loads together", f"{100 * loads_u:g} %" if loads_u else "none given"),
             ("weights and positions", PLACED.get(str(header.get("mounting")), "ASSUMED, nobody confirmed them")),
             ("temperature, humidity", "not recorded"),
         ]),
