@@ -17,6 +17,7 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.point import FilmsPoint
 from palpate.procedures.measurements.characterise.procedure import Characterisation
 from palpate.procedures.measurements.characterise.repeats import NOISE, READING, SlopeRepeats
+from palpate.procedures.measurements.repeated_sets import MOST_SETS
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -92,6 +93,7 @@ def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said()
     assert "palpate calibrate load-cell --tolerance '0.354 %'" in str(error.value)
     best = float(str(error.value).split("best now ")[1].split("%")[0]) / 100
     replace(ASKED, tolerance=best).check(REAL)
+    assert repeats(best).most() * len(LOADS) <= MOST_SETS
     better = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 1e-3, "covariance": 0.0})
     replace(ASKED, tolerance=0.005).check(replace(REAL, load_cell=better))
     with pytest.raises(RangeError, match="above the limit of 10000"):

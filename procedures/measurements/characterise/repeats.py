@@ -86,7 +86,8 @@ class SlopeRepeats:
 
     def most(self) -> int:
         """The most rounds of a run."""
-        return most_sets(self.allocation(), len(self.of.loads)) // len(self.of.loads)
+        loads = len(self.of.loads)
+        return min(most_sets(self.allocation(), loads), MOST_SETS) // loads
 
     def has_enough(self, points: Sequence[FilmsPoint]) -> bool:
         """Whether no further round is needed, by all points so far."""
