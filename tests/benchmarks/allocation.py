@@ -12,10 +12,12 @@ import numpy as np
 
 from palpate.instrument.allocation.allocate import allocate, allocate_time
 from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.preparations import prepare
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
 from palpate.instrument.allocation.times import times
 from tests.benchmarks.row import Row
 from tests.instrument.test_allocation import cheapest, setting
+from tests.instrument.test_preparations import problem, quickest
 
 SETTINGS, WORST, SLOWEST = 300, 0.01, 5.0  # settings; relative distance; ms
 RUNS = 2000
@@ -60,6 +62,7 @@ TRUTHS = (
 
 def measure() -> Iterator[Row]:
     yield from settings(SETTINGS)
+    yield from prepared(SETTINGS)
     for truth in TRUTHS:
         for tolerance in TOLERANCES:
             yield from stopped(truth, tolerance, RUNS)
@@ -78,6 +81,20 @@ def settings(count: int) -> Iterator[Row]:
     yield Row(f"worst plan of {count} settings over brute force", f"{worst:.3%}", f"<= {WORST:.0%}", worst <= WORST)
     yield Row("slowest of these plans, for a tolerance and for a time", f"{slowest:.2f} ms", f"<= {SLOWEST:g} ms",
               slowest <= SLOWEST)  # fmt: skip
+
+
+def prepared(count: int) -> Iterator[Row]:
+    """Random benches with films and references that may be calibrated, and two frequencies of the run."""
+    random, worst, slowest = Random(20), 0.0, 0.0
+    for _ in range(count):
+        ways, preparations, tolerance = problem(random)
+        start = time.process_time()
+        found = prepare(ways, tolerance, preparations)
+        slowest = max(slowest, 1e3 * (time.process_time() - start))
+        worst = max(worst, found.seconds / quickest(ways, preparations, tolerance) - 1)
+    what = f"{count} settings with film points, references and frequency"
+    yield Row(f"worst plan of {what}", f"{worst:.3%}", f"<= {WORST:.0%}", worst <= WORST)
+    yield Row("slowest of these plans", f"{slowest:.2f} ms", f"<= {SLOWEST:g} ms", slowest <= SLOWEST)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ import numpy as np
 from palpate.instrument.errors import EstimateError, PalpateError
 from palpate.instrument.findings import object_modulus
 from palpate.instrument.models.curve import RatioCurve
-from palpate.procedures.measurements.object_modulus import course, lines, procedure
+from palpate.procedures.measurements.object_modulus import course, lines, planning
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.simulators.effects.curve_error import CurveError
 from tests.benchmarks.lines import read
@@ -207,7 +207,7 @@ def _told(kind: Kind) -> Iterator[None]:
     """The procedure takes the stated scatter as certain, or as an estimate; plans and validation are kept."""
     places, freedom = (lines, course), math.inf if kind.known else FREEDOM
     was, validation = lines.PRIOR_FREEDOM, object_modulus.validation_u
-    caches = (procedure._prospect, procedure._course)
+    caches = (planning.prospect_of, planning.course_of)
     try:
         for place in places:
             place.PRIOR_FREEDOM = freedom  # type: ignore[attr-defined]

@@ -23,6 +23,8 @@ from palpate.procedures.measurements.object_modulus.procedure import ObjectModul
 from palpate.procedures.measurements.object_modulus.refusal import MOST_SETS
 from palpate.procedures.measurements.object_modulus.result import ModulusPoint, mounting_scatter, ratios_of
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.checks import check_frequency
+from palpate.procedures.steps.dwells import Dwells
 from tests.procedures.conftest import Palpate
 
 MEASURE = ("measure", "modulus")
@@ -89,9 +91,38 @@ def test_a_plan_tells_what_more_points_of_films_would_give() -> None:
     covariance = ((4e-4, 0.0), (0.0, 4e-4))
     target = replace(TARGET, design=replace(TARGET.design, film_covariance=covariance, film_freedom=5.0))
     asked = wanted(tolerance=0.08, relative_to_model=True)
-    told = asked.plan(target).predicted.lines[-1]
-    assert re.search(r"films +calibrated at twice as many points would give [0-9.]+ %: palpate calibrate films", told)
-    assert not [line for line in asked.plan(TARGET).predicted.lines if line.startswith("films ")]
+    planned = asked.plan(target).predicted
+    (told,) = [line for line in planned.lines if line.startswith("films ")]
+    assert re.fullmatch(r"films +\d+ points would give [0-9.]+ %; \d min \d\d s, once", told)
+    (offered,) = [each for each in planned.told["alternatives"] if each["what"] == "films"]
+    assert (planned.u or 0) * 0.6 < offered["u"] < (planned.u or 0)
+    assert (offered["how"], offered["person_s"]) == ("palpate calibrate films", 60)
+    (plain,) = [line for line in asked.plan(TARGET).predicted.lines if line.startswith("films ")]
+    assert "not calibrated, in no interval; 6 points" in plain
+
+
+def test_a_plan_tells_which_calibrations_and_which_frequency_would_pay() -> None:
+    absolute, fine = wanted(time=120.0), wanted(tolerance=0.01, relative_to_model=True, mounting_scatter=0.0)
+    rows = {each["what"]: each for each in absolute.plan(TARGET).predicted.told["alternatives"]}
+    assert rows["references"]["numbers"] == {"validation": 1}
+    assert rows["references"]["u"] < (absolute.plan(TARGET).predicted.u or 0) / 2
+    rows = {each["what"]: each for each in fine.plan(TARGET).predicted.told["alternatives"]}
+    quicker = replace(fine, frequency=rows["frequency"]["numbers"]["frequency_Hz"]).plan(TARGET)
+    assert quicker.seconds < 0.98 * fine.plan(TARGET).seconds
+    assert f"{quicker.seconds:.0f} s" in rows["frequency"]["told"]
+    slow = replace(TARGET, drivable=lambda frequency: check_frequency(frequency, None, (1.0, 10.0)))
+    assert "frequency" not in {each["what"] for each in fine.plan(slow).predicted.told["alternatives"]}
+
+
+def test_a_refusal_names_the_quickest_calibrations_that_reach_the_tolerance() -> None:
+    covariance = ((9e-4, 0.0), (0.0, 9e-4))  # 8 % of the modulus
+    target = replace(TARGET, design=replace(TARGET.design, film_covariance=covariance, film_freedom=5.0))
+    with pytest.raises(RangeError, match=r"as asked with 3 references \(20 min 00 s, once\), then 1 min 23 s"):
+        wanted(tolerance=0.13).prospect(TARGET)
+    with pytest.raises(RangeError, match=r"as asked with \d references and \d+ film points \(.*, once\), then"):
+        wanted(tolerance=0.13).prospect(target)
+    with pytest.raises(RangeError, match=r"as asked with \d+ film points \(.*, once\), then .* calibrate films"):
+        wanted(tolerance=0.05, relative_to_model=True).prospect(target)
 
 
 def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated() -> None:
@@ -107,7 +138,7 @@ def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated()
     assert planned.u is not None
     assert asked.prospect(target).allocation.degrees_of_freedom < 10
     for other in (replace(asked, mounting_scatter=0.0), replace(asked, mountings=3)):
-        assert not [line for line in other.plan(target).predicted.lines if line.startswith("mountings ")]
+        assert not [line for line in other.plan(target).predicted.lines if "of the ratio" in line]
     with pytest.raises(UsageError, match="was never measured"):
         asked.plan(replace(target, mountings=None))
 
@@ -143,10 +174,16 @@ def test_a_plan_counts_no_references_of_another_scene_and_refuses_those_that_hav
     told = palpate(*asked, "unknown_curve").out
     now, then = (float(found[1]) for found in re.finditer(r"(?:expected {7}|would give )([0-9.]+) %", told))
     assert then < now
-    assert "it takes 6 min 40 s, once (person 60 s): palpate calibrate model" in told
+    assert "2 in all would give" in told
     path = Path(made["model_calibration_file"])
     write_calibration(path, read_model_calibration(path).model_copy(update={"expires": "2024-02-29"}))
     assert "expired on 2024-02-29; run palpate calibrate model" in palpate(*asked, "unknown_curve").complaint
+
+
+def test_its_load_sets_are_known_to_a_bench_that_leaves_out_what_they_do_not_feel() -> None:
+    asked = wanted(**SCALE)
+    assert asked.dwells() == Dwells((asked.object,), (2.0, 4.0), 10.0, 0.1)
+    assert wanted(**SCALE, load=3.0, frequency=20.0).dwells().loads == (3.0, 3.0)
 
 
 # --- what is refused -------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -11,10 +10,9 @@ from functools import partial
 from typing import Annotated
 
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import RangeError, UsageError
-from palpate.instrument.findings.object_modulus import ByReferences, answering
+from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
@@ -28,14 +26,9 @@ from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
 from palpate.procedures.measurements.object_modulus.course import Course
-from palpate.procedures.measurements.object_modulus.lines import Wanted, curve_of, expected
-from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of, for_bound, most_sets
-from palpate.procedures.measurements.object_modulus.refusal import (
-    below_floor,
-    check_mountings,
-    not_known,
-    too_many_sets,
-)
+from palpate.procedures.measurements.object_modulus.lines import Wanted
+from palpate.procedures.measurements.object_modulus.planning import course_of, prospect_of, question_of
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, most_sets
 from palpate.procedures.measurements.object_modulus.result import (
     LEAST_MOUNTINGS,
     ModulusPoint,
@@ -45,12 +38,12 @@ from palpate.procedures.measurements.object_modulus.result import (
 )
 from palpate.procedures.measurements.object_modulus.telling import missed_by, planned_lines
 from palpate.procedures.measurements.object_modulus.work import Measuring
-from palpate.procedures.measurements.object_modulus.worth import worth_lines
-from palpate.procedures.measurements.repeated_sets import MOST_SETS
+from palpate.procedures.measurements.object_modulus.worth import alternatives, worth_lines
 from palpate.procedures.measurements.settings import Frequency
 from palpate.procedures.measurements.softness.procedure import check_simulated
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_time
+from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.films import check_nodes
 
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
@@ -120,6 +113,10 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
     def required_loads(self) -> RequiredLoads | None:
         return None if self.load is None else RequiredLoads((self.load,))
 
+    def dwells(self) -> Dwells:
+        loads = LOADS if self.load is None else (self.load,)
+        return Dwells((self.object,), (min(loads), max(loads)), self.frequency, shortest(self.frequency))
+
     def wanted(self, mountings: MountingScatter | None = None) -> Wanted:
         """What is asked for, with the scatter of mountings that is stated or else stored."""
         asked = self.tolerance, self.time, self.relative_to_model, self.frequency, self.mountings
@@ -142,7 +139,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def prospect(self, target: Target) -> Prospect:
         """What is planned, and what it is expected to give. Raises as `check`."""
-        return _prospect(
+        return prospect_of(
             self, target.design, self.loads_on(target), self.references_on(target), self.mountings_on(target)
         )
 
@@ -159,12 +156,12 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def model_question(self, design: Design) -> Question:
         """The question for the model that turns the ratio into the modulus; "auto" is the model that it chooses."""
-        return _question(design.name, self.model, self.object.thickness)
+        return question_of(design.name, self.model, self.object.thickness)
 
     def course(self, lab: Lab) -> Course:
         """The course of the measurement on an open bench."""
         target = lab.target
-        return _course(self, lab.design, self.loads_on(target), self.references_on(target), self.mountings_on(target))
+        return course_of(self, lab.design, self.loads_on(target), self.references_on(target), self.mountings_on(target))
 
     def plan(self, target: Target) -> Plan[Step]:
         """The most load sets that there can be, and what is predicted."""
@@ -186,12 +183,15 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
         known = {"modulus, scale": prospect.scale_u, "modulus, absolute": prospect.absolute_u}
         results = [Expected(name, each) for name, each in known.items() if each is not None]
-        told = {RESULTS: [asdict(each) for each in results], "planned": prospect.summary()}
-        return Plan(
-            self.name,
-            steps,
-            Predicted(prospect.times.mean, u, told, [*planned_lines(wanted, prospect), *worth_lines(wanted, prospect)]),
-        )
+        offered = alternatives(self.model_question(target.design), wanted, prospect, target, self.loads_on(target))
+        told = {
+            RESULTS: [asdict(each) for each in results],
+            "planned": prospect.summary(),
+            "mounting_scatter": wanted.mounted,
+            "alternatives": [each.summary() for each in offered],
+        }
+        lines = [*planned_lines(wanted, prospect), *worth_lines(offered)]
+        return Plan(self.name, steps, Predicted(prospect.times.mean, u, told, lines))
 
     def begin(self, lab: Lab, record: Recorder) -> Measuring:
         return Measuring(lab, record, self.course(lab), self.object)
@@ -239,51 +239,3 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         from palpate.procedures.measurements.object_modulus.report import plot_modulus, print_modulus
 
         return Report(partial(print_modulus, result), partial(plot_modulus, result, lab.bench.simulated))
-
-
-@functools.lru_cache(maxsize=16)
-def _question(design: str, model: str, thickness: float) -> Question:
-    """The question for a model by its own name: "auto" answers only for moduli for which its error is known."""
-    asked = Question(design, model, settings={"sensed_thickness": thickness})
-    return replace(asked, model=answering(asked))
-
-
-@functools.lru_cache(maxsize=16)
-def _prospect(
-    procedure: ObjectModulus,
-    design: Design,
-    loads: tuple[float, ...],
-    references: ByReferences | None,
-    mountings: MountingScatter | None = None,
-) -> Prospect:
-    """The plan of a procedure for one of some loads [N]; the same question comes with every set."""
-    question, wanted = procedure.model_question(design), procedure.wanted(mountings)
-    found, tolerance = expected(question, procedure.object.modulus, references), wanted.tolerance
-    if found.sensitivity is None:
-        return for_bound(found, wanted, loads[0])
-    if tolerance is not None and found.validation.u is None and not wanted.relative:
-        raise not_known(wanted, found, design, loads)
-    try:
-        prospect = best_of(design, found, wanted, loads)
-    except BelowFloor as error:
-        raise below_floor(wanted, question, found, design, loads, error) from None
-    if tolerance is not None:
-        check_mountings(wanted, found, tolerance)
-    if (sets := prospect.allocation.sets) > MOST_SETS:
-        if tolerance is not None:
-            raise too_many_sets(wanted, found, design, loads, prospect)
-        raise RangeError(f"the plan has {sets} sets, above {MOST_SETS}; give less --time")
-    return prospect
-
-
-@functools.lru_cache(maxsize=16)
-def _course(
-    procedure: ObjectModulus,
-    design: Design,
-    loads: tuple[float, ...],
-    references: ByReferences | None,
-    mountings: MountingScatter | None = None,
-) -> Course:
-    question = procedure.model_question(design)
-    prospect = _prospect(procedure, design, loads, references, mountings)
-    return Course(design, question, curve_of(question, references), procedure.wanted(mountings), prospect)

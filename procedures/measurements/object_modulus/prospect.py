@@ -12,6 +12,7 @@ from typing import Any
 
 from palpate.instrument.allocation.allocate import Allocation, allocate, allocate_time
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.preparations import Way
 from palpate.instrument.allocation.stopping import FIRST, first_sets
 from palpate.instrument.allocation.times import Times, times
 from palpate.instrument.errors import RangeError
@@ -134,22 +135,33 @@ def _times(planned: _Planned, wanted: Wanted) -> Times:
     return times(planned.lines, planned.costs, wanted.tolerance, plan, sets, wanted.time)
 
 
-def _planned(design: Design, found: Expected, wanted: Wanted, load: float, cycles: int) -> _Planned:
-    """The plan for one load, with a dwell of some cycles or more and as many sets in each mounting."""
+def way_of(design: Design, found: Expected, wanted: Wanted, load: float, cycles: int) -> Way:
+    """Lines and costs of runs under a load [N, peak to peak] with a dwell of some cycles or more."""
     least = max(shortest(wanted.frequency), cycles / wanted.frequency)
     lines = lines_of(design, found, load, wanted, not wanted.relative, round(least * wanted.frequency))
     costs = costs_of(load, wanted.frequency)
-    given, paid, fewest = lines, costs, FIRST
-    if wanted.mountings is not None:  # they are paid whatever the sets are, and lower their own line once
-        given = tuple(
-            replace(line, u=line.u / math.sqrt(wanted.mountings), per=Unit.NOTHING)
-            if line.per is Unit.MOUNTING
-            else line
-            for line in lines
-        )
-        paid = Costs(costs.start + wanted.mountings * costs.mounting, 0.0, costs.set)
-        fewest = FIRST * wanted.mountings
-    plan = None if wanted.tolerance is None else allocate(given, paid, wanted.tolerance, least, fewest)
+    if wanted.mountings is None:
+        return Way(lines, costs, least)
+    given = tuple(  # they are paid whatever the sets are, and lower their own line once
+        replace(line, u=line.u / math.sqrt(wanted.mountings), per=Unit.NOTHING) if line.per is Unit.MOUNTING else line
+        for line in lines
+    )
+    return Way(given, Costs(costs.start + wanted.mountings * costs.mounting, 0.0, costs.set), least)
+
+
+def fewest_of(wanted: Wanted) -> int:
+    """Least number of sets in each mounting, or in all of a given number of them."""
+    return FIRST * (wanted.mountings or 1)
+
+
+def _planned(design: Design, found: Expected, wanted: Wanted, load: float, cycles: int) -> _Planned:
+    """The plan for one load, with a dwell of some cycles or more and as many sets in each mounting."""
+    way = way_of(design, found, wanted, load, cycles)
+    given, paid, least = tuple(way.lines), way.costs, way.shortest
+    lines = lines_of(design, found, load, wanted, not wanted.relative, round(least * wanted.frequency))
+    costs, plan = costs_of(load, wanted.frequency), None
+    if wanted.tolerance is not None:
+        plan = allocate(given, paid, wanted.tolerance, least, fewest_of(wanted))
     if plan is None or (wanted.time is not None and plan.seconds > wanted.time):
         assert wanted.time is not None
         plan = allocate_time(given, paid, wanted.time, least)

@@ -8,22 +8,23 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from palpate.instrument.allocation.allocate import BelowFloor
-from palpate.instrument.errors import PalpateError, RangeError, UsageError
+from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.mean_ratio import CALIBRATION, PICKUP
 from palpate.instrument.models.ratio import Question
-from palpate.instrument.models.validation import validate
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements.object_modulus.lines import CURVE, VALIDATION, Expected, Wanted
+from palpate.procedures.measurements.object_modulus.preparing import COMPRESSION, prepared, references_of
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
 from palpate.procedures.measurements.object_modulus.telling import reachable
+from palpate.procedures.measurements.object_modulus.worth import quickest
 from palpate.procedures.measurements.repeated_sets import MOST_SETS
 from palpate.procedures.measurements.repeated_sets import share as told
 from palpate.procedures.showing.plan import duration
 
 NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
-REFERENCES, REFERENCE_U, REFERENCE_SECONDS = 6, 0.02, 400.0  # as many as pay; u of the modulus of each; each once [M]
-COMPRESSION = "2 to 4 % in 272 s, where the object can be taken off: palpate test modulus"
+REFERENCES = 6  # as many as pay
+BY_COMPRESSION = f"2 to 4 % in {COMPRESSION:.0f} s, where the object can be taken off: palpate test modulus"
 """The compression test of this bench [M]."""
 LEAST_TOLERANCE = 1e-6
 CLOSE_TO = 1.002  # the ratio of two tolerances that are told alike
@@ -42,17 +43,18 @@ def below_floor(
     share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
     if error.line != VALIDATION:
         remedy = REMEDIES.get(error.line, "lower that line")
+        ways = [*_prepared(wanted, question, found, design, loads), f"or        {remedy}"]
         return RangeError(
             f"--tolerance {share} cannot be reached: {error.line} leaves {told(error.floor)}, which no time on"
-            f" the bench lowers\n  {best}\n  or        {remedy}\n  or        {COMPRESSION}"
+            f" the bench lowers\n  {best}\n  {ways[0]}\n  or        {BY_COMPRESSION}"
         )
     factor = math.exp((found.sensitivity or 1.0) * (found.validation.u or 0.0))
     lines = [
         f"--tolerance {share} absolute cannot be reached: the model binds: {error.line} of {found.model!r} leaves"
         f" {told(error.floor)}, a factor of {factor:.2g} ({found.validation.source})",
         best,
-        *_with_references(question, found),
-        f"or        {COMPRESSION}",
+        *(_prepared(wanted, question, found, design, loads) or _with_references(question, found, design)),
+        f"or        {BY_COMPRESSION}",
         *_on_scale(wanted, found, design, loads),
     ]
     return RangeError("\n  ".join(lines))
@@ -90,7 +92,7 @@ def not_known(wanted: Wanted, found: Expected, design: Design, loads: Sequence[f
     lines = [
         f"--tolerance {share} absolute cannot be promised: the validation error of {found.model!r} is"
         f" {found.validation.source}",
-        f"or        {COMPRESSION}",
+        f"or        {BY_COMPRESSION}",
         *_on_scale(wanted, found, design, loads),
     ]
     return RangeError("\n  ".join(lines))
@@ -110,17 +112,20 @@ def check_mountings(wanted: Wanted, found: Expected, tolerance: float) -> None:
     )
 
 
-def _with_references(question: Question, found: Expected) -> list[str]:
-    """What references would leave, by the spread of the thesis' samples about their mean; empty: not known."""
-    try:
-        spread = validate(question.design, question.parameters, found.model).ln_spread
-    except PalpateError:
+def _with_references(question: Question, found: Expected, design: Design) -> list[str]:
+    """What as many references as pay would leave; empty: not known."""
+    made = references_of(question, found, design)
+    if made is None:
         return []
-    if spread is None or found.sensitivity is None:
-        return []
-    left = math.hypot(found.sensitivity * spread * math.sqrt(1 + 1 / REFERENCES), REFERENCE_U / math.sqrt(REFERENCES))
-    seconds = duration(REFERENCES * REFERENCE_SECONDS)
-    return [f"or        {100 * left:.2g} % with {REFERENCES} references ({seconds}, once): palpate calibrate model"]
+    count = max(REFERENCES, made.least)
+    left, seconds = math.hypot(made.rest, made.u / math.sqrt(count)), duration(made.seconds(count))
+    return [f"or        {100 * left:.2g} % with {count} references ({seconds}, once): palpate calibrate model"]
+
+
+def _prepared(wanted: Wanted, question: Question, found: Expected, design: Design, loads: Sequence[float]) -> list[str]:
+    """What other sessions make the tolerance reachable, as quickly as can be; empty: none do."""
+    best = quickest(prepared(question, found, wanted, design, loads), len(design.teeth))
+    return [] if best is None else [f"or        as asked with {best.told}: {best.how}"]
 
 
 def _on_scale(wanted: Wanted, found: Expected, design: Design, loads: Sequence[float]) -> list[str]:

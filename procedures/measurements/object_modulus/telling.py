@@ -9,6 +9,7 @@ from palpate.instrument.quantity import counted, show
 from palpate.procedures.engine.plan import MOUNTING
 from palpate.procedures.measurements.object_modulus.lines import Wanted
 from palpate.procedures.measurements.object_modulus.prospect import Prospect
+from palpate.procedures.measurements.object_modulus.result import LEAST_MOUNTINGS
 from palpate.procedures.measurements.repeated_sets import share
 
 ROUNDING = 1e-9
@@ -40,6 +41,14 @@ def _end(wanted: Wanted, prospect: Prospect) -> str:
     return f"ends at {bound}, which are enough for 95 % of runs"
 
 
+def _unknown_mountings(mountings: int, sensitivity: float) -> str:
+    """What an unknown scatter of mountings means for a plan."""
+    if mountings >= LEAST_MOUNTINGS:
+        return "are to tell their scatter; the plan counts no further ones"
+    added = share(0.01 * sensitivity / math.sqrt(mountings))
+    return f"their scatter is not known and counts as 0: each 1 % adds {added}"
+
+
 def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     """What is planned and what is expected of it."""
     plan, found = prospect.allocation, prospect.found
@@ -54,6 +63,8 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     ]
     if wanted.mounted_by:
         lines.append(f"mountings      scatter by {share(wanted.mounted or 0.0)} of the ratio: {wanted.mounted_by}")
+    if wanted.mounted is None and found.sensitivity is not None:
+        lines.append(f"mountings      {_unknown_mountings(plan.mountings, found.sensitivity)}")
     if found.sensitivity is None:
         return [*lines, f"expected       only a bound: model {found.model!r} cannot tell such an object from its ratio"]
     told = "not known" if expected is None else share(expected)

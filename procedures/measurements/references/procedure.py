@@ -33,6 +33,7 @@ from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadS
 from palpate.procedures.measurements.softness.procedure import SLOW, SoftnessTest, Touching, TouchStep
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.dwells import Dwells
 
 HELP = (
     "Objects of known modulus, each as 'A: 48 kPa ± 2 %' (standard uncertainty), or 'A: RUN' of palpate test modulus."
@@ -79,7 +80,7 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
                     f"reference {each.name!r} was measured on hardware, and this bench is simulated; give one that a"
                     " simulated bench measured, or state its modulus"
                 )
-            if (own := each.object(target.design, self.thickness).thickness) != self.thickness:
+            if (own := each.object(self.thickness).thickness) != self.thickness:
                 raise RangeError(
                     f"reference {each.name!r} is rubber sample {each.sample!r} of {show(own, 'm')}, not of"
                     f" {show(self.thickness, 'm')}; leave --thickness out, or give another object another name"
@@ -92,6 +93,10 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
             for each in self.references:
                 check_range(each, curve)
         self._touches(target.design).check(target)
+
+    def dwells(self) -> Dwells:
+        objects = tuple(each.object(self.thickness) for each in self.references)
+        return Dwells(objects, (min(self.loads), max(self.loads)), self.frequency, self.dwell)
 
     def plan(self, target: Target) -> Plan[TouchStep]:
         """All points: every load on every reference; predicted is the uncertainty of a modulus by the calibration."""
@@ -151,7 +156,7 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
 
     def _touches(self, design: Design) -> SoftnessTest:
         """The softness test of the references, which is how they are measured."""
-        objects = tuple(each.object(design, self.thickness) for each in self.references)
+        objects = tuple(each.object(self.thickness) for each in self.references)
         return SoftnessTest(objects, self.loads, self.dwell, self.frequency, self.model)
 
     def report(self, result: ReferencesResult, lab: Lab) -> Report:

@@ -15,13 +15,12 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.config import check
 from palpate.instrument.errors import ConfigError, QuantityError, RangeError, RecordError, UsageError, quoted
 from palpate.instrument.quantity import parse, show
-from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, coverage_factor
 from palpate.procedures.lab.store import store
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.measurements.modulus.result import DisplaysPoint
-from palpate.procedures.measurements.softness.procedure import unknown_object
+from palpate.procedures.measurements.softness.procedure import object_of
 from palpate.procedures.records.headers import values_of
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import find_run
@@ -77,11 +76,11 @@ class Reference:
         """Where the modulus comes from, for people and the file."""
         return f"{self.source}, digest {self.digest[:12]}" if self.digest else self.source
 
-    def object(self, design: Design, thickness: float) -> Sample:
+    def object(self, thickness: float) -> Sample:
         """What is mounted: on a simulated bench a rubber sample, or an object of the stated modulus."""
         if self.sample:
             return replace(get_sample(self.sample), name=self.name)
-        return unknown_object(design, thickness, self.modulus, self.name)
+        return object_of(self.modulus, thickness, self.name)
 
 
 def read_reference(text: str) -> Reference:

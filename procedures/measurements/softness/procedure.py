@@ -250,8 +250,12 @@ def unknown_object(
     Raises:
         RangeError: a thickness or modulus that is not above zero.
     """
+    if modulus is None:  # a number must stand where a modulus is sought: it is that of the sensor's ring
+        return object_of(design.ring.material.modulus, thickness, name or "unknown")
+    return object_of(modulus, thickness, name or show(modulus, "Pa"))
+
+
+def object_of(modulus: float, thickness: float, name: str) -> Sample:
+    """An object of a Young modulus [Pa] and a thickness [m] that is as large as the rubber samples."""
     sample = get_sample("1")
-    # A number must stand where a modulus is sought: it is that of the sensor's ring.
-    known = design.ring.material.modulus if modulus is None else modulus
-    told = name or ("unknown" if modulus is None else show(modulus, "Pa"))
-    return Sample(told, "unknown", known, thickness, sample.area, sample.poisson, "unknown")
+    return Sample(name, "unknown", modulus, thickness, sample.area, sample.poisson, "unknown")

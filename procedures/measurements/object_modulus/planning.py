@@ -1,0 +1,75 @@
+"""The plan and the course of a measurement of a modulus: kept, because the same question comes with every set."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from palpate.instrument.allocation.allocate import BelowFloor
+from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.object_modulus import ByReferences, answering
+from palpate.instrument.models.ratio import Question
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.measurements.object_modulus.course import Course
+from palpate.procedures.measurements.object_modulus.lines import curve_of, expected
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of, for_bound
+from palpate.procedures.measurements.object_modulus.refusal import (
+    below_floor,
+    check_mountings,
+    not_known,
+    too_many_sets,
+)
+from palpate.procedures.measurements.repeated_sets import MOST_SETS
+
+if TYPE_CHECKING:
+    from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+
+
+@functools.lru_cache(maxsize=16)
+def question_of(design: str, model: str, thickness: float) -> Question:
+    """The question for a model by its own name: "auto" answers only for moduli for which its error is known."""
+    asked = Question(design, model, settings={"sensed_thickness": thickness})
+    return replace(asked, model=answering(asked))
+
+
+@functools.lru_cache(maxsize=16)
+def prospect_of(
+    procedure: ObjectModulus,
+    design: Design,
+    loads: tuple[float, ...],
+    references: ByReferences | None,
+    mountings: MountingScatter | None = None,
+) -> Prospect:
+    """The plan of a procedure for one of some loads [N]; the same question comes with every set."""
+    question, wanted = procedure.model_question(design), procedure.wanted(mountings)
+    found, tolerance = expected(question, procedure.object.modulus, references), wanted.tolerance
+    if found.sensitivity is None:
+        return for_bound(found, wanted, loads[0])
+    if tolerance is not None and found.validation.u is None and not wanted.relative:
+        raise not_known(wanted, found, design, loads)
+    try:
+        prospect = best_of(design, found, wanted, loads)
+    except BelowFloor as error:
+        raise below_floor(wanted, question, found, design, loads, error) from None
+    if tolerance is not None:
+        check_mountings(wanted, found, tolerance)
+    if (sets := prospect.allocation.sets) > MOST_SETS:
+        if tolerance is not None:
+            raise too_many_sets(wanted, found, design, loads, prospect)
+        raise RangeError(f"the plan has {sets} sets, above {MOST_SETS}; give less --time")
+    return prospect
+
+
+@functools.lru_cache(maxsize=16)
+def course_of(
+    procedure: ObjectModulus,
+    design: Design,
+    loads: tuple[float, ...],
+    references: ByReferences | None,
+    mountings: MountingScatter | None = None,
+) -> Course:
+    question = procedure.model_question(design)
+    prospect = prospect_of(procedure, design, loads, references, mountings)
+    return Course(design, question, curve_of(question, references), procedure.wanted(mountings), prospect)
