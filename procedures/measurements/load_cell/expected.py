@@ -16,6 +16,7 @@ from palpate.instrument.calibration.displayed import displayed_curve
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.procedures.engine.promise import Expected
 from palpate.procedures.measurements.prospects import display_scatter
+from palpate.procedures.measurements.repeated_sets import share
 
 SENSITIVITY = "sensitivity"
 
@@ -37,3 +38,8 @@ def expected_sensitivity(
     curve = displayed_curve(load, straight, display_scatter(cell), cell.resolution_mV, readings, degree or 1)
     u = math.sqrt(curve.covariance[1, 1]) / cell.sensitivity_mV_per_N
     return [Expected(SENSITIVITY, math.hypot(u, loads_u))]
+
+
+def told(u: float) -> str:
+    """A share in percent, with three digits: near what the steps leave, time rises fast."""
+    return share(u, 3)

@@ -14,9 +14,9 @@ from palpate.instrument.allocation.stopping import FIRST
 from palpate.instrument.calibration.classification import Run
 from palpate.instrument.calibration.load_cell_curve import CURVE, POSITIONS, REPEATABILITY, load_cell_curve
 from palpate.instrument.errors import RangeError
+from palpate.procedures.measurements.load_cell.expected import told
 from palpate.procedures.measurements.load_cell.result import LoadCellPoint
 from palpate.procedures.measurements.load_cell.series import RESERVE, Wanted, lines_of, planned, run_seconds
-from palpate.procedures.measurements.repeated_sets import share
 from palpate.procedures.showing.plan import duration
 
 DEVIATION = "deviation from the curve"
@@ -63,7 +63,7 @@ def learned(wanted: Wanted, loads: Sequence[float], runs: Sequence[Run], step: f
     try:
         plan = planned(wanted, tuple(loads), lines_by)
     except BelowFloor as error:
-        return Learned(u, done, f"{error.line} leaves {share(error.floor)}, which no further run lowers")
+        return Learned(u, done, f"{error.line} leaves {told(error.floor)}, which no further run lowers")
     except RangeError:  # by the scatter that was found no time is enough
         return Learned(u, done, "by the scatter that was found no number of runs is enough")
     return Learned(u, max(plan.runs, least), "")
@@ -90,5 +90,5 @@ def stopped(wanted: Wanted, found: Learned) -> str:
         why = f"another run would not have ended within {duration(wanted.time or 0.0)}"
     else:
         why = found.why_not
-    asked = "" if wanted.tolerance is None else f", {share(wanted.tolerance)} was asked for"
-    return f"{share(found.u)} reached{asked}{f'; {why}' if why else ''}"
+    asked = "" if wanted.tolerance is None else f", {told(wanted.tolerance)} was asked for"
+    return f"{told(found.u)} reached{asked}{f'; {why}' if why else ''}"

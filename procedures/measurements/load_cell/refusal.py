@@ -13,8 +13,8 @@ from palpate.instrument.calibration.load_cell_curve import WEIGHTS, slope_u
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.uncertainty.rounding import mean_u
+from palpate.procedures.measurements.load_cell.expected import told
 from palpate.procedures.measurements.prospects import display_scatter
-from palpate.procedures.measurements.repeated_sets import share
 
 ALIKE = 1.05  # rounding that is greater than the independent one by this is told to be shared
 
@@ -37,10 +37,10 @@ def below_floor(
         cell: what is known of the cell and its display.
         loads_u: relative standard uncertainty of all loads together.
     """
-    best = f"best now  {share(1.01 * error.floor)}"
+    best = f"best now  {told(1.01 * error.floor)}"
     if error.line == WEIGHTS:
         lines = [
-            f"--tolerance {share(tolerance)} cannot be reached: --loads-u says {share(loads_u)}, which no run lowers",
+            f"--tolerance {told(tolerance)} cannot be reached: --loads-u says {told(loads_u)}, which no run lowers",
             best,
             "or        weights of a better class, or the local gravity, and a smaller --loads-u",
         ]
@@ -49,7 +49,7 @@ def below_floor(
     apart = rounded * slope_u(np.asarray(loads, dtype=np.float64), degree) / cell.sensitivity_mV_per_N
     heavier = (loads[-1] - loads[0]) * error.floor / tolerance + loads[0]
     lines = [
-        f"--tolerance {share(tolerance)} cannot be reached: {error.line} leaves {share(error.floor)}: the display of "
+        f"--tolerance {told(tolerance)} cannot be reached: {error.line} leaves {told(error.floor)}: the display of "
         f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
         best,
         f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",
@@ -57,7 +57,7 @@ def below_floor(
     ]
     if error.floor > ALIKE * math.hypot(apart, loads_u):
         lines.append(
-            f"or        {share(math.hypot(apart, loads_u))} by weights that are rounded independently: these are nearly"
+            f"or        {told(math.hypot(apart, loads_u))} by weights that are rounded independently: these are nearly"
             " whole steps of the display apart, and rounded alike"
         )
     lines.append(f"note      by {cell.source}; a calibration without --tolerance tells the steps of this indicator")

@@ -25,11 +25,10 @@ from palpate.instrument.quantity import counted
 from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
 from palpate.procedures.engine.plan import MOUNTING, Predicted
 from palpate.procedures.engine.promise import RESULTS
-from palpate.procedures.measurements.load_cell.expected import SENSITIVITY
+from palpate.procedures.measurements.load_cell.expected import SENSITIVITY, told
 from palpate.procedures.measurements.load_cell.refusal import below_floor
 from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SETTLING
 from palpate.procedures.measurements.prospects import display_scatter
-from palpate.procedures.measurements.repeated_sets import share
 from palpate.procedures.showing.plan import duration
 
 Floats = npt.NDArray[np.float64]
@@ -159,7 +158,7 @@ def _for_tolerance(wanted: Wanted) -> Series:
     best = min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
     if best.allocation.sets > MOST_RUNS:
         raise RangeError(
-            f"--tolerance {share(wanted.tolerance or 0.0)} takes {counted(best.allocation.sets, 'run')} up and down, "
+            f"--tolerance {told(wanted.tolerance or 0.0)} takes {counted(best.allocation.sets, 'run')} up and down, "
             f"{duration(best.allocation.seconds)}, above the limit of {MOST_RUNS} runs; ask for more"
         )
     return best
@@ -216,7 +215,7 @@ def _wanted_of(wanted: Wanted) -> str:
     time = "" if wanted.time is None else duration(wanted.time)
     if wanted.tolerance is None:
         return f"the sensitivity as well as {time} allow"
-    return f"{share(wanted.tolerance)} of the sensitivity{time and f', within {time}'}"
+    return f"{told(wanted.tolerance)} of the sensitivity{time and f', within {time}'}"
 
 
 def predicted(wanted: Wanted, series: Series) -> Predicted:
@@ -229,7 +228,7 @@ def predicted(wanted: Wanted, series: Series) -> Predicted:
         f"plan           {counted(series.runs, 'run')} up and down{each} with {counted(len(series.loads), 'weight')}:"
         f" {duration(plan.seconds)}",
         f"weights        {loads} N",
-        f"expected       {share(plan.u)}; {f'loads count with {share(wanted.loads_u)}' if wanted.loads_u else EXACT}",
+        f"expected       {told(plan.u)}; {f'loads count with {told(wanted.loads_u)}' if wanted.loads_u else EXACT}",
         f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
     ]
     of_series = {"loads_N": list(series.loads), "runs": series.runs, "positions": wanted.positions,

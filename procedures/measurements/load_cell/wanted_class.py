@@ -32,10 +32,10 @@ from palpate.instrument.uncertainty.budget import NORMAL_FACTOR
 from palpate.instrument.uncertainty.interpolation import polynomials
 from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import MOUNTING
+from palpate.procedures.measurements.load_cell.expected import told
 from palpate.procedures.measurements.load_cell.result import REPEATS
 from palpate.procedures.measurements.load_cell.series import run_seconds, spread, weighing_seconds
 from palpate.procedures.measurements.prospects import display_scatter
-from palpate.procedures.measurements.repeated_sets import share
 from palpate.procedures.showing.plan import duration
 
 RUNS, POSITIONS = 2, (0.0, 120.0, 240.0)  # of ISO 376: repeatability needs two runs, reproducibility several positions
@@ -77,7 +77,7 @@ class ClassSeries:
     def lines(self, name: str) -> list[str]:
         """The plan for people; `name`: name of the class."""
         others = ", ".join(f"{place:g}°" for place in self.positions[1:])
-        expected = ", ".join(f"{key.replace('_', ' ')} {share(value)}" for key, value in self.expected.items())
+        expected = ", ".join(f"{key.replace('_', ' ')} {told(value)}" for key, value in self.expected.items())
         limit = ISO_376[name][self.binds]
         return [
             f"wanted         class {name} of ISO 376",
@@ -86,7 +86,7 @@ class ClassSeries:
             f"weights        {', '.join(f'{load:.4g}' for load in self.loads)} N",
             f"expected       {expected}, by the display alone",
             f"binds          {self.binds.replace('_', ' ')}, {self.expected[self.binds] / limit:.0%} of the class'"
-            f" {share(limit)}",
+            f" {told(limit)}",
         ]
 
 
@@ -180,8 +180,8 @@ def why_not(name: str, loads: Sequence[float], runs: Sequence[Run], step: float)
     for key in ONLY_GROW:
         values = found[key]
         if values is not None and (worst := float(values[must_hold(load) :].max())) > ISO_376[name][key]:
-            limit = share(ISO_376[name][key])
-            return f"{key.replace('_', ' ')} is {share(worst)}, above the {limit} of class {name}; no run lowers it"
+            limit = told(ISO_376[name][key])
+            return f"{key.replace('_', ' ')} is {told(worst)}, above the {limit} of class {name}; no run lowers it"
     return ""
 
 
