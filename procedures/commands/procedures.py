@@ -55,8 +55,16 @@ def chosen_for(procedure: Procedure[S, P, R], choice: Choice, output: Output, mo
 
 
 def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
-    """Carry out a procedure on the bench of a command, and show its result. Raises as `open_and_run` does."""
+    """Carry out a procedure on the bench of a command, and show its result. Raises as `open_and_run` does.
+
+    What a run on a bench file will take is told before the bench is opened.
+    """
     chosen = chosen_for(procedure, choice, output, model)
+    if choice.bench is not None and output.for_people:
+        from palpate.procedures.showing.plan import announce
+
+        refuse(procedure, chosen.target)
+        announce(planned(procedure, chosen.target))
     with output.prices():
         with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
             done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)

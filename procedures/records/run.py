@@ -13,7 +13,7 @@ import hashlib
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, get_args
@@ -57,8 +57,8 @@ class Run:
     simulated: bool
     started: datetime
     status: Status
-    header: Mapping[str, object]
-    summary: Mapping[str, object]
+    header: Mapping[str, object] = field(repr=False)
+    summary: Mapping[str, object] = field(repr=False)
     hashed: bool
 
     @classmethod

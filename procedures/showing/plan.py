@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from palpate.instrument.quantity import counted
+from palpate.procedures.console.terminal import Spoken, console
 from palpate.procedures.engine.plan import Plan, S, Step
 from palpate.procedures.engine.promise import RELATIVE, expected_of
 from palpate.procedures.showing.text import new_table, number, print_all
@@ -37,6 +38,14 @@ def print_plan(plan: Plan[S]) -> None:
         u = f"{100 * each.u:.2g} %" if each.unit == RELATIVE else f"{each.u:.2g}"
         expected.add_row(each.name, u, each.unit)
     print_all(table, *([expected] if results else []), _total(plan, f"{counted(len(rows), 'point')}, "))
+
+
+def announce(plan: Plan[S]) -> None:
+    """Tell who sits at the terminal, on stderr, what a run will do and how long it takes, before it begins."""
+    shown = console(file=Spoken())
+    if shown.is_terminal:
+        for line in (*plan.predicted.lines, f"{plan.procedure}: about {duration(plan.seconds)}"):
+            shown.print(line)
 
 
 def _dwell(dwell: float | None, u: float | None) -> str:

@@ -54,6 +54,7 @@ def refuse(code: int) -> Callable[..., NoReturn]:
 def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     run = write(tmp_path / "parents" / "run")
     assert run.header == HEADER
+    assert "header=" not in repr(run)  # header and summary take pages
     assert (run.procedure, run.simulated, run.status, run.summary) == ("sweep loads", True, "complete", {"points": 3})
     assert run.started == datetime(2025, 3, 14, 15, 9, 26, tzinfo=UTC)
     assert run.points()[1] == {"id": 2, "bench_ns": SECOND, "sample": 2, "load_N": 2.0}
