@@ -34,7 +34,7 @@ noise = "0.3 mV"
 decimals = 2
 """
 SIGNATURES = {
-    "Characterisation": "sample loads dwell frequency drift_time",
+    "Characterisation": "sample loads dwell frequency drift_time tolerance time",
     "DynamicLoadWork": "lab record loads frequency samples extrapolate",
     "FilmCalibration": (
         "accepted design films covariance crosstalk crosstalk_u frequencies_Hz gain least_N greatest_N "
@@ -51,7 +51,7 @@ SIGNATURES = {
         "interpolation zero_return creep resolution_mV scatter_mV lower_limit_factor_N astm_e74 iso_376 "
         "gage_factor device simulated source created expires curvature"
     ),
-    "LoadCellSeries": "loads runs positions degree creep valid_days iso_class tolerance",
+    "LoadCellSeries": "loads runs positions degree creep valid_days iso_class tolerance time loads_u",
     "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
     "Measurement": "point waveforms error",
     "ModelCalibration": (
