@@ -94,6 +94,14 @@ def test_an_open_bridge_stops_a_set_that_is_made_again(first: Set, monkeypatch: 
     assert outputs(first.sim) == OFF
 
 
+def test_a_glance_at_an_open_bridge_stops_a_set_before_its_dwell(first: Set, monkeypatch: pytest.MonkeyPatch) -> None:
+    first.work.servo.glance()
+    open_bridge(first.sim, monkeypatch)
+    with pytest.raises(DeviceError, match="no valid reading while driving: bridge open; outputs are off"):
+        first.work.servo.glance()
+    assert outputs(first.sim) == OFF
+
+
 # --- the approach --------------------------------------------------------------------------------------
 
 
