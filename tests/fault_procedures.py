@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -56,9 +57,12 @@ def _ratios(
     return {f"ratio {i}": Value(p.force_ratio, p.force_ratio_u, p.valid) for i, p in enumerate(points)}
 
 
-def _gain(gain: float, load: float, load_u: float, valid: bool) -> Value:
-    """The gain of a film. Its uncertainty leaves out the scatter of gains, which the scene does not have."""
-    return Value(gain, APART * gain * load_u / load, valid)
+def _gain(gain: float, load: float, load_u: float, valid: bool, noise_u: float = 0.0) -> Value:
+    """The gain of a film; `noise_u`: relative uncertainty of its voltage.
+
+    Its uncertainty leaves out the scatter of gains, which the scene does not have.
+    """
+    return Value(gain, APART * gain * math.hypot(load_u / load, noise_u), valid)
 
 
 def _lab(bench: Bench) -> Lab:
@@ -136,8 +140,9 @@ def _characterise(bench: Bench, record: Recorder) -> Found:
     result = conduct(Characterisation(SAMPLE, LOADS, DWELL, FREQUENCY, 2.0), _lab(bench), record)
     found = {f"{row.film} {row.quantity}": Value(row.value, APART * row.u) for row in result.rows}
     for i, p in enumerate(result.points):
-        for film, volts in zip(result.films, p.voltages_V, strict=True):
-            found[f"{film} {i}"] = _gain(volts / p.load_measured_N, p.load_measured_N, p.load_measured_u, p.valid)
+        for film, volts, volts_u in zip(result.films, p.voltages_V, p.voltages_u, strict=True):
+            gain, noise_u = volts / p.load_measured_N, volts_u / volts
+            found[f"{film} {i}"] = _gain(gain, p.load_measured_N, p.load_measured_u, p.valid, noise_u)
     return found
 
 
