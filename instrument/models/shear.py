@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.solid.body import PlanElements
+from palpate.instrument.models.solid.ladders import resolution
 from palpate.instrument.models.solid.mesh import TOOTH
-from palpate.instrument.models.solid.model import REFINEMENTS, resolution_of
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.models.table import place_among_films
 from palpate.instrument.sensor.design import Design
@@ -29,7 +29,7 @@ Vector = NDArray[np.float64]
 
 DRAGGED = ("tooth", "object")
 NOTHING = 1e-6  # share of the load that rounding leaves of a force that is zero by symmetry
-MESHES = REFINEMENTS[:2]  # the third takes 10 to 20 s, the fourth minutes
+MESHES = (0, 1)  # the third takes a minute
 ALIKE = 0.1  # relative difference below which two films count as being at the same position
 
 
@@ -80,7 +80,7 @@ def told(films: Mapping[str, FilmShear]) -> str:
     return "apart" if max(places) - min(places) > ALIKE * max(map(abs, places)) else "off centre"
 
 
-def shear(design: Design, sensed: Sample, refinement: int = REFINEMENTS[0]) -> dict[str, FilmShear]:
+def shear(design: Design, sensed: Sample, refinement: int = MESHES[0]) -> dict[str, FilmShear]:
     """Effect of shear on each film by its name.
 
     Raises:
@@ -94,7 +94,7 @@ def shear(design: Design, sensed: Sample, refinement: int = REFINEMENTS[0]) -> d
             " 'common_base' or 'different_base'"
         )
     parameters = replace(solid_parameters(design, Load(1.0, sensed, "bonded")), load_at=None)
-    system = System(parameters, resolution_of(refinement), mirrored=(False, True))
+    system = System(parameters, resolution(parameters, refinement), mirrored=(False, True))
     stack, upper = system.stack, system.stack.object.body.plan
     below = PlanElements(stack.basis, np.flatnonzero((stack.plan.region == TOOTH) & (stack.plan.cell == 0)), 1)
     on_tooth = np.zeros(len(upper.nodes))

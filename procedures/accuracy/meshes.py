@@ -19,9 +19,9 @@ from palpate.instrument.models.axisymmetric.curves import found_on
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.curve import Resolution
-from palpate.instrument.models.stored.surface import has_many_teeth
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
@@ -40,7 +40,7 @@ TIMED = MODULI[2]
 COARSEST = -1
 COARSEST_MESH = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
 # The second way to a reference: no pressure among the unknowns (axisymmetric); another grading and degree (solid):
-OTHER_FAMILY = Resolution(layers=3, ratio=0.15, sectors=1, degree=4)
+OTHER_FAMILY = Resolution(layers=4, ratio=0.2, sectors=1, degree=4)
 FINER = 2  # refinement that is the second way of many teeth, and not priced
 
 
@@ -101,7 +101,7 @@ def refinements(design: Design, load: Load) -> dict[str, list[Mesh]]:
     around = round_parameters(design, load) if len(design.teeth) == 1 else None
     found = {"axisymmetric": [Mesh(around, refinement) for refinement in axisymmetric.REFINEMENTS]} if around else {}
     square = solid_parameters(design, load)
-    own = solid.REFINEMENTS[:FINER] if has_many_teeth(square) else solid.REFINEMENTS
+    own = ladders.refinements(square)[: FINER if ladders.has_many_teeth(square) else None]
     return {**found, "solid": [Mesh(square, refinement) for refinement in (COARSEST, *own)]}
 
 
@@ -110,7 +110,8 @@ def references(design: Design, load: Load) -> list[Mesh]:
     if design.outline == "round":
         finest = Mesh(round_parameters(design, load), axisymmetric.REFINEMENTS[-1] + 1)
         return [finest, replace(finest, second=True)]
-    return [Mesh(solid_parameters(design, load), solid.REFINEMENTS[-1], second=True)]
+    square = solid_parameters(design, load)
+    return [Mesh(square, ladders.refinements(square)[-1], second=True)]
 
 
 def solve(mesh: Mesh) -> Solved:
@@ -123,17 +124,18 @@ def solve(mesh: Mesh) -> Solved:
             built = time.process_time()
             ratio = float(found.force_ratios(np.array([mesh.parameters.sensed_modulus]))[0, 0])
             return Solved(ratio, curve=found, seconds=(0.0, built - start, time.process_time() - built))
-        answer = solid.solve_on(mesh.parameters, _resolution(mesh))
-        whole = solid.curve_on(mesh.parameters, _resolution(mesh))
+        resolution = _resolution(mesh.parameters, mesh)
+        answer = solid.solve_on(mesh.parameters, resolution)
+        whole = solid.curve_on(mesh.parameters, resolution)
         return Solved(answer.force_ratio, curve=whole.poles, seconds=(*answer.seconds, 0.0))
     except EstimateError as error:
         return Solved(None, failure=str(error))
 
 
-def _resolution(mesh: Mesh) -> Resolution:
+def _resolution(of: SolidParameters, mesh: Mesh) -> Resolution:
     if mesh.second:
-        return solid.resolution_of(FINER) if has_many_teeth(mesh.parameters) else OTHER_FAMILY
-    return COARSEST_MESH if mesh.refinement == COARSEST else solid.resolution_of(mesh.refinement)
+        return ladders.resolution(of, FINER) if ladders.has_many_teeth(of) else OTHER_FAMILY
+    return COARSEST_MESH if mesh.refinement == COARSEST else ladders.resolution(of, mesh.refinement)
 
 
 def solve_all(designs: Sequence[Design], progress: Progress) -> dict[Mesh, Solved]:

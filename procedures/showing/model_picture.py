@@ -15,7 +15,7 @@ from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.models.ratio import Answer, Question, ask
-from palpate.instrument.models.stored.surface import has_many_teeth
+from palpate.instrument.models.solid.ladders import has_many_teeth
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load

@@ -15,6 +15,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.solid.ladders import refinements
 from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks.claims import RATIOS, Claim, Tried, Truth, campaign, changes, claim, errors, is_closed, left_over
 from tests.benchmarks.row import Row
@@ -23,8 +24,8 @@ from tests.settings import disc, solid_sensors
 SENSORS, SEED = 1000, 91_000_000
 EVERY_CAPPED = 7
 ROUND_REFINEMENTS = axisymmetric.REFINEMENTS[:4]
-# What the change to the finest mesh leaves, by the number of meshes: the fourth raises degree and layers.
-LEFT, LEFT_CLOSED = {3: 0.6, 4: 0.3}, 1.5
+# What the change to the finest mesh leaves.
+LEFT, LEFT_CLOSED = 0.6, 1.5
 
 
 def sensor(number: int) -> SolidParameters:
@@ -51,18 +52,11 @@ def tried(number: int) -> Tried:
     """Judge all meshes of a sensor but the first, and but the finest where that is the judge."""
     drawn = sensor(number)
     try:
-        curves = [solid.curve(drawn, refinement).poles for refinement in range(_meshes(number, drawn))]
+        curves = [solid.curve(drawn, refinement).poles for refinement in refinements(drawn)]
         found = claims(number, drawn, curves)
         return Tried(number, [asdict(each) for each in found])
     except EstimateError as error:
         return Tried(number, [], str(error))
-
-
-def _meshes(number: int, drawn: SolidParameters) -> int:
-    """Number of meshes: the fourth takes most time by far, and twice as much with films."""
-    if drawn.outline == "round":
-        return 4 if number % 20 == 0 or (number % 10 < 2 and drawn.support == "rigid") else 3
-    return 4 if number % 10 < 7 else 3
 
 
 def claims(number: int, drawn: SolidParameters, curves: Sequence[Curve]) -> Iterator[Claim]:
@@ -74,14 +68,14 @@ def claims(number: int, drawn: SolidParameters, curves: Sequence[Curve]) -> Iter
         doubts, left, last = axisymmetric.estimates(known, around, moduli), 0.0, len(curves)
     else:
         known, doubts = list(curves), (0.0 * moduli, 0.0 * moduli)
-        left, last = LEFT_CLOSED if is_closed(drawn) else LEFT[len(curves)], len(curves) - 1
+        left, last = LEFT_CLOSED if is_closed(drawn) else LEFT, len(curves) - 1
     best = known[-1]
     truth = Truth(best.force_ratios(moduli)[:, 0], best.voltages(moduli)[:, :, 0], *doubts)
     still = left_over(left, changes(known[-2], best, moduli))
     for count in range(2, last + 1):
         bounds = solid.estimates(curves[:count], drawn, moduli)
         found = errors(curves[count - 1], best, moduli, still)
-        yield claim(drawn, number, solid.REFINEMENTS[count - 1], found, bounds, truth)
+        yield claim(drawn, number, count - 1, found, bounds, truth)
 
 
 def measure() -> Iterator[Row]:

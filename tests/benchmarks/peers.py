@@ -27,6 +27,7 @@ from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import OF_MANY_TEETH
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import FilmMaterial
 from tests.benchmarks import calculix_peer, ngsolve_peer
@@ -131,7 +132,8 @@ def _in_space(ngsolve: bool) -> Iterator[Row]:
 def _beside_superlu() -> Iterator[Row]:
     """The whole curve by fronts, and one modulus by SuperLU's factors of the assembled matrix."""
     for design, refinement in SUPERLU_MESHES:
-        sensor, resolution = solid_parameters(get_design(design), PHYSICAL.load(1e5)), solid.resolution_of(refinement)
+        sensor = solid_parameters(get_design(design), PHYSICAL.load(1e5))
+        resolution = OF_MANY_TEETH.resolutions[refinement]
         began = _processor_seconds()
         solid.found_on(replace(sensor, sensed_modulus=1.0), resolution)
         between = _processor_seconds()

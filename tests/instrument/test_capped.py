@@ -132,13 +132,13 @@ def test_a_cap_that_touches_the_tooth_is_refused(parameters: RoundParameters | S
         replace(parameters, ring_inner_radius=1.4e-3 + gap)
 
 
-def test_the_capped_set_meets_table_a2_7_to_38_mn_and_15_rms() -> None:
+def test_the_capped_set_meets_table_a2_7_to_38_mn_and_14_rms() -> None:
     """A fit to this very table: thickness, modulus and Poisson ratios were chosen to meet it."""
     comparison = position.compare(("identified",), Curves([], solutions=Solutions.shipped()))
     found = {(d.quantity, d.parameters): d for d in comparison.deviations()}
     for tooth in ("force_pvdf3_N", "force_pvdf1_N"):
         capped, identified = found[tooth, "capped"], found[tooth, "identified"]
-        assert (abs(capped.worst), capped.rms) == pytest.approx((0.0384, 0.0148), abs=1e-4)
+        assert (abs(capped.worst), capped.rms) == pytest.approx((0.0383, 0.0142), abs=1e-4)
         assert (abs(identified.worst), identified.rms) == pytest.approx((0.21, 0.106), abs=1e-2)
     assert any("the capped set is a fit to this table" in sentence for sentence in comparison.said)
 
@@ -154,5 +154,5 @@ def test_without_the_cap_the_same_object_misses_table_a2_7_by_0_59() -> None:
         load = replace(CAPPED.load(position.CAPPED_MODULUS), interface=interface)
         apart = solid.point_loads(solid_parameters(sensor, load), places, 0) - thesis
         worst[interface], rms[interface] = float(np.abs(apart).max()), math.sqrt(np.mean(apart**2))
-    assert (worst["capped"], rms["capped"]) == pytest.approx((0.0384, 0.0148), abs=1e-4)
+    assert (worst["capped"], rms["capped"]) == pytest.approx((0.0383, 0.0142), abs=1e-4)
     assert (worst["frictionless"], rms["frictionless"]) == pytest.approx((0.59, 0.24), abs=5e-3)

@@ -94,14 +94,11 @@ def test_the_digits_that_a_stiff_sheet_loses_beside_a_narrow_gap_are_told() -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [23, 31])
-def test_layers_are_not_trusted_where_the_degree_leaves_most(number: int) -> None:
-    """The third mesh of these random discs has more layers than the second, and hardly another ratio; it errs twice as
-    much as an estimate from these two alone.
-    """
-    result = estimates_solid.tried(number)
+def test_a_step_that_leaves_the_degree_along_the_height_is_not_trusted() -> None:
+    """The third mesh of this random flat disc hardly has another ratio than the second: it errs by twice the change."""
+    result = estimates_solid.tried(3004)
     (_, third) = result.claims
-    assert 0.1 < third["ratio"] <= 1
+    assert 0.3 < third["ratio"] <= 1
 
 
 def test_an_estimate_below_the_error_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

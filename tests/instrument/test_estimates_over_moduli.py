@@ -127,21 +127,35 @@ def test_bounds_are_several_times_as_wide_where_a_gap_is_closed(monkeypatch: pyt
     assert open_bounds.min() > 0
 
 
-@pytest.mark.parametrize(("count", "factor", "of_voltages"), [(2, 2.0, 12.0), (3, 1.0, 8.0), (4, 0.5, 4.0)])
-@pytest.mark.parametrize(("inner", "narrow"), [(1.2, 1.0), (1.04, 4.0)])
-def test_the_solid_model_believes_its_meshes_as_its_decision_says(
-    count: int, factor: float, of_voltages: float, inner: float, narrow: float
+FEW = SolidParameters()
+MANY = SolidParameters(cell_length=12e-3, cell_width=12e-3, columns=3, rows=2)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "product", "narrow", "count", "factor", "of_voltages"),
+    [
+        (FEW, 0.05, 2.0, 2, 1.5, 8.0),
+        (FEW, 0.05, 2.0, 3, 1.4, 6.0),
+        (MANY, 0.15, 4.0, 2, 2.0, 12.0),
+        (MANY, 0.15, 4.0, 3, 1.0, 8.0),
+        (MANY, 0.15, 4.0, 4, 0.5, 4.0),
+    ],
+)
+@pytest.mark.parametrize("inner", [1.2, 1.04])
+def test_the_solid_model_believes_its_meshes_as_its_decisions_say(
+    sensor: SolidParameters, product: float, narrow: float, count: int, factor: float, of_voltages: float, inner: float
 ) -> None:
-    """By their number, and less where the gap is below a twentieth of the tooth's radius."""
-    sensor = SolidParameters(ring_inner_radius=inner * SolidParameters().tooth_radius)
-    at = np.array([1e5])
-    ratio, voltage = estimates([COARSE, FINE], at, Manner(0.15, (1.0,), (1.0,), luck=0.0, reach=8))
+    """By their number and that of the teeth, and less where the gap is below a twentieth of the tooth's radius."""
+    sensor = replace(sensor, ring_inner_radius=inner * sensor.tooth_radius)
+    at, times = np.array([1e5]), narrow if inner < 1.05 else 1.0
+    ratio, voltage = estimates([COARSE, FINE], at, Manner(product, (1.0,), (1.0,), luck=0.0, reach=8))
     found = solid.estimates([COARSE, FINE, COARSE, FINE][-count:], sensor, at)
-    assert found[0] - 1e-8 == pytest.approx(factor * narrow * ratio)
-    assert found[1] == pytest.approx(of_voltages * narrow * voltage)
+    assert found[0] - 1e-8 == pytest.approx(factor * times * ratio)
+    assert found[1] == pytest.approx(of_voltages * times * voltage)
 
 
-def test_the_solid_model_does_not_trust_layers_where_the_degree_leaves_most() -> None:
-    at, sensor = np.array([1e5]), SolidParameters()
+@pytest.mark.parametrize(("sensor", "luck"), [(FEW, 0.06), (MANY, 0.12)])
+def test_the_solid_model_does_not_trust_meshes_that_hardly_differ(sensor: SolidParameters, luck: float) -> None:
+    at = np.array([1e5])
     before, after = (np.array(solid.estimates(meshes, sensor, at)) for meshes in ([COARSE, FINE], [COARSE, FINE, FINE]))
-    assert after - [[1e-8], [0.0]] == pytest.approx(0.12 * (before - [[1e-8], [0.0]]))
+    assert after - [[1e-8], [0.0]] == pytest.approx(luck * (before - [[1e-8], [0.0]]))

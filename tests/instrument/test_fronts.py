@@ -17,7 +17,7 @@ from palpate.instrument.models.finite_elements.poles import Sensor, curve
 from palpate.instrument.models.finite_elements.rational import basis
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import solid_parameters
-from palpate.instrument.models.solid.model import RESOLUTIONS
+from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
 
@@ -126,7 +126,8 @@ def test_the_memory_of_this_machine_is_known_where_the_system_tells_it(monkeypat
 
 def test_a_pair_is_cut_between_its_cells_where_the_fewest_unknowns_are_passed_on() -> None:
     """Cuts at the median alone left a front of 2,198 unknowns."""
-    system = System(solid_parameters(get_design("common_base"), PHYSICAL.load(1e5)), RESOLUTIONS[1])
+    mesh = Resolution(layers=2, ratio=0.2, sectors=1, degree=3)
+    system = System(solid_parameters(get_design("common_base"), PHYSICAL.load(1e5)), mesh)
     side = system._sensor
     found = dissected(side._unknowns, side._coordinates, system.contact[side.has])
     assert max(front.size for front in found.fronts) < 1500

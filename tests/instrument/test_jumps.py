@@ -14,6 +14,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.bodies import LEAST_COMPLIANCE, MIXED_POISSON, RUBBER_MIXED_POISSON
 from palpate.instrument.models.axisymmetric.mesh import NEAR, grid
 from palpate.instrument.models.parameters import CLOSED, Parameters, RoundParameters, SolidParameters
+from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.body import LEAST_COMPLIANCE as LEAST_SOLID_COMPLIANCE
 from palpate.instrument.models.solid.parts import LEAST_GAP, Stack
@@ -62,7 +63,8 @@ def _jump(model: ModuleType, sensor: Parameters, name: str, at: float, refinemen
     curves, bounds = [], []
     for value in (at - apart, at + apart):
         side = replace(sensor, **{name: value})
-        meshes = [model.curve(side, each) for each in model.REFINEMENTS if each <= refinement]
+        refinements = ladders.refinements(side) if isinstance(side, SolidParameters) else model.REFINEMENTS
+        meshes = [model.curve(side, each) for each in refinements if each <= refinement]
         known = [getattr(mesh, "poles", mesh) for mesh in meshes]
         curves.append(known[-1])
         bounds.append(model.estimates(known, side, moduli))
@@ -133,7 +135,7 @@ def test_no_line_more_in_the_round_model_s_grid_makes_its_answers_jump() -> None
 def test_a_gap_of_any_width_has_a_mesh(gap: float) -> None:
     """Its finest one, in which points across the gap are closest."""
     sensor = replace(SINGLE, ring_inner_radius=SINGLE.tooth_radius + gap)
-    Stack(sensor, replace(solid.RESOLUTIONS[-1], degree=2), (True, True))
+    Stack(sensor, replace(ladders.resolution(sensor, 2), degree=2), (True, True))
 
 
 @pytest.mark.parametrize("name", ["ring_inner_radius", "sensed_radius"])

@@ -14,14 +14,15 @@ from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
-from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.body import Body, Elastic, HeightElements, PlanElements, plan_basis
 from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import OF_FEW_TEETH
 from palpate.instrument.models.solid.mesh import Cell, Plan, graded, plan_mesh
 from palpate.instrument.models.solid.model import point_loads, solve, solve_to
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
+from tests import meshes
 from tests.settings import disc
 
 COARSE = SolidParameters(interface="frictionless", support="rigid")
@@ -37,7 +38,7 @@ def coarse_ratio(compliant_poisson: float) -> float:
 def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     """The smallest mesh, for what holds exactly on any."""
     smallest = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
-    monkeypatch.setattr(solid, "RESOLUTIONS", (smallest,) * 4)
+    meshes.give(monkeypatch, *[smallest] * 3)
 
 
 def unit_cell(sectors: int = 1, degree: int = 2) -> tuple[Plan, PlanElements]:
@@ -133,7 +134,7 @@ def test_mirrored_loads_give_mirrored_forces(one_layer: None) -> None:
 
 
 def test_a_load_here_moves_there_as_a_load_there_moves_here(one_layer: None) -> None:
-    system = System(SolidParameters(interface="frictionless"), solid.RESOLUTIONS[0], mirrored=(False, True))
+    system = System(SolidParameters(interface="frictionless"), OF_FEW_TEETH.resolutions[0], mirrored=(False, True))
     here, there = system.load((2e-3, 5e-3)), system.load((8.5e-3, 5e-3))
     work = there @ system.displacement(here)
     assert work == pytest.approx(here @ system.displacement(there), rel=1e-9)
@@ -143,7 +144,7 @@ def test_an_array_is_symmetric_where_no_symmetry_is_made_use_of(one_layer: None)
     corner = replace(
         solid_parameters(get_design("array"), PHYSICAL.load(1e5)), columns=2, support="rigid", interface="frictionless"
     )
-    system = System(corner, solid.RESOLUTIONS[0], mirrored=(False, True))
+    system = System(corner, OF_FEW_TEETH.resolutions[0], mirrored=(False, True))
     *teeth, base = system.curve([system.load(None)]).poles.values(np.array([1e5]))[0, :, 0]
     assert teeth == pytest.approx(np.full(4, teeth[0]), rel=1e-9)
     assert sum(teeth) < base
@@ -232,9 +233,7 @@ def test_a_tolerance_that_the_model_cannot_meet_is_refused() -> None:
 def test_a_tolerance_below_the_estimate_of_the_finest_mesh_is_refused_with_that(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    meshes = tuple(Resolution(layers=1, ratio=0.2, sectors=1, degree=degree) for degree in (2, 3))
-    monkeypatch.setattr(solid, "RESOLUTIONS", meshes)
-    monkeypatch.setattr(solid, "REFINEMENTS", (0, 1))
+    meshes.give(monkeypatch, *[Resolution(layers=1, ratio=0.2, sectors=1, degree=degree) for degree in (2, 3)])
     with pytest.raises(RangeError, match="cannot meet tolerance 2e-08: its least error here is"):
         solve_to(COARSE, 2e-8)
 

@@ -16,11 +16,13 @@ from palpate.instrument.models.solid.model import curve_on, solve_on
 from tests.instrument.direct import direct
 
 SMALL = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
+UNLIKE = Resolution(layers=1, ratio=0.2, sectors=1, degree=3, rubber=4, stiff=2)  # degrees of elements differ
 RIGID: dict[str, Any] = {"support": "rigid"}
 RATIOS = (1e-2, 4.0, 1e8)  # moduli of the object over the ring's
 PAIR: dict[str, Any] = {"cell_length": 12e-3, "cell_width": 12e-3, "columns": 2}
 SENSORS: dict[str, tuple[dict[str, Any], float]] = {
     "bonded": ({}, 1e-10),
+    "unlike degrees": ({}, 1e-10),
     "frictionless": ({"interface": "frictionless"}, 1e-10),
     "capped": ({"interface": "capped"}, 1e-10),
     "rigid, bonded": (RIGID, 1e-10),
@@ -48,11 +50,12 @@ PLAIN = ("rigid, bonded", "rigid, incompressible")
 def test_a_curve_gives_what_a_solution_for_each_modulus_does(name: str) -> None:
     changed, within = SENSORS[name]
     sensor = replace(SolidParameters(), **changed)
-    found = curve_on(sensor, SMALL).poles
+    mesh = UNLIKE if name == "unlike degrees" else SMALL
+    found = curve_on(sensor, mesh).poles
     for ratio in RATIOS:
         modulus = ratio * sensor.compliant_modulus
-        known = direct(replace(sensor, sensed_modulus=modulus), SMALL)
-        assert solve_on(replace(sensor, sensed_modulus=modulus), SMALL).force_ratio == pytest.approx(
+        known = direct(replace(sensor, sensed_modulus=modulus), mesh)
+        assert solve_on(replace(sensor, sensed_modulus=modulus), mesh).force_ratio == pytest.approx(
             known.force_ratio, abs=within
         )
         voltages = found.voltages(np.array([modulus]))[0, :, 0]

@@ -21,6 +21,7 @@ from palpate.instrument.models.solid.system import System
 from palpate.instrument.models.table import FilmLoad
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import PVDF
+from tests import meshes
 from tests.instrument.coupled import coupled
 
 SMALLEST = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
@@ -30,7 +31,7 @@ APART = SolidParameters(cell_length=12e-3, cell_width=12e-3, columns=2, separate
 
 @pytest.fixture
 def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solid, "RESOLUTIONS", (SMALLEST,) * 4)
+    meshes.give(monkeypatch, *[SMALLEST] * 3)
 
 
 def test_another_force_on_the_same_sensor_is_not_solved_again(one_layer: None, monkeypatch: pytest.MonkeyPatch) -> None:

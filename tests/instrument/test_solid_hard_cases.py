@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
-from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.body import Body, Elastic, Names
 from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import OF_MANY_TEETH
 from palpate.instrument.models.solid.model import point_loads, solve, solve_on
 from palpate.instrument.models.solid.system import System
+from tests import meshes
 from tests.settings import disc
 
 Vector = NDArray[np.float64]
@@ -73,10 +74,10 @@ def test_plain_displacement_elements_agree_where_rubber_is_compressible(monkeypa
 
 def test_rubber_locks_plain_displacement_elements_and_not_the_shipped_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     rubber = replace(ROUND, sensed_poisson=0.499999)
-    shipped = abs(ratio(rubber, solid.RESOLUTIONS[0]) - exact(0.499999))
+    shipped = abs(ratio(rubber, OF_MANY_TEETH.resolutions[0]) - exact(0.499999))
     assert shipped < 0.01
     monkeypatch.setattr(Body, "stiffness", plain_displacement)
-    assert abs(ratio(rubber, solid.RESOLUTIONS[0]) - exact(0.499999)) > 10 * shipped
+    assert abs(ratio(rubber, OF_MANY_TEETH.resolutions[0]) - exact(0.499999)) > 10 * shipped
 
 
 @pytest.mark.parametrize("place", [(0.0, 5e-3), (0.0, 0.0), (10e-3, 10e-3)])
@@ -101,7 +102,7 @@ def test_a_load_at_edge_and_corner_is_carried_with_its_moment(place: tuple[float
 
 @pytest.mark.slow
 def test_mirrored_loads_give_the_mirrored_array(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solid, "RESOLUTIONS", (SMALLEST,))
+    meshes.give(monkeypatch, SMALLEST)
     four = replace(RIGID, cell_length=12e-3, cell_width=12e-3, columns=2, rows=2)
     corners = point_loads(four, [(5e-3, 4e-3), (19e-3, 4e-3), (5e-3, 20e-3), (19e-3, 20e-3)], 0).reshape(4, 2, 2)
     first = corners[0]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from palpate.instrument import notice
 from palpate.instrument.models.axisymmetric.model import estimates
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
@@ -48,7 +49,7 @@ def made_up(mesh: Mesh) -> Solved:
 
     Between the moduli the first axisymmetric one is off by 0.3. The finest mesh of two teeth does not fit.
     """
-    if isinstance(mesh.parameters, SolidParameters) and mesh.parameters.columns > 1 and mesh.refinement == 3:
+    if isinstance(mesh.parameters, SolidParameters) and mesh.parameters.columns > 1 and mesh.refinement > 1:
         return Solved(None, failure="too large" if not mesh.second else "too large, too")
     level = mesh.refinement + (1 if mesh.model == "solid" else 0)
     error = 0.1 * 0.2 ** (level - 1) if not mesh.second else 1e-5
@@ -116,7 +117,7 @@ def test_every_model_has_its_refinements(measured: PriceList) -> None:
         counts = {model: len(rows(measured, design, model)) for model in MODELS}
         assert counts == {
             "column": 1, "column_fitted": 1, "experiment": 1, "beam_printed": 1, "beam_exact": 1,
-            "beam": len(BEAM_ELEMENTS), "axisymmetric": 5, "solid": 5, "surface": 1,
+            "beam": len(BEAM_ELEMENTS), "axisymmetric": 5, "solid": 4, "surface": 1,
         }  # fmt: skip
 
 
@@ -144,25 +145,25 @@ def test_the_axisymmetric_model_is_looked_at_in_the_middle_between_two_moduli_as
 
 def test_a_mesh_that_does_not_fit_is_left_in_and_the_reference_goes_without(measured: PriceList) -> None:
     found = rows(measured, "common_base", "solid")
-    assert [price.failure for price in found] == ["", "", "", "", "too large"]
+    assert [price.failure for price in found] == ["", "", "", "too large"]
     assert found[-1].errors == (None,) * 4
     assert (found[-1].build_s, found[-1].seconds, found[-1].answer_s) == (None, None, None)
     reference = measured.references[2]
     assert (
-        "refinements up to 2" in reference.how
+        "refinements up to 1" in reference.how
         and "not checked by a finer or other mesh: too large, too" in reference.how
     )
-    # Errors of 0.1, 0.02 and 0.004 lead to none; three meshes may leave more unseen.
+    # Errors of 0.1 and 0.02 lead to none; two meshes may leave more unseen.
     for modulus, ratio, uncertainty in zip(MODULI, reference.force_ratios, reference.uncertainties, strict=True):
         assert ratio == pytest.approx(truth(modulus), rel=1e-9)
-        assert uncertainty == pytest.approx(max(0.004 * truth(modulus), UNSEEN[3]), rel=1e-6)
+        assert uncertainty == pytest.approx(max(0.02 * truth(modulus), UNSEEN[2]), rel=1e-6)
 
 
 def test_a_certified_answer_costs_all_the_meshes_that_its_estimate_needs(measured: PriceList) -> None:
     answers = [price.answer_s for price in rows(measured, "single_round", "axisymmetric")]
     assert answers == [None, 3.0, 6.0, 10.0, 15.0]
-    assert [price.answer_s for price in rows(measured, "single_round", "solid")] == [None, None, 3.0, 6.0, 10.0]
-    assert [price.seconds for price in rows(measured, "single_round", "solid")] == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert [price.answer_s for price in rows(measured, "single_round", "solid")] == [None, None, 3.0, 6.0]
+    assert [price.seconds for price in rows(measured, "single_round", "solid")] == [0.0, 1.0, 2.0, 3.0]
 
 
 def test_estimates_are_the_greatest_that_the_models_give_in_each_interval(measured: PriceList) -> None:
@@ -182,10 +183,10 @@ def test_the_reference_of_a_round_design_is_its_finest_mesh_and_says_how_it_was_
     for way in ("plain displacement form", "refinement 5", "solid model"):
         assert way in round_one.how
     assert "another degree" in square.how
-    # Errors of 0.1, 0.02, 0.004 and 0.0008 lead to none; the second way is 1e-5 off.
+    # Errors of 0.1, 0.02 and 0.004 lead to none; the second way is 1e-5 off.
     at = MODULI.index(TIMED)
     assert square.force_ratios[at] == pytest.approx(truth(TIMED), rel=1e-9)
-    assert square.uncertainties[at] == pytest.approx(0.0008 * truth(TIMED), rel=1e-3)
+    assert square.uncertainties[at] == pytest.approx(0.004 * truth(TIMED), rel=1e-3)
 
 
 def test_a_closed_form_is_looked_at_between_the_moduli(measured: PriceList) -> None:
@@ -299,8 +300,8 @@ def test_measuring_keeps_nothing_unless_told_to(
     monkeypatch.setattr(price_list, "STORED", path)
     said = palpate(*MODELS_COMMAND, "--measure", "--design", "single", "--json", "--out", str(tmp_path))
     assert not path.exists() and Path(said.object["plot"]).exists()
-    assert said.err.startswith("palpate: note: measuring the models takes about 50 s\n")
-    assert measuring.expected_seconds(stored()) == pytest.approx(413, rel=0.1)  # s, measured for all designs
+    assert said.err.startswith("palpate: note: measuring the models takes about 30 s\n")
+    assert measuring.expected_seconds(stored()) > measuring.expected_seconds(stored().of(["single"])) > 3.0
     palpate(*MODELS_COMMAND, "--store", "--quiet")
     assert asked == [["single"], [*measuring.DESIGNS]]
     assert json.loads(path.read_text())["machine"] == said.object["machine"]
@@ -365,7 +366,8 @@ def test_curves_are_found_and_stored_in_place_of_what_the_design_had(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(surface, "STORED", tmp_path)
-    monkeypatch.setitem(surface.REFINEMENTS, "axisymmetric", (1, 2))
+    monkeypatch.setattr(surface, "ROUND_REFINEMENTS", (1, 2))
+    monkeypatch.setattr(notice, "LONG", 0.0)
     for name in ("single_round.1.00000000.curve", "single.1.00000000.curve"):
         (tmp_path / name).write_text("old")
     said = palpate("accuracy", "surfaces", "--design", "single_round", "--store", "--json")

@@ -62,7 +62,7 @@ def test_a_value_outside_its_limits(palpate: Palpate, command: str, option: str,
 def test_a_tolerance_that_no_model_meets_names_the_best_there_is(palpate: Palpate, command: str) -> None:
     complaint = refused(palpate, command, "--tolerance", "1e-9")
     assert "tolerance 1e-09: no model meets it for design 'single'" in complaint
-    assert "the best is 'solid' with" in complaint and "give a larger tolerance" in complaint
+    assert "the best is 'surface' with" in complaint and "give a larger tolerance" in complaint
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.ratio import Answer, Question
 from palpate.instrument.models.response import response
-from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.showing import model_picture, model_plot
 from palpate.procedures.showing.model_picture import Picture
+from tests import meshes
 from tests.procedures.conftest import Palpate, changed
 
 PLOT = ("model", "plot", "--sensed-modulus", "100 kPa")
@@ -121,7 +121,7 @@ def test_the_data_are_those_of_the_picture(picture: Picture) -> None:
 
 def test_the_solid_model_shows_both_teeth_of_a_pair(monkeypatch: pytest.MonkeyPatch, few_curves: None) -> None:
     smallest = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
-    monkeypatch.setattr(solid, "RESOLUTIONS", (smallest,))
+    meshes.give(monkeypatch, smallest)
     monkeypatch.setattr(model_picture, "SOLID_REFINEMENT", 0)
     saved: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))

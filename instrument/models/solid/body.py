@@ -1,8 +1,9 @@
 """Element matrices of one part of the solid model: a plan times a range of heights.
 
-Shape functions are products of one in the plan and one along the height, both of degree p, so that every element
-matrix is a sum of products of one in the plan and one along the height. The pressure is a discontinuous
-polynomial of degree p - 1 (Qp/Pp-1): it is condensed element by element, and rubber does not lock.
+Shape functions are products of one of degree p in the plan and one of degree q along the height, so that every element
+matrix is a sum of products of one in the plan and one along the height. The pressure is a discontinuous polynomial of
+degree p - 1 (Qp/Pp-1), and of degree q - 1 along the height alone: it is condensed element by element, and rubber does
+not lock.
 """
 
 from __future__ import annotations
@@ -249,7 +250,7 @@ class Body:
         plan, step = self._places(elements)
         rows = []
         for level, (value, slope) in enumerate(self.height.pressure):
-            triple = self.plan.pressure[-1 - level]
+            triple = self.plan.pressure[max(len(self.plan.pressure) - 1 - level, 0)]
             value, slope = (matrix[step][:, None, :, None] for matrix in (value, slope))
             dx, dy, flat = (matrix[plan][:, :, None, :] for matrix in triple)
             rows.append(np.stack([dx * value, dy * value, flat * slope], axis=2))

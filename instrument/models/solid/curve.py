@@ -20,13 +20,17 @@ class Resolution:
         layers: steps that shrink towards each singular edge.
         ratio: size of one step over the next.
         sectors: number of quadrilaterals along an eighth of the circle.
-        degree: degree of the shape functions, in the plan and along the height.
+        degree: degree of the shape functions in the plan.
+        rubber: their degree along the height of object and rings; None: as in the plan.
+        stiff: the same for plates, films and teeth.
     """
 
     layers: int
     ratio: float
     sectors: int
     degree: int
+    rubber: int | None = None
+    stiff: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,33 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements import error_estimate as between
 from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.ladder import Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import SolidParameters
+from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 
-# Resolution by refinement: a higher degree, more layers, then both. Along the circle a higher degree costs less than
-# more sectors.
-RESOLUTIONS = (
-    Resolution(layers=2, ratio=0.2, sectors=1, degree=2),
-    Resolution(layers=2, ratio=0.2, sectors=1, degree=3),
-    Resolution(layers=3, ratio=0.2, sectors=1, degree=3),
-    Resolution(layers=4, ratio=0.2, sectors=1, degree=4),
-)
-REFINEMENTS = tuple(range(len(RESOLUTIONS)))
-# How errors fall from mesh to mesh. The second mesh raises the degree, the third has more layers, the fourth both, so
-# that it leaves least. Layers are no use where the degree leaves most: then a share of the bound before counts.
-MANNER = between.Manner(
-    product=0.15, factors=(2.0, 1.0, 0.5), voltages=(12.0, 8.0, 4.0), luck=0.12, reach=2 * between.HALF_DECADE
-)
-# Meshes do not see how the object hands its force over across a narrow gap, or a thin object at all. They hardly differ
-# there, and what is left is more than what changes.
-NARROW = 0.05  # of the tooth's radius
-NARROW_SAFETY = 4.0
+NARROW = 0.05  # of the tooth's radius: a gap, or an object, of which meshes see too little
 ROUND_OFF = 1e-8  # of the force ratio, with a foil of rubber for an object; a thousand times less with others
 
 Array = NDArray[np.float64]
@@ -85,7 +68,7 @@ def solve(parameters: SolidParameters, refinement: int) -> SolidSolution:
         RangeError: there is no such refinement.
         EstimateError: the stiffness is singular to working precision.
     """
-    return solve_on(parameters, resolution_of(refinement))
+    return solve_on(parameters, ladders.resolution(parameters, refinement))
 
 
 def solve_on(parameters: SolidParameters, resolution: Resolution) -> SolidSolution:
@@ -191,7 +174,8 @@ def point_loads(
 
     symmetries = [symmetry(replace(parameters, load_at=place)) for place in places]
     mirrored = (all(along for along, _ in symmetries), all(across for _, across in symmetries))
-    system = System(replace(parameters, load_at=places[0]), resolution_of(refinement), mirrored)
+    resolution = ladders.resolution(parameters, refinement)
+    system = System(replace(parameters, load_at=places[0]), resolution, mirrored)
     found = system.curve([system.load(place) for place in places])
     values = found.poles.values(np.array([parameters.sensed_modulus]))[0, : found.teeth]
     return parameters.force * values.T
@@ -209,7 +193,7 @@ def ladder(parameters: SolidParameters) -> Ladder[SolidCurve, SolidSolution]:
     """
     return Ladder(
         "solid",
-        refinements=REFINEMENTS,
+        refinements=ladders.refinements(parameters),
         mesh=lambda refinement: curve(parameters, refinement),
         poles=lambda mesh: mesh.poles,
         estimates=lambda curves, moduli: estimates(curves, parameters, moduli),
@@ -225,7 +209,7 @@ def curve(parameters: SolidParameters, refinement: int) -> SolidCurve:
         RangeError: there is no such refinement.
         EstimateError: the stiffness is singular to working precision.
     """
-    return curve_on(parameters, resolution_of(refinement))
+    return curve_on(parameters, ladders.resolution(parameters, refinement))
 
 
 def estimates(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
@@ -239,8 +223,8 @@ def estimates(curves: Sequence[Curve], parameters: SolidParameters, moduli: Arra
     if parameters.load_at is not None:
         # Beneath a point load the energy has no end. What of it passes through the contact has one.
         curves = [replace(each, clamped=np.zeros_like(each.clamped)) for each in curves]
-    safety = NARROW_SAFETY if is_narrow(parameters) else 1.0
-    ratio, voltage = between.estimates(curves, moduli, MANNER, safety)
+    known = ladders.meshes(parameters)
+    ratio, voltage = between.estimates(curves, moduli, known.manner, known.narrow if is_narrow(parameters) else 1.0)
     return ratio + ROUND_OFF, voltage
 
 
@@ -248,14 +232,3 @@ def is_narrow(parameters: SolidParameters) -> bool:
     """Whether the gap is closed to coarse meshes, or the object too thin for them."""
     gap = parameters.ring_inner_radius - parameters.tooth_radius
     return min(gap, parameters.sensed_thickness) < NARROW * parameters.tooth_radius
-
-
-def resolution_of(refinement: int) -> Resolution:
-    """Resolution of the mesh of a refinement.
-
-    Raises:
-        RangeError: there is no such refinement.
-    """
-    if refinement not in REFINEMENTS:
-        raise RangeError(f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these")
-    return RESOLUTIONS[refinement]

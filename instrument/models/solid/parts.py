@@ -101,7 +101,7 @@ class Stack:
         joint = ALL if p.interface == "bonded" else NORMAL
         capped = p.interface == "capped"
         compliant = Elastic(p.compliant_modulus, p.compliant_poisson)
-        ring_heights = self._heights(graded(foot, 0.0, layers, ratio, "both"))
+        ring_heights = self._rubber(graded(foot, 0.0, layers, ratio, "both"))
         if p.support == "rigid":
             self.ring = self._add("ring", ring, ring_heights, compliant, floor=True, beside_teeth=joint, capped=capped)
             self.floor = [self.ring]
@@ -109,8 +109,8 @@ class Stack:
         else:
             plates = self._plates(everywhere, foot)
             steps = max(1, layers - 1)
-            sheet = self._heights(np.array([foot, -p.sensor_height]))
-            tall = self._heights(graded(-p.sensor_height, 0.0, steps, ratio, "both"))
+            sheet = self._stiff(np.array([foot, -p.sensor_height]))
+            tall = self._stiff(graded(-p.sensor_height, 0.0, steps, ratio, "both"))
             phenolic = Elastic(p.tooth_modulus, p.tooth_poisson)
             self.tooth = self._add("tooth film", region == TOOTH, sheet, p.film, plates)
             tooth = self._add("tooth", region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
@@ -124,7 +124,7 @@ class Stack:
         self.object = self._add(
             "object",
             everywhere,
-            self._heights(heights),
+            self._rubber(heights),
             Elastic(p.sensed_modulus, p.sensed_poisson),
             below,
             on_teeth=joint if p.support == "rigid" else (),
@@ -134,18 +134,21 @@ class Stack:
         if p.support == "rigid":
             self.tooth = self.object
 
-    def _heights(self, breaks: Vector) -> HeightElements:
-        return HeightElements(breaks, self._resolution.degree)
+    def _rubber(self, breaks: Vector) -> HeightElements:
+        return HeightElements(breaks, self._resolution.rubber or self._resolution.degree)
+
+    def _stiff(self, breaks: Vector) -> HeightElements:
+        return HeightElements(breaks, self._resolution.stiff or self._resolution.degree)
 
     def _plates(self, everywhere: NDArray[np.bool_], top: float) -> list[Join]:
         """Add plate, film and plate below `top`, in one stack or one for each cell; returns the uppermost of each."""
         p, plan = self._parameters, self.plan
         plexiglas = Elastic(p.plate_modulus, p.plate_poisson)
         steps = max(1, self._resolution.layers - 1)
-        upper = self._heights(top + graded(-p.plate_thickness, 0.0, steps, self._resolution.ratio, "end"))
+        upper = self._stiff(top + graded(-p.plate_thickness, 0.0, steps, self._resolution.ratio, "end"))
         film_top = top - p.plate_thickness
-        sheet = self._heights(np.array([film_top - p.film_thickness, film_top]))
-        lower = self._heights(film_top - p.film_thickness + np.array([-p.plate_thickness, 0.0]))
+        sheet = self._stiff(np.array([film_top - p.film_thickness, film_top]))
+        lower = self._stiff(film_top - p.film_thickness + np.array([-p.plate_thickness, 0.0]))
         stacks = [plan.cell == k for k in np.unique(plan.cell)] if p.separate_bases else [everywhere]
         uppermost: list[Join] = []
         for stack in stacks:

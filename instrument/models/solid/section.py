@@ -14,7 +14,7 @@ from skfem import FacetBasis
 
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.body import PlanElements, height_basis
-from palpate.instrument.models.solid.model import resolution_of
+from palpate.instrument.models.solid.ladders import resolution
 from palpate.instrument.models.solid.parts import Part, Stack
 from palpate.instrument.models.solid.system import System
 
@@ -64,7 +64,7 @@ def section(p: SolidParameters, refinement: int) -> Section:
     Raises:
         RangeError, EstimateError: as in `palpate.instrument.models.solid.model.solve`.
     """
-    system = System(p, resolution_of(refinement))
+    system = System(p, resolution(p, refinement))
     stack, moved = system.stack, p.force * system.displacement(system.load(p.load_at))
     height = (p.rows // 2 + 0.5) * p.cell_width
     line, face = (_Line(stack, height, points) for points in (POINTS, GAUSS))
@@ -147,7 +147,7 @@ def _pressure(line: _Line, system: System, moved: Vector) -> tuple[Vector, Vecto
     """The pressure whose work on every shape function of the face is that of the object's forces on it."""
     stack = system.stack
     body = stack.object.body
-    faces = PlanElements(stack.basis, np.flatnonzero(stack.touching), body.height.degree)
+    faces = PlanElements(stack.basis, np.flatnonzero(stack.touching), 1)
     forces = np.zeros(stack.basis.N)
     np.add.at(forces, body.plan.nodes[body.plan.local], system.forces_below_object(moved))
     rows, columns = np.broadcast_arrays(faces.local[:, :, None], faces.local[:, None, :])

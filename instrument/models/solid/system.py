@@ -5,22 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.finite_elements.coupling import capacitance
-from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
-from palpate.instrument.models.finite_elements.incompressible import extrapolated, extrapolated_number
+from palpate.instrument.models.finite_elements.fronts import Condensed
+from palpate.instrument.models.finite_elements.incompressible import extrapolated_number
 from palpate.instrument.models.finite_elements.poles import Sensor, curve
 from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid.body import Names
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 from palpate.instrument.models.solid.goals import goals
 from palpate.instrument.models.solid.mesh import locate
 from palpate.instrument.models.solid.parts import Part, Stack
+from palpate.instrument.models.solid.side import Side
 
 Vector = NDArray[np.float64]
 
@@ -57,7 +56,7 @@ class System:
         volts = np.array([[e.charge(self.stack, work) for work in asked.works] for e in asked.electrodes])
         self._volts = volts.reshape(len(asked.electrodes), len(asked.works)) @ asked.shares.T
         rest = [part for part in self.stack.parts if part is not self.stack.object]
-        self._sensor, self._sensed = _Side(rest, self), _Side([self.stack.object], self)
+        self._sensor, self._sensed = Side(self.stack, rest), Side(self.stack, [self.stack.object])
         self.contact = self._sensor.has & self._sensed.has
 
     def load(self, load_at: tuple[float, float] | None) -> Vector:
@@ -99,7 +98,7 @@ class System:
     def _curve(self, loads: Sequence[Vector]) -> SolidCurve:
         built = time.process_time()
         asked = self._goals
-        sensor_side, sensed_side = (side.condensed(loads) for side in (self._sensor, self._sensed))
+        sensor_side, sensed_side = (self._condensed(side, loads) for side in (self._sensor, self._sensed))
         sensor = self._open(sensor_side)
         rows = sensor.rows(slice(len(asked.electrodes), None), self._volts)
         own, teeth = slice(0, len(loads)), rows.shape[1] - 1
@@ -130,6 +129,18 @@ class System:
             unknowns=self.stack.unknowns,
             seconds=(built - self._start, time.process_time() - built),
         )
+
+    def _condensed(self, side: Side, loads: Sequence[Vector], remembers: bool = False) -> Condensed:
+        """What is left on the contact of one side of the whole sensor, of which a half or a quarter may be solved.
+
+        Its loads are those of its own films under 1 V, or those on the object, and then those of the goals.
+        """
+        own = loads if side is self._sensed else self.polarised
+        one = side.condensed(
+            self.contact, lambda added: np.column_stack([*own, self.works(side.parts, added)]), remembers
+        )
+        copies = self.copies
+        return Condensed(copies * one.stiffness, copies * one.loads, copies * one.work, one.inside)
 
     def _energy_of_jump(self) -> float:
         """Twice the energy of a jump by 1 m over all teeth with all unknowns held, as far as it is the sensor's [J]."""
@@ -172,7 +183,9 @@ class System:
         """
         modulus = self.parameters.sensed_modulus
         with single():
-            sensor_side, sensed_side = (side.condensed([load], remembers=True) for side in (self._sensor, self._sensed))
+            sensor_side, sensed_side = (
+                self._condensed(side, [load], remembers=True) for side in (self._sensor, self._sensed)
+            )
         sensor = self._open(sensor_side)
         stiffness = sensor.stiffness + modulus * sensed_side.stiffness
         moved = np.asarray(np.linalg.solve(stiffness, sensed_side.loads[:, 0]), dtype=np.float64)
@@ -232,69 +245,6 @@ class System:
         _, sizes, kinds = np.linalg.svd(strained.T, full_matrices=False)
         found: Vector = (kinds[sizes < RIGID] @ means)[:, self.contact].T
         return found
-
-
-class _Side:
-    """Some parts, without the others.
-
-    Attributes:
-        parts: the parts.
-        has: (unknowns,), whether an unknown of the stack is one of these parts.
-        keeps_volume: whether the compliance of a part is too small for its element matrices.
-    """
-
-    def __init__(self, parts: Sequence[Part], system: System) -> None:
-        self.parts, self._system = parts, system
-        unknowns = system.stack.unknowns
-        self.keeps_volume = any(part.step for part in parts)
-        self.has = np.zeros(unknowns, dtype=bool)
-        for part in parts:
-            self.has[part.names[part.names >= 0]] = True
-        own = np.full(unknowns + 1, -1)
-        own[:-1][self.has] = np.arange(np.count_nonzero(self.has))
-        self._unknowns = np.concatenate([own[part.body.local(part.names)] for part in parts])
-        self._coordinates = np.concatenate([self._centres(part) for part in parts])
-        self._starts = np.cumsum([0, *(part.body.count for part in parts)])
-
-    def condensed(self, loads: Sequence[Vector], remembers: bool = False) -> Condensed:
-        """What is left on the contact of the whole sensor, of which a half or a quarter may be solved.
-
-        Its loads are those of its own films under 1 V, or those on the object, and then those of the goals.
-        """
-        if not self.keeps_volume:
-            return self._at(0.0, loads, remembers)
-        if remembers:
-            return self._at(1.0, loads, remembers)
-        return extrapolated(lambda added: self._at(added, loads, remembers), 1.0)
-
-    def _at(self, added: float, loads: Sequence[Vector], remembers: bool) -> Condensed:
-        system = self._system
-        columns = np.column_stack([*self._own_loads(loads), system.works(self.parts, added)])[self.has]
-        contact = system.contact[self.has]
-
-        def matrices(elements: Names) -> Vector:
-            size = self._unknowns.shape[1]
-            found = np.empty((len(elements), size, size))
-            for (start, stop), part in zip(pairwise(self._starts), self.parts, strict=True):
-                own = (elements >= start) & (elements < stop)
-                if own.any():
-                    found[own] = part.body.stiffness(elements[own] - start, added * part.step)
-            return found
-
-        one = condense(Mesh(self._unknowns, self._coordinates, matrices, contact, columns), remembers)
-        copies = system.copies
-        return Condensed(copies * one.stiffness, copies * one.loads, copies * one.work, one.inside)
-
-    def _own_loads(self, loads: Sequence[Vector]) -> Sequence[Vector]:
-        return loads if self._system.stack.object in self.parts else self._system.polarised
-
-    def _centres(self, part: Part) -> Vector:
-        stack, body = self._system.stack, part.body
-        plan = stack.plan
-        x, y = plan.mesh.p[:, plan.mesh.t[:4, body.plan.elements]].mean(axis=1)
-        z = (body.height.breaks[1:] + body.height.breaks[:-1]) / 2
-        flat = np.repeat([x, y, np.hypot(*stack.from_axis(x, y))], len(z), axis=1)
-        return np.column_stack([*flat, np.tile(z, len(x))])
 
 
 def symmetry(parameters: SolidParameters) -> tuple[bool, bool]:

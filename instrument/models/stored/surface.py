@@ -29,6 +29,7 @@ from palpate.instrument.models.parameters import (
     round_parameters,
     solid_parameters,
 )
+from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.curve import SolidCurve
 from palpate.instrument.models.stored.version import CODE_VERSION, fixed
@@ -39,9 +40,9 @@ Array = NDArray[np.float64]
 Solution = axisymmetric.Solution | solid.SolidSolution
 
 # Shipped refinements: all up to one that is good to 1e-6, and in space all.
-REFINEMENTS = {"axisymmetric": axisymmetric.REFINEMENTS[:4], "solid": solid.REFINEMENTS}
-# Designs with more teeth have their first meshes alone; the last one takes minutes.
-FEW_TEETH, MANY_TEETH = 4, 12
+ROUND_REFINEMENTS = axisymmetric.REFINEMENTS[:4]
+# Designs with many teeth have their first meshes alone; the last one takes minutes.
+MOST_TEETH = 12
 MANY_TEETH_REFINEMENTS, MOST_TEETH_REFINEMENTS = 3, 2
 STORED = Path(__file__).with_name("curves")
 # Parameter sets with shipped curves; the identified set has those of the designs that the thesis measured.
@@ -189,7 +190,7 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
                 found = curves.found_on(sensor, *axisymmetric.resolution_of(refinement))
                 mesh = RoundMesh(found.without(NEGLIGIBLE), time.process_time() - start)
             else:
-                known = solid.found_on(sensor, solid.resolution_of(refinement))
+                known = solid.found_on(sensor, ladders.resolution(sensor, refinement))
                 mesh = SolidMesh(replace(known, poles=known.poles.without(NEGLIGIBLE)), time.process_time() - start)
             write(path, mesh, key)
             written.append(path)
@@ -206,12 +207,9 @@ def model_of(parameters: Parameters) -> str:
 
 def refinements_of(parameters: Parameters) -> tuple[int, ...]:
     """Refinements of the shipped meshes."""
-    whole = REFINEMENTS[model_of(parameters)]
-    if isinstance(parameters, SolidParameters) and parameters.columns * parameters.rows > MANY_TEETH:
+    if isinstance(parameters, RoundParameters):
+        return ROUND_REFINEMENTS
+    whole = ladders.refinements(parameters)
+    if parameters.columns * parameters.rows > MOST_TEETH:
         return whole[:MOST_TEETH_REFINEMENTS]
-    return whole[:MANY_TEETH_REFINEMENTS] if has_many_teeth(parameters) else whole
-
-
-def has_many_teeth(parameters: Parameters) -> bool:
-    """Whether there are more than FEW_TEETH teeth."""
-    return isinstance(parameters, SolidParameters) and parameters.columns * parameters.rows > FEW_TEETH
+    return whole[:MANY_TEETH_REFINEMENTS] if ladders.has_many_teeth(parameters) else whole

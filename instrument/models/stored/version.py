@@ -7,7 +7,7 @@ from dataclasses import replace
 from palpate.instrument.models.parameters import Parameters, SolidParameters
 
 # Raise this with every change of the models' numbers: stored ones of another version are not used.
-CODE_VERSION = 4
+CODE_VERSION = 5
 
 
 def fixed(parameters: Parameters) -> str:

@@ -68,11 +68,12 @@ def _draw_plan(axes: Axes) -> int:
     """Draw the plan; returns its number of elements."""
     from matplotlib.collections import LineCollection
 
+    from palpate.instrument.models.solid.ladders import resolution
     from palpate.instrument.models.solid.mesh import GAP, OVERHANG, RING, TOOTH
-    from palpate.instrument.models.solid.model import RESOLUTIONS
     from palpate.instrument.models.solid.parts import Stack
 
-    plan = Stack(solid_parameters(get_design("single"), LOAD), RESOLUTIONS[REFINEMENT], (False, False)).plan
+    sensor = solid_parameters(get_design("single"), LOAD)
+    plan = Stack(sensor, resolution(sensor, REFINEMENT), (False, False)).plan
     points: NDArray[np.float64] = MM * plan.mesh.doflocs[:, plan.mesh.dofs.element_dofs]
     for region, color in (
         (TOOTH, BODIES["tooth"]),

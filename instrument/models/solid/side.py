@@ -1,0 +1,86 @@
+"""Some parts of the solid model, condensed onto the unknowns that they share with the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
+from palpate.instrument.models.finite_elements.incompressible import extrapolated
+from palpate.instrument.models.solid.body import Names
+from palpate.instrument.models.solid.parts import Part, Stack
+
+Vector = NDArray[np.float64]
+
+
+class Side:
+    """The sensor without the object, or the object without the sensor.
+
+    Attributes:
+        parts: the parts.
+        has: (unknowns,), whether an unknown of the stack is one of these parts.
+        keeps_volume: whether the compliance of a part is too small for its element matrices.
+    """
+
+    def __init__(self, stack: Stack, parts: Sequence[Part]) -> None:
+        self.parts, self._stack = parts, stack
+        self.keeps_volume = any(part.step for part in parts)
+        self.has = np.zeros(stack.unknowns, dtype=bool)
+        for part in parts:
+            self.has[part.names[part.names >= 0]] = True
+        own = np.full(stack.unknowns + 1, -1)
+        own[:-1][self.has] = np.arange(np.count_nonzero(self.has))
+        local = [own[part.body.local(part.names)] for part in parts]
+        most = max(names.shape[1] for names in local)
+        # Elements of a lower degree get unknowns that are fixed, so that all have the same number.
+        missing = [((0, 0), (0, most - names.shape[1])) for names in local]
+        padded = [np.pad(names, pad, constant_values=-1) for names, pad in zip(local, missing, strict=True)]
+        self._unknowns = np.concatenate(padded)
+        self._coordinates = np.concatenate([self._centres(part) for part in parts])
+        self._starts = np.cumsum([0, *(part.body.count for part in parts)])
+
+    def condensed(
+        self, contact: NDArray[np.bool_], loads: Callable[[float], Vector], remembers: bool = False
+    ) -> Condensed:
+        """What is left on the contact.
+
+        Args:
+            contact: (unknowns,), the unknowns of the stack that are kept.
+            loads: function that gives the loads (unknowns, loads) at an addition to 1/λ, in steps of each part.
+            remembers: as in `fronts.condense`.
+
+        Raises:
+            EstimateError: as in `fronts.condense`.
+        """
+        if not self.keeps_volume:
+            return self._at(0.0, contact, loads, remembers)
+        if remembers:
+            return self._at(1.0, contact, loads, remembers)
+        return extrapolated(lambda added: self._at(added, contact, loads, remembers), 1.0)
+
+    def _at(
+        self, added: float, contact: NDArray[np.bool_], loads: Callable[[float], Vector], remembers: bool
+    ) -> Condensed:
+        def matrices(elements: Names) -> Vector:
+            size = self._unknowns.shape[1]
+            found = np.zeros((len(elements), size, size))
+            for (start, stop), part in zip(pairwise(self._starts), self.parts, strict=True):
+                own = (elements >= start) & (elements < stop)
+                if own.any():
+                    stiffness = part.body.stiffness(elements[own] - start, added * part.step)
+                    count = stiffness.shape[1]
+                    found[own, :count, :count] = stiffness
+            return found
+
+        mesh = Mesh(self._unknowns, self._coordinates, matrices, contact[self.has], loads(added)[self.has])
+        return condense(mesh, remembers)
+
+    def _centres(self, part: Part) -> Vector:
+        body, plan = part.body, self._stack.plan
+        x, y = plan.mesh.p[:, plan.mesh.t[:4, body.plan.elements]].mean(axis=1)
+        z = (body.height.breaks[1:] + body.height.breaks[:-1]) / 2
+        flat = np.repeat([x, y, np.hypot(*self._stack.from_axis(x, y))], len(z), axis=1)
+        return np.column_stack([*flat, np.tile(z, len(x))])
