@@ -56,12 +56,15 @@ def modulus_command(
     """
     from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
     from palpate.procedures.commands.measure_modulus import object_to_touch
+    from palpate.procedures.lab.calibrations import with_films
     from palpate.procedures.lab.chosen import choose
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 
     output = Output(as_json, quiet)
     make_folder(out)
-    target = replace(choose(bench, scene).target, model=None)  # nothing is simulated: no model must answer for a truth
+    target = replace(
+        with_films(choose(bench, scene).target), model=None
+    )  # nothing is simulated: no model must answer for a truth
     known = "4" if sample is None and modulus is None else sample
     object_ = object_to_touch(target.design, known, modulus, thickness, real=False)
     asked = ObjectModulus(

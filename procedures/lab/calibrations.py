@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.lab import Target
 
 C = TypeVar("C", LoadCellCalibration, FilmCalibration, ModelCalibration)
-K = TypeVar("K", ModelCalibration, MountingScatter)
+K = TypeVar("K", FilmCalibration, ModelCalibration, MountingScatter)
 
 
 def load_cell_path(serial: str) -> Path:
@@ -290,6 +291,24 @@ def references_on(target: Target, question: Question) -> ByReferences | None:
     if target.calibrated is not None:
         return target.references
     return probable_references(question, target.scene, datetime.now(UTC).date())
+
+
+def with_films(target: Target) -> Target:
+    """A bench whose films are calibrated as it probably has them; one that is open has them already.
+
+    They are those of the newest stored calibration that holds for such a sensor, as the node's serial number is not
+    known yet.
+    """
+    if target.calibrated is not None:
+        return target
+    design, simulated, today = target.design, target.scene is not None, datetime.now(UTC).date()
+
+    def read(file: Path) -> FilmCalibration:
+        return _checked(file, read_film_calibration(file), lambda c: c.check_use(design, c.device, simulated, today))
+
+    found = _stored(films_path("*", design.name), read, certain=False)
+    newest = max(found, key=lambda each: each.created, default=None)
+    return target if newest is None else replace(target, design=newest.apply(design))
 
 
 def by_references(path: Path, today: date) -> ByReferences:

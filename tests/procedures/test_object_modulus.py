@@ -144,6 +144,18 @@ def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated()
 
 
 @pytest.mark.slow
+def test_a_dry_run_counts_the_films_calibration_that_its_run_will_use(palpate: Palpate) -> None:
+    asked = (*MEASURE, "--sample", "4", "--tolerance", "8 %", "--relative-to-model")
+    assert "films not calibrated" in palpate(*asked, "--dry-run").out
+    assert palpate("calibrate", "films", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet").status == 0
+    told, made = palpate(*asked, "--dry-run", "--json").object, palpate(*asked, "--json").object
+    assert told["planned"]["shares"]["films' calibration"] > 0.1
+    assert told["planned"] == made["planned"]
+    assert "films       " in palpate(*asked, "--dry-run").out
+    assert "films' calibration" in palpate("accuracy", "modulus", "--model", "surface").out
+
+
+@pytest.mark.slow
 def test_what_three_mountings_scatter_is_stored_for_the_sensor_and_used_by_the_next_plan(palpate: Palpate) -> None:
     asked = (*MEASURE, "--sample", "4", "--relative-to-model")
     made = palpate(*asked, "--tolerance", "4 %", "--mountings", "3", "--json").object
@@ -307,6 +319,12 @@ def test_sets_that_repeat_too_well_do_not_lower_what_may_come_with_the_mounting(
     assert answer is not None
     assert answer.row["scale_u"] > 0.08
     assert "repeat far better" in of.notes(alike)[-1]
+
+
+def test_many_sets_that_scatter_by_half_as_much_as_was_known_are_not_too_alike() -> None:
+    of = course(wanted(**SCALE))
+    assert not of.too_alike(points_ratios := [[RATIO * math.exp(each / 2) for each in SCATTERED * 6]])
+    assert of.too_alike([[RATIO * (ratio / RATIO) ** 0.1 for ratio in points_ratios[0]]])
 
 
 def test_a_run_that_does_not_reach_its_tolerance_ends_at_its_bound_and_says_why() -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.allocation.lines import Costs, Line, Unit
 from palpate.instrument.allocation.stopping import FIRST, SETS, Ratios, Verdict, answer, enough, first_sets, pooled
+from palpate.instrument.allocation.times import MOST_FREEDOM
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM
 from palpate.instrument.models.curve import RatioCurve
@@ -224,15 +225,16 @@ class Course:
     def too_alike(self, ratios: Ratios) -> bool:
         """Whether the sets repeat far better than gains are known to scatter from set to set.
 
-        Then that scatter may come with the mounting instead, and sets do not lower it.
+        Then that scatter may come with the mounting instead, and sets do not lower it. What is known of the scatter is
+        an estimate, too: many sets that scatter by half as much are still no sign of that.
         """
         freedom = sum(len(each) - 1 for each in ratios)
         if freedom < FIRST - 1:
             return False
-        from scipy.special import chdtr
+        from scipy.special import fdtr
 
-        scatter = pooled(0.0, 0.0, *ratios).u
-        return float(chdtr(freedom, freedom * (scatter / self.design.ratio_scatter) ** 2)) < TOO_ALIKE
+        share = (pooled(0.0, 0.0, *ratios).u / self.design.ratio_scatter) ** 2
+        return float(fdtr(freedom, min(PRIOR_FREEDOM, MOST_FREEDOM), share)) < TOO_ALIKE
 
     def _sensitivity(self, ratios: Ratios) -> float | None:
         return sensitivity_at(self.curve, _mean(ratios))

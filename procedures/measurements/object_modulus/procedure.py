@@ -21,7 +21,7 @@ from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path, references_on
+from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path, references_on, with_films
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
@@ -139,6 +139,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def prospect(self, target: Target) -> Prospect:
         """What is planned, and what it is expected to give. Raises as `check`."""
+        target = with_films(target)
         return prospect_of(
             self, target.design, self.loads_on(target), self.references_on(target), self.mountings_on(target)
         )
@@ -165,7 +166,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def plan(self, target: Target) -> Plan[Step]:
         """The most load sets that there can be, and what is predicted."""
-        prospect = self.prospect(target)
+        prospect, target = self.prospect(target), with_films(target)
         wanted = self.wanted(self.mountings_on(target))
         plan, costs = prospect.allocation, costs_of(prospect.load, self.frequency)
         group = f"mount {self.object.name}"
