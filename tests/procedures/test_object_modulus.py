@@ -205,7 +205,7 @@ def test_its_load_sets_are_known_to_a_bench_that_leaves_out_what_they_do_not_fee
 def test_what_no_time_reaches_and_what_takes_too_many_sets_name_the_same_best(tolerance: float) -> None:
     with pytest.raises(RangeError, match="cannot be reached") as refused:
         wanted(tolerance=tolerance, relative_to_model=True, mounting_scatter=0.0).prospect(TARGET)
-    assert "\n  best now  0.098 %" in str(refused.value)
+    assert str(refused.value).endswith("\n  best now  0.098 %")  # auto takes this model, a compression test gives 2 %
     best = wanted(tolerance=0.00098, relative_to_model=True, mounting_scatter=0.0).prospect(TARGET)
     assert MOST_SETS / 2 < best.allocation.sets <= MOST_SETS
 
