@@ -204,7 +204,7 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
         (("--design", "singel"), "did you mean 'single'?"),
         (("--parameters", "identified"), "unknown parameter set of model 'column' 'identified'"),
         (("--tolerance", "1e-4"), "model 'column' has no error estimate"),
-        (("--sensed-thickness", "0 mm"), "thickness 0 m of sample 'sensed object' is not above 0"),
+        (("--sensed-thickness", "0 mm"), "'0 mm' is not above 0 and finite; give a positive one"),
         (("--model", "axisymmetric", "--design", "common_base"), "has 2 teeth, not one; take model 'solid'"),
         (("--model", "experiment", "--design", "array"), "nothing was measured with design 'array'"),
     ],

@@ -31,7 +31,7 @@ def test_a_smaller_tolerance_takes_more_sets_where_the_scatter_counts() -> None:
         [each["sets"] for each in replace(ASKED, tolerance=u).plan(REAL).predicted.told["planned"]]
         for u in (2e-4, 1e-4, 0.9e-4)
     ]
-    assert sets == [[10, 10], [11, 10], [21, 10]]
+    assert sets == [[10, 10], [10, 10], [15, 10]]
     assert {row["name"]: row["unit"] for row in ASKED.plan(REAL).predicted.told["predicted_results"]} == {
         "position at 2 mm": "mm", "position at 12 mm": "mm",
     }  # fmt: skip
