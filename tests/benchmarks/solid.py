@@ -87,7 +87,7 @@ def _certified(name: str, last: int, error: float, seconds: float, memory: float
         f"solid: {name}, whole curve, certified, cold, {len(found)} meshes to {found[-1][0].unknowns} unknowns",
         f"{spent:.1f} s, {held:.1f} GB, estimate {bounds.max():.1e} at most, {np.median(bounds):.1e} in the middle",
         f"<= {seconds:g} s, <= {memory:g} GB, to {error:g}",
-        spent <= seconds and held <= memory and bounds.max() <= error,
+        bool(spent <= seconds and held <= memory and bounds.max() <= error),
     )
 
 
