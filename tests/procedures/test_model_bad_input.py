@@ -44,13 +44,13 @@ def surfaces(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [
-        ("--sensed-thickness", "-3 mm", "thickness -0.003 m of sample 'sensed object' is not above 0 and finite"),
+        ("--sensed-thickness", "-3 mm", "--sensed-thickness: '-3 mm' is not above 0 and finite"),
         ("--sensed-thickness", "1e999 mm", "is not finite"),
         ("--sensed-poisson", "-1", "Poisson ratio -1 of sample 'sensed object' is not above -1 and at most 0.5"),
         ("--compliant-poisson", "0.50001", "Poisson ratio 0.50001 of neoprene of the compliant ring is outside"),
-        ("--compliant-modulus", "0 Pa", "modulus 0 Pa of neoprene of the compliant ring is not above 0 and finite"),
+        ("--compliant-modulus", "0 Pa", "--compliant-modulus: '0 Pa' is not above 0 and finite"),
         ("--compliant-modulus", "1e999 Pa", "is not finite"),
-        ("--plate-modulus", "-70 MPa", "modulus -7e+07 Pa of plexiglas as the thesis has it is not above 0 and finite"),
+        ("--plate-modulus", "-70 MPa", "--plate-modulus: '-70 MPa' is not above 0 and finite"),
         ("--interface", "glued", "unknown interface 'glued'"),
     ],
 )

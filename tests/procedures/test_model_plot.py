@@ -188,7 +188,7 @@ def test_quiet_says_nothing(palpate: Palpate, few_curves: None) -> None:
         (("--out", "missing/sensor.png"), "missing/sensor.png: there is no folder missing; make it"),
         (("--out", "sensor.txt"), "sensor.txt does not end in .png"),
         (("--out", "taken.png"), "taken.png exists and is not overwritten"),
-        (("--sensed-modulus", "0 Pa"), "modulus 0 Pa of sample 'sensed object' is not above 0"),
+        (("--sensed-modulus", "0 Pa"), "--sensed-modulus: '0 Pa' is not above 0 and finite"),
         (("--sensed-modulus", "24 kPa,"), "'' is not a quantity"),
         (("--design", "singel"), "did you mean 'single'?"),
         (("--model", "colum"), "did you mean 'column'?"),
