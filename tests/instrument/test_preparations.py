@@ -69,7 +69,7 @@ def quickest(ways: Sequence[Way], preparations: Sequence[Preparation], tolerance
     return best
 
 
-@pytest.mark.parametrize("seed", [0, 1, 5, 28])  # in the last two the best number of mountings is not the real one's
+@pytest.mark.parametrize("seed", [0, 1, 16, 65])  # in the last two the best number of mountings is not the real one's
 def test_no_numbers_of_units_mountings_and_sets_are_quicker_in_all(seed: int) -> None:
     ways, preparations, tolerance = problem(Random(seed))
     assert prepare(ways, tolerance, preparations).seconds <= quickest(ways, preparations, tolerance) * (1 + 1e-6)
