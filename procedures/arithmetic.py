@@ -1,8 +1,9 @@
 """The last digits of a number: which kernels sum it, asked for in one place and told in each run.
 
 OpenBLAS takes the kernels of the processor that it finds and a thread for each core, and each sums in another order, so
-that fits differ by 1e-16 from machine to machine. The command line asks for kernels that every processor has on which
-numpy runs (x86-64-v2), and for one thread. Other libraries and processors are told apart by what a run says of them.
+that fits differ by 1e-16 from machine to machine. numpy itself has sines and sums for AVX2 and AVX-512 that round
+otherwise. The command line asks for kernels that every processor has on which numpy runs (x86-64-v2), and for one
+thread. Other libraries and processors are told apart by what a run says of them.
 """
 
 from __future__ import annotations
@@ -14,7 +15,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-KERNELS = {"OPENBLAS_CORETYPE": "Nehalem", "OPENBLAS_NUM_THREADS": "1"}
+KERNELS = {
+    "OPENBLAS_CORETYPE": "Nehalem",
+    "OPENBLAS_NUM_THREADS": "1",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",  # all that numpy 2.4 has above x86-64-v2
+}
 ALIKE = 1e-6  # relative difference of numbers that two arithmetics may give
 NOTHING = 1e-12  # of the largest number beside it: what is smaller may be rounding alone
 
@@ -38,11 +43,12 @@ def arithmetic() -> dict[str, str]:
     blas = next((each for each in loaded if "numpy" in each["filepath"]), loaded[0] if loaded else {})
     known = (blas.get(key) for key in ("internal_api", "version", "architecture"))
     config: Any = np.show_config(mode="dicts")
+    vectors = config.get("SIMD Extensions", {})
     return {
         "machine": platform.machine(),
         "processor": _processor(),
         "blas": f"{' '.join(str(each) for each in known if each)}, {blas.get('num_threads', 0)} threads",
-        "vectors": " ".join(config.get("SIMD Extensions", {}).get("found", [])),
+        "vectors": " ".join([*vectors.get("baseline", []), *vectors.get("found", [])]),
         "libm": " ".join(platform.libc_ver()),
     }
 
