@@ -75,7 +75,7 @@ def _sweep_loads(bench: Bench, record: Recorder) -> Found:
 
 
 def _sweep_position(bench: Bench, record: Recorder) -> Found:
-    sweep = PositionSweep((8e-3, 14e-3), SAMPLE, 2.0, DWELL, FREQUENCY)
+    sweep = PositionSweep((12e-3, 14e-3), SAMPLE, 2.0, DWELL, FREQUENCY)
     result = conduct(sweep, Lab(bench, get_design("common_base"), THESIS_LOAD_CELL), record)
     found = {f"place {i}": Value(p.found_mm, p.found_u, p.valid) for i, p in enumerate(result.points)}
     for i, p in enumerate(result.points):
