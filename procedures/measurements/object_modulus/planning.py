@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
@@ -12,8 +12,9 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.object_modulus import ByReferences, answering
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.measurements.object_modulus.course import Course
-from palpate.procedures.measurements.object_modulus.lines import curve_of, expected
+from palpate.procedures.measurements.object_modulus.lines import Wanted, curve_of, expected
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of, for_bound
 from palpate.procedures.measurements.object_modulus.refusal import (
     below_floor,
@@ -23,8 +24,18 @@ from palpate.procedures.measurements.object_modulus.refusal import (
 )
 from palpate.procedures.measurements.repeated_sets import MOST_SETS
 
-if TYPE_CHECKING:
-    from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+
+class Asked(Protocol):
+    """What a procedure asks: of which object, to what tolerance or in what time, and by which model."""
+
+    def __hash__(self) -> int: ...
+
+    @property
+    def object(self) -> Sample: ...
+
+    def wanted(self, mountings: MountingScatter | None) -> Wanted: ...
+
+    def model_question(self, design: Design) -> Question: ...
 
 
 @functools.lru_cache(maxsize=16)
@@ -36,7 +47,7 @@ def question_of(design: str, model: str, thickness: float) -> Question:
 
 @functools.lru_cache(maxsize=16)
 def prospect_of(
-    procedure: ObjectModulus,
+    procedure: Asked,
     design: Design,
     loads: tuple[float, ...],
     references: ByReferences | None,
@@ -64,7 +75,7 @@ def prospect_of(
 
 @functools.lru_cache(maxsize=16)
 def course_of(
-    procedure: ObjectModulus,
+    procedure: Asked,
     design: Design,
     loads: tuple[float, ...],
     references: ByReferences | None,
