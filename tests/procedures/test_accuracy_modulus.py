@@ -117,6 +117,9 @@ def test_the_command_shows_the_numbers_that_json_has(palpate: Palpate) -> None:
     assert f"{one['plan']['sets']} sets" in told
     assert f"{100 * one['plan']['scale_u']:.2g} %" in told
     assert "palpate test modulus" in told
+    (row,) = (line for line in told.splitlines() if line.strip().startswith("1 %"))
+    (scale,) = (line for line in told.splitlines() if "1 % on the scale" in line)
+    assert scale.split("about ")[1].split(":")[0] in row  # both are mean times
 
 
 @pytest.mark.parametrize(

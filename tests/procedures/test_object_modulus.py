@@ -187,6 +187,7 @@ def test_a_plan_counts_no_references_of_another_scene_and_refuses_those_that_hav
     now, then = (float(found[1]) for found in re.finditer(r"(?:expected {7}|would give )([0-9.]+) %", told))
     assert then < now
     assert "2 in all would give" in told
+    assert "films not calibrated" not in told  # the references share the films' error
     path = Path(made["model_calibration_file"])
     write_calibration(path, read_model_calibration(path).model_copy(update={"expires": "2024-02-29"}))
     assert "expired on 2024-02-29; run palpate calibrate model" in palpate(*asked, "unknown_curve").complaint
@@ -245,6 +246,10 @@ def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Pa
         (("--time", "0 s"), "--time 0 s is not above 0"),
         (("--tolerance", "5 %", "--scene", "array_16"), "validation error of .surface. is not known"),
         (("--tolerance", "60 %"), "above the 50 % that a tolerance may be"),
+        (
+            ("--tolerance", "3 %", "--relative-to-model", "--mountings", "1", "--mounting-scatter", "5 %"),
+            "or        leave the number of mountings to the plan, without --mountings",
+        ),
         (("--time", "2 min", "--mountings", "0"), "--mountings 0 is outside 1 to 100"),
         (("--time", "2 min", "--mounting-scatter", "2"), "--mounting-scatter 200 % is outside 0 to 50 %"),
         (("--time", "2 min", "--mounting-scatter", "nan"), "'nan' is not a quantity; write for example '1 %'"),

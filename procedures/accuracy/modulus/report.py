@@ -47,7 +47,7 @@ def percent(u: float | None) -> str:
 def print_modulus_front(front: ModulusFront, simulated: bool, plot: Path | None) -> None:
     """Print the plan for each tolerance, some plans of the front, and what no time on the bench lowers."""
     asked = new_table(
-        stamped(simulated, title_of(front)), "tolerance", "on the model's scale", "time", "gives", "absolute"
+        stamped(simulated, title_of(front)), "tolerance", "on the model's scale", "mean time", "gives", "absolute"
     )
     asked.columns[1].justify = "left"
     half = len(front.targets) // 2
@@ -83,11 +83,11 @@ def print_modulus_front(front: ModulusFront, simulated: bool, plot: Path | None)
 def _cells(target: Target) -> tuple[str, str, str]:
     if target.plan is None:
         return f"none: {target.why.splitlines()[0]}", "", ""
-    return plan_text(target.plan), duration(target.plan.allocation.seconds), percent(target.plan.scale_u)
+    return plan_text(target.plan), duration(target.plan.times.mean), percent(target.plan.scale_u)
 
 
 def _absolute(target: Target) -> str:
-    return "no time reaches it" if target.plan is None else duration(target.plan.allocation.seconds)
+    return "no time reaches it" if target.plan is None else duration(target.plan.times.mean)
 
 
 def plot_modulus_front(front: ModulusFront, simulated: bool, folder: Path) -> Path:

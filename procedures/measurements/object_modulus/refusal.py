@@ -14,7 +14,7 @@ from palpate.instrument.findings.object_modulus import answering
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.measurements.object_modulus.lines import CURVE, VALIDATION, Expected, Wanted
+from palpate.procedures.measurements.object_modulus.lines import CURVE, MOUNTED, VALIDATION, Expected, Wanted
 from palpate.procedures.measurements.object_modulus.preparing import COMPRESSION, prepared, references_of
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
 from palpate.procedures.measurements.object_modulus.telling import reachable
@@ -34,6 +34,7 @@ REMEDIES = {
     CALIBRATION: "calibrate the films at more points: palpate calibrate films",
     PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
     CURVE: "ask a finer model, such as --model auto",
+    MOUNTED: "leave the number of mountings to the plan, without --mountings",
 }
 
 
@@ -44,9 +45,9 @@ def below_floor(
     best = f"best now  {reachable(_least_tolerance(design, found, wanted, tuple(loads), error.floor))}"
     share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
     if error.line != VALIDATION:
-        ways = _prepared(wanted, question, found, design, loads)[:1]
+        ways = _prepared(wanted, question, found, design, loads)
         if not ways and not (error.line == CURVE and found.model == answering(replace(question, model="auto"))):
-            ways = [f"or        {REMEDIES.get(error.line, 'lower that line')}"]
+            ways = [f"or        {REMEDIES[error.line]}"]
         if (wanted.tolerance or 0.0) >= LEAST_BY_COMPRESSION:
             ways = [*ways, f"or        {BY_COMPRESSION}"]
         told_floor = f"{error.line} leaves {told(error.floor)}, which no time on the bench lowers"

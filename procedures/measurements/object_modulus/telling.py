@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.engine.plan import MOUNTING
 from palpate.procedures.measurements.object_modulus.lines import Wanted
@@ -70,7 +71,8 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     told = "not known" if expected is None else share(expected)
     if not wanted.relative and prospect.scale_u is not None:
         told += f" ({share(prospect.scale_u)} on the scale)"
-    uncalibrated = "" if any(name.startswith("films") for name in plan.shares) else ", films not calibrated"
+    cancel = found.films_cancel and not wanted.relative
+    uncalibrated = "" if cancel or CALIBRATION in plan.shares else ", films not calibrated"
     return [*lines, f"expected       {told}: {parts_of(plan.shares, plan.u)}{uncalibrated}"]
 
 
