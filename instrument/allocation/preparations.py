@@ -125,8 +125,9 @@ class _Purchase:
             for unit in (Unit.MOUNTING, Unit.SET, Unit.SECOND, Unit.NOTHING)
         )
         free = tolerance**2 - floor - math.fsum(each.rest**2 for each in made)
-        dearest = tuple(sorted(made, key=lambda each: -each.each))  # few of it: the others make up for its whole number
-        return cls(dearest, way.costs, way.shortest, fewest, free, mounting, each_set, second)
+        # The dearest has the fewest units. Its whole number is chosen first, and the others make up for the rounding.
+        dearest_first = tuple(sorted(made, key=lambda each: -each.each))
+        return cls(dearest_first, way.costs, way.shortest, fewest, free, mounting, each_set, second)
 
     @property
     def dwells_pay(self) -> bool:
@@ -200,10 +201,11 @@ class _Purchase:
             return math.inf, ()
         near = {max(self.made[0].least, math.floor(real[0]) + step) for step in NEAR}
         best = min(self._with_first(number, mountings, most) for number in near)
-        step = STEPS if len(self.made) == 1 else ()  # of the last, sets and their dwell in whole numbers decide
+        # Whole sets make the time jump about the best number of the last preparation: it is searched further.
+        steps = STEPS if len(self.made) == 1 else ()
         while moved := [
             found
-            for by in step
+            for by in steps
             if (found := self._with_first(max(self.made[0].least, best[1][0] + by), mountings, most)) < best
         ]:
             best = min(moved)
