@@ -69,6 +69,7 @@ def test_the_first_rounds_decide_and_no_round_is_broken_off() -> None:
     assert not asked.has_enough(rounds(3, 0.02))
     assert not asked.has_enough(rounds(5, 0.1))
     assert asked.has_enough(rounds(80, 0.1))
+    assert not asked.has_enough([replace(point, valid=False) for point in rounds(5, 0.02)])
 
 
 def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:
@@ -77,6 +78,19 @@ def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:
     assert not asked.has_enough(rounds(1, 0.02, (left - 20) / 3))
     assert asked.has_enough(rounds(1, 0.02, (left - 2) / 3))
     assert asked.stopped([("rigid", 0.1)]) == "another round of loads would not have ended within 160 s"
+
+
+def test_a_plan_for_a_time_has_the_rounds_that_a_run_makes_of_it() -> None:
+    each = repeats().costs.set + ASKED.dwell
+    two = repeats().costs.start + 2 * len(LOADS) * each
+    sets = [repeats(None, two + spare).allocation().sets for spare in (0.9, 1.1)]
+    assert sets == [len(LOADS), 2 * len(LOADS)]
+    least = repeats().costs.start + len(LOADS) * each
+    assert repeats(None, least + 1e-6).allocation().sets == len(LOADS)
+    with pytest.raises(RangeError, match="too short"):
+        repeats(None, least - 1e-6).allocation()
+    with pytest.raises(RangeError, match="load sets on the way up, above the limit of 10000; give less time"):
+        repeats(None, 7.2e6).allocation()
 
 
 def test_sets_that_agree_by_chance_leave_what_readings_and_noise_do() -> None:

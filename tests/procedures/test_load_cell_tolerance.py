@@ -106,6 +106,8 @@ def test_a_time_is_filled_with_the_weights_and_runs_that_tell_most() -> None:
     assert series_for(replace(asked(0.003), time=480.0)) == series_for(asked(0.003))
     with pytest.raises(RangeError, match=r"--time 2 min 22 s is too short: 1 run .* 5 weights takes 2 min 23 s"):
         series_for(replace(asked(0.003), tolerance=None, time=142.0))
+    with pytest.raises(RangeError, match=r"--time .* holds \d+ runs up and down, above the limit of 1000 runs"):
+        series_for(replace(asked(0.003), tolerance=None, time=7.2e6))
 
 
 def test_what_the_loads_are_off_by_counts_once_in_plan_and_result_and_no_run_lowers_it(palpate: Palpate) -> None:
@@ -119,6 +121,16 @@ def test_what_the_loads_are_off_by_counts_once_in_plan_and_result_and_no_run_low
     said = palpate(*CALIBRATE, "--loads-u", "0.2 %", "--tolerance", "0.2 %").complaint
     assert "--loads-u says 0.2 %, which no run lowers" in said
     assert "outside 0 to 50 %" in palpate(*CALIBRATE, "--loads-u", "60 %").complaint
+    assert "--loads-u says 0.05 %" in palpate(*CALIBRATE, "--loads-u", "0.05 %", "--tolerance", "0.04 %").complaint
+
+
+def test_a_refusal_tells_the_weights_that_reach_what_the_loads_leave_of_the_tolerance() -> None:
+    said = []
+    for wanted in (replace(asked(0.0013), loads_u=0.0012), asked(0.0005)):  # 0.13² = 0.12² + 0.05²
+        with pytest.raises(RangeError, match=r"resolution leaves 0\.129 %.*: the display") as refused:
+            series_for(wanted)
+        said.append(str(refused.value).split("weights up to ")[1].split(" N")[0])
+    assert said[0] == said[1]
 
 
 # --- the end ---------------------------------------------------------------------------------------------

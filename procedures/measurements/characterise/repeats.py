@@ -239,14 +239,19 @@ def _allocation(asked: SlopeRepeats) -> Allocation:
 def _for_time(asked: SlopeRepeats, time: float) -> Allocation:
     loads, dwell = len(asked.of.loads), asked.of.dwell
     each = loads * (asked.costs.set + dwell)
-    rounds = math.floor((time - asked.costs.start) / each)
-    if rounds < 1:
-        least = asked.costs.start + each
+    least = asked.costs.start + each
+    if time < least:
         raise RangeError(
             f"--time {time:g} s is too short: one round of {counted(loads, 'load')} and what follows take "
             f"{least:.0f} s; give more time, a shorter --drift-time, or fewer --loads"
         )
-    return _worst(asked, min(rounds, MOST_SETS // loads) * loads)
+    rounds = max(1, math.floor((time - RESERVE - asked.costs.start) / each))
+    if rounds * loads > MOST_SETS:
+        raise RangeError(
+            f"--time {time:g} s holds {rounds * loads} load sets on the way up, above the limit of {MOST_SETS}; give "
+            "less time"
+        )
+    return _worst(asked, rounds * loads)
 
 
 def _for_tolerance(asked: SlopeRepeats, tolerance: float) -> Allocation:

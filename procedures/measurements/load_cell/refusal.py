@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_curve import WEIGHTS, slope_u
+from palpate.instrument.calibration.load_cell_curve import slope_u
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.uncertainty.rounding import mean_u
@@ -38,7 +38,7 @@ def below_floor(
         loads_u: relative standard uncertainty of all loads together.
     """
     best = f"best now  {told(1.01 * error.floor)}"
-    if error.line == WEIGHTS:
+    if tolerance <= loads_u:
         lines = [
             f"--tolerance {told(tolerance)} cannot be reached: --loads-u says {told(loads_u)}, which no run lowers",
             best,
@@ -47,9 +47,11 @@ def below_floor(
         return RangeError("\n  ".join(lines))
     rounded = mean_u(display_scatter(cell), cell.resolution_mV, math.inf)
     apart = rounded * slope_u(np.asarray(loads, dtype=np.float64), degree) / cell.sensitivity_mV_per_N
-    heavier = (loads[-1] - loads[0]) * error.floor / tolerance + loads[0]
+    left, wanted = (math.sqrt(u**2 - loads_u**2) for u in (error.floor, tolerance))  # by the display alone
+    heavier = (loads[-1] - loads[0]) * left / wanted + loads[0]
     lines = [
-        f"--tolerance {told(tolerance)} cannot be reached: {error.line} leaves {told(error.floor)}: the display of "
+        f"--tolerance {told(tolerance)} cannot be reached: resolution leaves {told(left)}"
+        f"{f', and --loads-u {told(loads_u)}' if loads_u else ''}: the display of "
         f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
         best,
         f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",

@@ -175,7 +175,13 @@ def _for_time(wanted: Wanted) -> Series:
             f"{duration(math.ceil(_least_seconds(wanted, fewest)))}; give more time"
         )
     found = [planned(asked, each, _expected_lines(asked, each)) for each in loads]
-    return min(found, key=lambda each: (each.allocation.u, each.allocation.seconds))
+    best = min(found, key=lambda each: (each.allocation.u, each.allocation.seconds))
+    if best.allocation.sets > MOST_RUNS:
+        raise RangeError(
+            f"--time {duration(time)} holds {counted(best.allocation.sets, 'run')} up and down, above the limit of "
+            f"{MOST_RUNS} runs; give less time"
+        )
+    return best
 
 
 def costs_of(wanted: Wanted, loads: int) -> Costs:
