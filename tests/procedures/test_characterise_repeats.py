@@ -131,6 +131,16 @@ def test_what_cannot_be_is_refused_before_a_bench_starts(
 
 
 @pytest.mark.slow
+def test_a_plan_counts_the_calibration_of_the_load_cell_that_its_refusal_asks_for(palpate: Palpate) -> None:
+    asked = ("characterise", "--tolerance", "0.5 %", "--dry-run")
+    told = palpate(*asked)
+    assert told.status == 2
+    assert "palpate calibrate load-cell --tolerance '0.354 %'" in told.complaint
+    assert palpate("calibrate", "load-cell", "--tolerance", "0.354 %").status == 0
+    assert palpate(*asked).status == 0
+
+
+@pytest.mark.slow
 def test_a_run_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: Path) -> None:
     with palpate.open_bench(scene="thesis_single") as bench:
         whole = palpate.run(ASKED, bench, out=tmp_path / "whole")

@@ -98,7 +98,7 @@ def test_a_plan_tells_what_more_points_of_films_would_give() -> None:
     assert (planned.u or 0) * 0.6 < offered["u"] < (planned.u or 0)
     assert (offered["how"], offered["person_s"]) == ("palpate calibrate films", 60)
     (plain,) = [line for line in asked.plan(TARGET).predicted.lines if line.startswith("films ")]
-    assert "not calibrated, in no interval; 6 points" in plain
+    assert "not calibrated: no interval counts it; 6 points" in plain
 
 
 def test_a_plan_tells_which_calibrations_and_which_frequency_would_pay() -> None:

@@ -20,6 +20,7 @@ from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
+from palpate.procedures.lab.calibrations import probable_load_cell
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.characterise.expected import Conditions, expected_figures
 from palpate.procedures.measurements.characterise.point import HOLDING, LEAST_LOADS, LOADING, UNLOADING, FilmsPoint
@@ -105,7 +106,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
         check_bench_time(self.time, "30 min")
-        if repeats := self.repeats(target.design, target.load_cell):
+        if repeats := self.repeats(target.design, _cell(target)):
             repeats.allocation()
 
     def required_loads(self) -> RequiredLoads:
@@ -116,7 +117,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
 
         With a tolerance or a time, there are the most rounds up that a run can have.
         """
-        repeats = self.repeats(target.design, target.load_cell)
+        repeats = self.repeats(target.design, _cell(target))
         later, up = self._seconds(), self.loads * (repeats.most() if repeats else 1)
         steps = [
             self._step(LOADING, load, later if number else point_seconds(self.frequency, self.dwell, first=True))
@@ -127,7 +128,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         times = [STANDING + self.interval * number for number in range(DRIFT_POINTS + 1)]
         if repeats:
             return Plan(self.name, steps, repeats.predicted(times, target.force_limit))
-        found = expected_figures(self.conditions(target.design, target.load_cell), 1, times, target.force_limit)
+        found = expected_figures(self.conditions(target.design, _cell(target)), 1, times, target.force_limit)
         return Plan(self.name, steps, predicted(steps, found))
 
     def skips(self, step: CharacteriseStep, points: Sequence[FilmsPoint], lab: Lab) -> bool:
@@ -239,3 +240,8 @@ def _point(step: CharacteriseStep, time: float, measured: FilmPoint) -> FilmsPoi
         attempts=measured.attempts,
         incidents=measured.incidents,
     )
+
+
+def _cell(target: Target) -> LoadCellCalibration | None:
+    """The load cell's calibration; before the bench is open, the one that it probably has. None: none is stored."""
+    return target.load_cell or probable_load_cell(target.model is not None)

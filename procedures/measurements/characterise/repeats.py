@@ -210,7 +210,8 @@ class SlopeRepeats:
             f"--tolerance {share(asked, 3)} cannot be reached: the calibration of the {error.line} leaves "
             f"{share(error.floor, 3)} of each force sensitivity, which no round of loads lowers",
             f"best now  {share(1.01 * best.u, 3)}, by the most load sets of a run",
-            f"or        a better load cell: palpate calibrate load-cell --tolerance '{share(asked / math.sqrt(2), 3)}'",
+            "or        a better calibration of it:"
+            f" palpate calibrate load-cell --tolerance '{share(asked / math.sqrt(2), 3)}'",
             "note      signal-to-noise ratios and force ratios do not feel the load cell",
         ]
         return RangeError("\n  ".join(lines))

@@ -102,7 +102,9 @@ def _films(wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | 
         if found.references is not None:  # they hold the films' error, and would have to be measured anew
             return None
         added, seconds = films.u / math.sqrt(USUAL_POINTS), films.seconds(USUAL_POINTS)
-        told = f"not calibrated, in no interval; {USUAL_POINTS} points ({duration(seconds)}) add {share(added)}"
+        told = (
+            f"not calibrated: no interval counts it; {USUAL_POINTS} points ({duration(seconds)}) leave {share(added)}"
+        )
         numbers, u = {CALIBRATION: float(USUAL_POINTS)}, math.hypot(plan.u, added)
     else:
         if plan.shares.get(CALIBRATION, 0.0) < LEAST_SHARE:
