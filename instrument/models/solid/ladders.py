@@ -14,15 +14,10 @@ MANY = 4  # teeth; more have coarser meshes
 
 @dataclass(frozen=True, slots=True)
 class Meshes:
-    """Resolutions by refinement, how errors fall from each to the next, and how many times that counts where narrow.
-
-    Meshes do not see how the object hands its force over across a narrow gap, or a thin object at all. They hardly
-    differ there, and what is left is more than what changes.
-    """
+    """Resolutions by refinement, and how errors fall from each to the next."""
 
     resolutions: tuple[Resolution, ...]
     manner: Manner
-    narrow: float
 
 
 # Each mesh has more layers and a higher degree than the one before. Most of their error is along the height of rubber,
@@ -36,7 +31,6 @@ OF_FEW_TEETH = Meshes(
     # The third mesh has the degree of the second along the height of rubber. Where that leaves most, both err alike:
     # then a share of the bound before counts.
     manner=Manner(product=0.05, factors=(1.5, 1.4), voltages=(8.0, 6.0), luck=0.06, reach=2 * HALF_DECADE),
-    narrow=2.0,
 )
 # A higher degree, more layers, then both. Along the circle a higher degree costs less than more sectors. The third mesh
 # has more layers alone, which are no use where the degree leaves most: then a share of the bound before counts.
@@ -48,7 +42,6 @@ OF_MANY_TEETH = Meshes(
         Resolution(layers=4, ratio=0.2, sectors=1, degree=4),
     ),
     manner=Manner(product=0.15, factors=(2.0, 1.0, 0.5), voltages=(12.0, 8.0, 4.0), luck=0.12, reach=2 * HALF_DECADE),
-    narrow=4.0,
 )
 
 

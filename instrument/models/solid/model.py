@@ -25,7 +25,10 @@ from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 
-NARROW = 0.05  # of the tooth's radius: a gap, or an object, of which meshes see too little
+NARROW, THIN = 0.05, 0.1  # of the tooth's radius: a gap, and an object, of which meshes see too little
+# Meshes do not see how the object hands its force over across a narrow gap, or a thin object at all. They hardly differ
+# there, and what is left is more than what changes: it counts so many times.
+IN_NARROW = 4.0
 ROUND_OFF = 1e-8  # of the force ratio, with a foil of rubber for an object; a thousand times less with others
 
 Array = NDArray[np.float64]
@@ -223,12 +226,12 @@ def estimates(curves: Sequence[Curve], parameters: SolidParameters, moduli: Arra
     if parameters.load_at is not None:
         # Beneath a point load the energy has no end. What of it passes through the contact has one.
         curves = [replace(each, clamped=np.zeros_like(each.clamped)) for each in curves]
-    known = ladders.meshes(parameters)
-    ratio, voltage = between.estimates(curves, moduli, known.manner, known.narrow if is_narrow(parameters) else 1.0)
+    times = IN_NARROW if is_narrow(parameters) else 1.0
+    ratio, voltage = between.estimates(curves, moduli, ladders.meshes(parameters).manner, times)
     return ratio + ROUND_OFF, voltage
 
 
 def is_narrow(parameters: SolidParameters) -> bool:
     """Whether the gap is closed to coarse meshes, or the object too thin for them."""
-    gap = parameters.ring_inner_radius - parameters.tooth_radius
-    return min(gap, parameters.sensed_thickness) < NARROW * parameters.tooth_radius
+    gap, radius = parameters.ring_inner_radius - parameters.tooth_radius, parameters.tooth_radius
+    return gap < NARROW * radius or parameters.sensed_thickness < THIN * radius
