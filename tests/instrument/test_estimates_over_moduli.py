@@ -132,22 +132,30 @@ MANY = SolidParameters(cell_length=12e-3, cell_width=12e-3, columns=3, rows=2)
 
 
 @pytest.mark.parametrize(
-    ("sensor", "product", "narrow", "count", "factor", "of_voltages"),
+    ("sensor", "product", "count", "factor", "of_voltages"),
     [
-        (FEW, 0.05, 2.0, 2, 1.5, 8.0),
-        (FEW, 0.05, 2.0, 3, 1.4, 6.0),
-        (MANY, 0.15, 4.0, 2, 2.0, 12.0),
-        (MANY, 0.15, 4.0, 3, 1.0, 8.0),
-        (MANY, 0.15, 4.0, 4, 0.5, 4.0),
+        (FEW, 0.05, 2, 1.5, 8.0),
+        (FEW, 0.05, 3, 1.4, 6.0),
+        (MANY, 0.15, 2, 2.0, 12.0),
+        (MANY, 0.15, 3, 1.0, 8.0),
+        (MANY, 0.15, 4, 0.5, 4.0),
     ],
 )
-@pytest.mark.parametrize("inner", [1.2, 1.04])
+@pytest.mark.parametrize(("inner", "thin", "times"), [(1.2, 0.11, 1.0), (1.04, 0.11, 4.0), (1.2, 0.09, 4.0)])
 def test_the_solid_model_believes_its_meshes_as_its_decisions_say(
-    sensor: SolidParameters, product: float, narrow: float, count: int, factor: float, of_voltages: float, inner: float
+    sensor: SolidParameters,
+    product: float,
+    count: int,
+    factor: float,
+    of_voltages: float,
+    inner: float,
+    thin: float,
+    times: float,
 ) -> None:
-    """By their number and that of the teeth, and less where the gap is below a twentieth of the tooth's radius."""
-    sensor = replace(sensor, ring_inner_radius=inner * sensor.tooth_radius)
-    at, times = np.array([1e5]), narrow if inner < 1.05 else 1.0
+    """By their number and that of the teeth, and less where the gap is narrow or the object thin."""
+    radius = sensor.tooth_radius
+    sensor = replace(sensor, ring_inner_radius=inner * radius, sensed_thickness=thin * radius)
+    at = np.array([1e5])
     ratio, voltage = estimates([COARSE, FINE], at, Manner(product, (1.0,), (1.0,), luck=0.0, reach=8))
     found = solid.estimates([COARSE, FINE, COARSE, FINE][-count:], sensor, at)
     assert found[0] - 1e-8 == pytest.approx(factor * times * ratio)
