@@ -13,6 +13,7 @@ import pytest
 from palpate.instrument.calibration.files import read_model_calibration, read_mounting_scatter, write_calibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import RangeError, UsageError
+from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
@@ -22,8 +23,9 @@ from palpate.procedures.measurements.object_modulus.lines import curve_of
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.procedures.measurements.object_modulus.refusal import MOST_SETS
 from palpate.procedures.measurements.object_modulus.result import ModulusPoint, mounting_scatter, ratios_of
+from palpate.procedures.measurements.object_modulus.worth import command_of
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps.checks import check_frequency
+from palpate.procedures.steps.checks import check_frequency, parse_loads
 from palpate.procedures.steps.dwells import Dwells
 from tests.procedures.conftest import Palpate
 
@@ -96,9 +98,17 @@ def test_a_plan_tells_what_more_points_of_films_would_give() -> None:
     assert re.fullmatch(r"films +\d+ points would give [0-9.]+ %; \d min \d\d s, once", told)
     (offered,) = [each for each in planned.told["alternatives"] if each["what"] == "films"]
     assert (planned.u or 0) * 0.6 < offered["u"] < (planned.u or 0)
-    assert (offered["how"], offered["person_s"]) == ("palpate calibrate films", 60)
+    command, loads = offered["how"].split(" --loads ")
+    assert (command, offered["person_s"]) == ("palpate calibrate films", 60)
+    assert len(parse_loads(loads.strip("'"))) == offered["numbers"][CALIBRATION]
     (plain,) = [line for line in asked.plan(TARGET).predicted.lines if line.startswith("films ")]
     assert "not calibrated: no interval counts it; 6 points" in plain
+
+
+@pytest.mark.parametrize("points", [6, 7, 16, 100])
+def test_the_command_for_film_points_takes_so_many_loads(points: int) -> None:
+    loads = command_of(CALIBRATION, points).split("--loads ")[1].strip("'")
+    assert len(parse_loads(loads)) == points
 
 
 def test_a_plan_tells_which_calibrations_and_which_frequency_would_pay() -> None:
@@ -121,7 +131,10 @@ def test_a_refusal_names_the_quickest_calibrations_that_reach_the_tolerance() ->
         wanted(tolerance=0.13).prospect(TARGET)
     with pytest.raises(RangeError, match=r"as asked with \d references and \d+ film points \(.*, once\), then"):
         wanted(tolerance=0.13).prospect(target)
-    with pytest.raises(RangeError, match=r"as asked with \d+ film points \(.*, once\), then .* calibrate films"):
+    with pytest.raises(
+        RangeError,
+        match=r"as asked with \d+ film points \(.*, once\), then .* calibrate films --loads '1.5 N:4 N:.* N'",
+    ):
         wanted(tolerance=0.05, relative_to_model=True).prospect(target)
 
 

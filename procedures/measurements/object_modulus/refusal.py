@@ -18,14 +18,16 @@ from palpate.procedures.measurements.object_modulus.lines import CURVE, MOUNTED,
 from palpate.procedures.measurements.object_modulus.preparing import COMPRESSION, prepared, references_of
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
 from palpate.procedures.measurements.object_modulus.telling import reachable
-from palpate.procedures.measurements.object_modulus.worth import quickest
+from palpate.procedures.measurements.object_modulus.worth import command_of, quickest
 from palpate.procedures.measurements.repeated_sets import MOST_SETS
 from palpate.procedures.measurements.repeated_sets import share as told
 from palpate.procedures.showing.plan import duration
 
 NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
 REFERENCES = 6  # as many as pay
-BY_COMPRESSION = f"2 to 4 % in {COMPRESSION:.0f} s, where the object can be taken off: palpate test modulus"
+BY_COMPRESSION = (
+    f"2 to 4 % in {COMPRESSION:.0f} s, where the object can be taken off: palpate test modulus --sample NUMBER"
+)
 """The compression test of this bench [M]."""
 LEAST_BY_COMPRESSION = 0.02
 LEAST_TOLERANCE = 1e-6
@@ -123,13 +125,16 @@ def _with_references(question: Question, found: Expected, design: Design) -> lis
         return []
     count = max(REFERENCES, made.least)
     left, seconds = math.hypot(made.rest, made.u / math.sqrt(count)), duration(made.seconds(count))
-    return [f"or        {100 * left:.2g} % with {count} references ({seconds}, once): palpate calibrate model"]
+    how = command_of(VALIDATION, count)
+    return [f"or        {100 * left:.2g} % with {count} references ({seconds}, once): {how}"]
 
 
 def _prepared(wanted: Wanted, question: Question, found: Expected, design: Design, loads: Sequence[float]) -> list[str]:
     """What other sessions make the tolerance reachable, as quickly as can be; empty: none do."""
     best = quickest(prepared(question, found, wanted, design, loads), len(design.teeth))
-    return [] if best is None else [f"or        as asked with {best.told}: {best.how}"]
+    if best is None or (wanted.time is not None and best.run_s > wanted.time):
+        return []
+    return [f"or        as asked with {best.told}: {best.how}"]
 
 
 def _on_scale(wanted: Wanted, found: Expected, design: Design, loads: Sequence[float]) -> list[str]:

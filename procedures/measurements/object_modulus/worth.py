@@ -24,9 +24,19 @@ from palpate.procedures.steps.checks import check_frequency
 
 FREQUENCIES = (20.0, 40.0)  # Hz
 USUAL_POINTS = 6  # on each tooth, of palpate calibrate films
+FILM_LOADS = 1.5, 4.0  # N, least and greatest of palpate calibrate films
 PAYS = 0.98  # of the bench time or uncertainty: what saves less is not offered
-COMMANDS = {VALIDATION: "palpate calibrate model", CALIBRATION: "palpate calibrate films"}
+REFERENCE_OPTION = "--reference 'A: 48 kPa ± 2 %'"  # one for each
 UNITS = {VALIDATION: "reference", CALIBRATION: "film point"}
+
+
+def command_of(name: str, number: int) -> str:
+    """The command of a preparation, with as many references as are named after it, or film points on each tooth."""
+    if name == VALIDATION:
+        return f"palpate calibrate model {REFERENCE_OPTION}"
+    least, greatest = FILM_LOADS
+    step = math.floor((greatest - least) / (number - 1) * 1e4) / 1e4  # rounded down: all points are taken
+    return f"palpate calibrate films --loads '{least:g} N:{greatest:g} N:{step:g} N'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +98,9 @@ def _references(question: Question, wanted: Wanted, prospect: Prospect, target: 
     seconds = more.seconds(more.least)
     told = f"{'one' if more.least == 1 else f'{more.least} in all'} would give {share(u)}; {duration(seconds)}, once"
     numbers, person = {VALIDATION: float(more.least)}, MOUNTING * more.least
-    return Alternative("references", numbers, seconds, person, plan.seconds, u, COMMANDS[VALIDATION], told)
+    return Alternative(
+        "references", numbers, seconds, person, plan.seconds, u, command_of(VALIDATION, more.least), told
+    )
 
 
 def _films(wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | None:
@@ -105,7 +117,7 @@ def _films(wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | 
         told = (
             f"not calibrated: no interval counts it; {USUAL_POINTS} points ({duration(seconds)}) leave {share(added)}"
         )
-        numbers, u = {CALIBRATION: float(USUAL_POINTS)}, math.hypot(plan.u, added)
+        points, u = USUAL_POINTS, math.hypot(plan.u, added)
     else:
         if plan.shares.get(CALIBRATION, 0.0) < LEAST_SHARE:
             return None
@@ -113,8 +125,8 @@ def _films(wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | 
         points = max(films.least, math.ceil(2 * films.u**2 / now))
         u, seconds = _with(prospect, films, points), films.seconds(points)
         told = f"{points} points would give {share(u)}; {duration(seconds)}, once"
-        numbers = {CALIBRATION: float(points)}
-    return Alternative("films", numbers, seconds, person, plan.seconds, u, COMMANDS[CALIBRATION], told)
+    how = command_of(CALIBRATION, points)
+    return Alternative("films", {CALIBRATION: float(points)}, seconds, person, plan.seconds, u, how, told)
 
 
 def _frequency(wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]) -> Alternative | None:
@@ -148,7 +160,7 @@ def quickest(found: Prepared | None, teeth: int) -> Alternative | None:
     person += MOUNTING * teeth * (CALIBRATION in found.numbers)
     what = " and ".join(counted(number, UNITS[name]) for name, number in found.numbers.items())
     told = f"{what} ({duration(before)}, once), then {duration(found.run_seconds)}"
-    how = "; ".join(COMMANDS[name] for name in found.numbers)
+    how = "; ".join(command_of(name, number) for name, number in found.numbers.items())
     numbers = {name: float(number) for name, number in found.numbers.items()}
     return Alternative("quickest", numbers, before, person, found.run_seconds, None, how, told)
 
