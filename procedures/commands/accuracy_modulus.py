@@ -56,8 +56,8 @@ def modulus_command(
     """
     from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
     from palpate.procedures.commands.measure_modulus import object_to_touch
-    from palpate.procedures.lab.calibrations import with_films
     from palpate.procedures.lab.chosen import choose
+    from palpate.procedures.lab.probable import with_films
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 
     output = Output(as_json, quiet)

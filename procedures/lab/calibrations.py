@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from datetime import UTC, date, datetime
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -35,7 +34,6 @@ from palpate.procedures.steps.checks import check_loads
 if TYPE_CHECKING:
     from palpate.instrument.findings.object_modulus import ByReferences
     from palpate.instrument.models.ratio import Question
-    from palpate.procedures.lab.lab import Target
 
 C = TypeVar("C", LoadCellCalibration, FilmCalibration, ModelCalibration)
 K = TypeVar("K", FilmCalibration, ModelCalibration, MountingScatter)
@@ -82,12 +80,12 @@ def mountings_of(
     the bench will tell of it when it is open.
     """
     certain = scene is not None or serial != "*"
-    found = _stored(mountings_path(serial, design, scene), read_mounting_scatter, certain)
+    found = stored_at(mountings_path(serial, design, scene), read_mounting_scatter, certain)
     mine = [each for each in found if serial in ("*", each.device) and each.holds_for(design, scene, simulated, today)]
     return max(mine, key=lambda each: each.created, default=None)
 
 
-def _stored(path: Path, read: Callable[[Path], K], certain: bool) -> list[K]:
+def stored_at(path: Path, read: Callable[[Path], K], certain: bool) -> list[K]:
     """What is stored at the path of a calibration, with "*" as serial number at those of all devices.
 
     One that cannot be read does not count. Raises ConfigError instead: it is certain to be one of the bench's own.
@@ -148,7 +146,7 @@ def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
             raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
         return THESIS_LOAD_CELL
     serial, gage_factor = indicator.serial or "unknown", indicator.gage_factor
-    return _checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
+    return checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
 
 
 def known_load_cell(bench: Bench) -> LoadCellCalibration:
@@ -158,16 +156,6 @@ def known_load_cell(bench: Bench) -> LoadCellCalibration:
         if (found := read_calibration(path)).simulated == bench.simulated:
             return found
     return THESIS_LOAD_CELL
-
-
-def probable_load_cell(simulated: bool) -> LoadCellCalibration | None:
-    """The newest stored calibration of a load cell, before it is known which bench will answer; None: there is none."""
-    found = []
-    for path in _path("").parent.glob("load_cell-*.toml"):
-        with suppress(PalpateError):
-            found.append(read_calibration(path))
-    found = [each for each in found if each.simulated == simulated]
-    return max(found, key=lambda each: each.created, default=None)
 
 
 def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, today: date) -> bool:
@@ -196,7 +184,7 @@ def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, toda
             found = read_calibration(path)
             if simulated and not found.simulated:
                 continue
-            _checked(path, found, lambda c: c.check_use(c.device, c.simulated, c.gage_factor, today))
+            checked(path, found, lambda c: c.check_use(c.device, c.simulated, c.gage_factor, today))
             check_loads(loads, found, extrapolate)
             if simulated or not found.simulated:
                 return True
@@ -223,7 +211,7 @@ def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | Non
         return None
     check_nameable(bench, "sensor_node")
     found = read_film_calibration(path)
-    return _checked(path, found, lambda c: c.check_use(design, serial, bench.simulated, today))
+    return checked(path, found, lambda c: c.check_use(design, serial, bench.simulated, today))
 
 
 def model_of(
@@ -255,60 +243,7 @@ def model_of(
         calibration.check_use(question.design, serial, scene, bench.simulated, today)
         calibration.check_films(None if films is None else films.sha256())
 
-    return _checked(path, read_model_calibration(path), check)
-
-
-def probable_references(question: Question, scene: str | None, today: date) -> ByReferences | None:
-    """The newest stored calibration of the model that answers a question, before it is known which bench will answer.
-
-    One of another scene is of another sensor. Of a real bench one that is damaged or has expired does not count: the
-    bench will tell of it when it is open.
-
-    Args:
-        question: what is asked.
-        scene: identity of the scene of a simulated bench; None: it is that of a bench file.
-        today: date by which calibrations expire.
-
-    Raises ConfigError: that of the scene is damaged, was changed by hand, or has expired.
-    """
-    from palpate.instrument.findings.object_modulus import ByReferences, answering
-
-    thickness = question.load(question.sensor().ring.material.modulus).sensed.thickness
-    path = model_path("*", question.design, answering(question), question.parameters, thickness, scene)
-
-    def read(file: Path) -> ModelCalibration:
-        return _checked(file, read_model_calibration(file), lambda c: c.check_date(today))
-
-    found = [each for each in _stored(path, read, certain=scene is not None) if each.scene == scene]
-    if not found:
-        return None
-    newest = max(found, key=lambda each: each.created)
-    return ByReferences(newest, newest.film_calibration is None)
-
-
-def references_on(target: Target, question: Question) -> ByReferences | None:
-    """The model's calibration by references on a bench; before it is open, the one that it probably has."""
-    if target.calibrated is not None:
-        return target.references
-    return probable_references(question, target.scene, datetime.now(UTC).date())
-
-
-def with_films(target: Target) -> Target:
-    """A bench whose films are calibrated as it probably has them; one that is open has them already.
-
-    They are those of the newest stored calibration that holds for such a sensor, as the node's serial number is not
-    known yet.
-    """
-    if target.calibrated is not None:
-        return target
-    design, simulated, today = target.design, target.scene is not None, datetime.now(UTC).date()
-
-    def read(file: Path) -> FilmCalibration:
-        return _checked(file, read_film_calibration(file), lambda c: c.check_use(design, c.device, simulated, today))
-
-    found = _stored(films_path("*", design.name), read, certain=False)
-    newest = max(found, key=lambda each: each.created, default=None)
-    return target if newest is None else replace(target, design=newest.apply(design))
+    return checked(path, read_model_calibration(path), check)
 
 
 def by_references(path: Path, today: date) -> ByReferences:
@@ -318,11 +253,12 @@ def by_references(path: Path, today: date) -> ByReferences:
     """
     from palpate.instrument.findings.object_modulus import ByReferences
 
-    found = _checked(path, read_model_calibration(path), lambda c: c.check_date(today))
+    found = checked(path, read_model_calibration(path), lambda c: c.check_date(today))
     return ByReferences(found)
 
 
-def _checked(path: Path, calibration: C, check: Callable[[C], None]) -> C:
+def checked(path: Path, calibration: C, check: Callable[[C], None]) -> C:
+    """A calibration of a file, checked. Raises ConfigError, which names the file: the check refuses it."""
     try:
         check(calibration)
     except ConfigError as error:

@@ -15,7 +15,8 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.ratio import Question
-from palpate.procedures.lab.calibrations import model_path, mountings_of, mountings_path, probable_references
+from palpate.procedures.lab.calibrations import model_path, mountings_of, mountings_path
+from palpate.procedures.lab.probable import probable_references
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 

@@ -19,8 +19,9 @@ from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.lab.calibrations import model_path, probable_references
+from palpate.procedures.lab.calibrations import model_path
 from palpate.procedures.lab.lab import Target
+from palpate.procedures.lab.probable import probable_references
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
 from palpate.procedures.measurements.references.reference import Reference, read_reference
 from palpate.procedures.measurements.references.result import MODULUS, ReferencesResult, evaluate

@@ -20,8 +20,8 @@ from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import probable_load_cell
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.probable import probable_load_cell
 from palpate.procedures.measurements.characterise.expected import Conditions, expected_figures
 from palpate.procedures.measurements.characterise.point import HOLDING, LEAST_LOADS, LOADING, UNLOADING, FilmsPoint
 from palpate.procedures.measurements.characterise.repeats import SlopeRepeats

@@ -19,8 +19,9 @@ from palpate.procedures.engine.plan import MOUNTING, Plan, Predicted
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import keep, load_cell_path, probable_load_cell
+from palpate.procedures.lab.calibrations import keep, load_cell_path
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.probable import probable_load_cell
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
 from palpate.procedures.measurements.load_cell.learned import late, learned, stopped

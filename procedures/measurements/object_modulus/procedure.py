@@ -21,8 +21,9 @@ from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path, references_on, with_films
+from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.probable import references_on, with_films
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
 from palpate.procedures.measurements.object_modulus.course import Course

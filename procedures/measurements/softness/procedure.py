@@ -23,8 +23,8 @@ from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected, greatest, predicted
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import references_on
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.probable import references_on
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets
 from palpate.procedures.measurements.softness.expected import expected_moduli
