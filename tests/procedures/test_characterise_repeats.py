@@ -70,6 +70,9 @@ def test_the_first_rounds_decide_and_no_round_is_broken_off() -> None:
     assert not asked.has_enough(rounds(5, 0.1))
     assert asked.has_enough(rounds(80, 0.1))
     assert not asked.has_enough([replace(point, valid=False) for point in rounds(5, 0.02)])
+    at_one_load = [replace(point, valid=point.load_N == LOADS[0]) for point in rounds(12, 0.0)]
+    assert not asked.has_enough(at_one_load)
+    assert asked.found(at_one_load) == []
 
 
 def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:

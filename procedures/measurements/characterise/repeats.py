@@ -100,7 +100,7 @@ class SlopeRepeats:
     def found(self, points: Sequence[FilmsPoint]) -> list[Component]:
         """Relative uncertainty of each film's slope, without that of the load cell; empty: too few sets are valid."""
         sets = [_sets(points, number) for number in range(len(self.of.design.films))]
-        return [self._line(number, each) for number, each in enumerate(sets) if len(each) >= LEAST_LOADS]
+        return [self._line(number, each) for number, each in enumerate(sets) if each]
 
     def stopped(self, sensitivities: Sequence[tuple[str, float]]) -> str:
         """Why the run ended, for people; `sensitivities`: each film with the relative uncertainty that it reached."""
@@ -218,8 +218,11 @@ class SlopeRepeats:
 
 
 def _sets(points: Sequence[FilmsPoint], number: int) -> tuple[Set, ...]:
-    """The valid load sets of a film on the way up."""
-    return tuple((p.load_measured_N, p.voltages_V[number]) for p in points if p.direction == LOADING and p.valid)
+    """The valid load sets of a film on the way up; empty: they are at too few different loads for a slope."""
+    up = [p for p in points if p.direction == LOADING and p.valid]
+    if len({p.load_N for p in up}) < LEAST_LOADS:
+        return ()
+    return tuple((p.load_measured_N, p.voltages_V[number]) for p in up)
 
 
 @functools.lru_cache(maxsize=64)
