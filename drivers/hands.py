@@ -6,7 +6,7 @@ from typing import Any
 
 from palpate.drivers.fitted import Fitted
 from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger
-from palpate.instrument.bench.operator import Operator
+from palpate.instrument.bench.operator import Operator, mount_anew
 from palpate.instrument.sensor.sample import Sample
 
 
@@ -27,6 +27,13 @@ class Hands:
             changer.mount(sample.name)
         else:
             self._person.mount(sample)
+
+    def mount_anew(self, sample: Sample) -> None:
+        """As `mount`, for a sample that may lie there already. A changer leaves it alone then."""
+        if self._bench.maybe(SampleChanger):
+            self.mount(sample)
+        else:
+            mount_anew(self._person, sample)
 
     def lay_on_support(self, sample: Sample | None) -> None:
         self._free_changer()

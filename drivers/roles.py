@@ -133,7 +133,13 @@ class Chamber(Protocol):
 
 
 class SampleChanger(Protocol):
-    """Puts samples under the probe, by their names."""
+    """Puts samples under the probe, by their names.
+
+    Attributes:
+        samples: names of the samples that it holds.
+    """
+
+    samples: tuple[str, ...]
 
     def check_holds(self, names: Iterable[str]) -> None:
         """Raises UnknownName: it does not hold one of these samples."""

@@ -10,7 +10,7 @@ import functools
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from palpate.instrument.errors import QuantityError, RangeError, quoted
 
@@ -62,6 +62,25 @@ def parse(text: str, unit: str, example: str = "") -> float:
     return converted
 
 
+class Typed(float):
+    """A quantity, with the text that somebody typed for it, so that messages quote it as it was typed."""
+
+    text: str
+
+    def __new__(cls, value: float, text: str) -> Self:
+        made = super().__new__(cls, value)
+        made.text = text
+        return made
+
+    def __getnewargs__(self) -> tuple[float, str]:  # type: ignore[override]
+        return float(self), self.text
+
+
+def as_typed(value: float, unit: str) -> str:
+    """A quantity as it was typed, unless that is long; or else with a prefix of its unit."""
+    return value.text if isinstance(value, Typed) and len(value.text) <= LONGEST_UNIT else show(value, unit)
+
+
 def parse_list(text: str, unit: str, example: str = "") -> tuple[float, ...]:
     """Values in `unit` of a text with commas, such as "1 N, 2 N". Raises QuantityError as `parse`."""
     return tuple(parse(part, unit, example) for part in text.split(","))
@@ -87,8 +106,7 @@ def check_tolerance(tolerance: float, what: str) -> float:
         raise RangeError(f"{what} is not above 0; {SHARE}")
     if not tolerance <= LARGEST_TOLERANCE:
         raise RangeError(
-            f"{what} is {100 * tolerance:.4g} %, above the {100 * LARGEST_TOLERANCE:g} % that a tolerance may be;"
-            f" {SHARE}"
+            f"{what} is {100 * tolerance:.4g} %, above the {100 * LARGEST_TOLERANCE:g} % that are allowed; {SHARE}"
         )
     return tolerance
 
@@ -125,18 +143,43 @@ def _spelled(unit: str) -> str:
 
 
 def _example(unit: str) -> str:
-    return {"N": "3 N", "Pa": "24 kPa", "Hz": "10 Hz", "s": "1 s", "m": "3 mm"}.get(unit, f"1 {unit}".strip())
+    return {"N": "3 N", "Pa": "24 kPa", "Hz": "10 Hz", "s": "1 s", "m": "3 mm", "V/√Hz": "20 µV/√Hz"}.get(
+        unit, f"1 {unit}".strip()
+    )
 
 
 def show(value: float, unit: str, digits: int = 4) -> str:
     """Text of an SI value with a prefix: `show(24000.0, "Pa")` is "24 kPa"."""
-    if value == 0 or not math.isfinite(value) or unit in ("", "%", "mV"):
+    exponent = _exponent(value, unit)
+    if exponent is None:
         return f"{value:.{digits}g} {unit}".rstrip()
+    rounded = float(f"{value / 10.0**exponent:.{digits}g}")
+    return f"{rounded:.{max(digits, 4)}g} {_PREFIXES[exponent]}{unit}"  # 140, not 1.4e+02
+
+
+def show_with_u(value: float, u: float, unit: str) -> tuple[str, str]:
+    """Texts of an SI value and of its uncertainty with one prefix, both to the second digit of the uncertainty.
+
+    `show_with_u(1.7768e-3, 1.4e-4, "V/N")` is ("1.78 mV/N", "0.14 mV/N").
+    """
+    exponent = _exponent(max(abs(value), abs(u)), unit)
+    if exponent is None or u == 0 or not math.isfinite(u):
+        return show(value, unit), show(u, unit, 2)
+    scale = 10.0**exponent
+    _, digit = f"{u / scale:.1e}".split("e")
+    decimals = max(1 - int(digit), 0)
+    texts = [f"{each / scale:z.{decimals}f} {_PREFIXES[exponent]}{unit}" for each in (value, u)]
+    return texts[0], texts[1]
+
+
+def _exponent(value: float, unit: str) -> int | None:
+    """Power of ten of the prefix with which a value is shown; None: it is shown without one."""
+    if value == 0 or not math.isfinite(value) or unit in ("", "%", "mV"):
+        return None
     exponent = min(max(3 * math.floor(math.log10(abs(value)) / 3), -12), 9)
     if unit in ("N", "V", "Hz", "s") and exponent >= 0:
         exponent = min(exponent, 3 if unit == "Hz" else 0)
-    rounded = float(f"{value / 10.0**exponent:.{digits}g}")
-    return f"{rounded:.{max(digits, 4)}g} {_PREFIXES[exponent]}{unit}"  # 140, not 1.4e+02
+    return exponent
 
 
 def counted(number: int, what: str) -> str:

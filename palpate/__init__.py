@@ -44,10 +44,10 @@ if TYPE_CHECKING:
         Procedure,
         Report,
         RequiredLoads,
-        SimpleResult,
         Work,
     )
     from palpate.procedures.engine.replay import replay
+    from palpate.procedures.engine.result import SimpleResult
     from palpate.procedures.engine.resume import resume
     from palpate.procedures.engine.run import plan, run
     from palpate.procedures.engine.settings import Setting
@@ -84,8 +84,9 @@ _PLACES = {
     "instrument.sensor.load": "Load",
     "instrument.sensor.sample": "get_sample",
     "procedures.engine.plan": "Plan Predicted Step",
-    "procedures.engine.procedure": "Finished Measurement Procedure Report RequiredLoads SimpleResult Work",
+    "procedures.engine.procedure": "Finished Measurement Procedure Report RequiredLoads Work",
     "procedures.engine.replay": "replay",
+    "procedures.engine.result": "SimpleResult",
     "procedures.engine.resume": "resume",
     "procedures.engine.run": "plan run",
     "procedures.engine.settings": "Setting",

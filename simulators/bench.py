@@ -21,7 +21,7 @@ from palpate.instrument.sensor.design import USUAL_NOISE
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import SERIAL, CanSegment
-from palpate.simulators.guests import Guest, replaced
+from palpate.simulators.guests import CHANGER, Guest, replaced
 from palpate.simulators.rig.operator import SimulatedOperator
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from palpate.simulators.faults.inject import Injection
 
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order
-CHANGER, NODE = "sample_changer", "sensor_node"
+NODE = "sensor_node"
 NAMED = "simulated bench"  # the name of every simulated bench begins so
 TCP_SECTIONS: dict[str, type[TcpAddress]] = {
     "signal_generator": TcpAddress,

@@ -12,6 +12,7 @@ from palpate.instrument.bench.listed import check_name, check_role
 from palpate.instrument.config import Config, check
 from palpate.instrument.errors import ConfigError, UnknownName
 
+CHANGER = "sample_changer"
 OF_BENCH_FILES = ("link", "unit", "node", "inventory", "confirmed", "set_to_link")
 
 
@@ -57,9 +58,10 @@ def kind_in(role: Role, found: Sequence[Guest]) -> DeviceKind | None:
     """Kind of the device that fills a role on a simulated bench with these guests; None: there is none.
 
     A guest to which the scene gives the role comes first, then the usual device, then a guest whose kind has the role.
+    A sample changer is no usual device: only a served bench may have one.
     """
     given = [guest.kind for guest in found if guest.table.get("role") == role]
-    usual = [kind for name, kind in KINDS.items() if name not in replaced(found)]
+    usual = [kind for name, kind in KINDS.items() if name not in (CHANGER, *replaced(found))]
     return next((kind for kind in (*given, *usual, *(guest.kind for guest in found)) if role in kind.roles), None)
 
 

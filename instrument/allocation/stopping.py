@@ -14,12 +14,13 @@ both stop where the scatter happens to be small.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.instrument.allocation.allocate import Allocation, allocate
+from palpate.instrument.allocation.allocate import Allocation, cheapest
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget, merged
 from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import Budget, Floats
@@ -60,6 +61,8 @@ class Verdict:
 @dataclass(frozen=True, slots=True)
 class Answer:
     """The ratio of a run: the geometric mean over mountings of the geometric mean of their sets.
+
+    Mountings count alike, unless they have unlike numbers of sets, as after an interruption: then by their variances.
 
     Attributes:
         ratio: the mean ratio.
@@ -119,7 +122,7 @@ def _chi_square(freedom: int) -> float:
 
 
 def first_sets(plan: Allocation) -> int:
-    """Number of sets of the first mounting whose scatter decides how many there are in all."""
+    """Number of a run's first sets, whose scatter decides how many there are in all."""
     return max(FIRST, math.ceil(plan.sets / plan.mountings / 2))
 
 
@@ -143,12 +146,12 @@ def enough(
     """
     first = first_sets(plan)
     done = [len(each) for each in ratios]
-    if not done or done[0] < first:
+    if sum(done) < first:
         return Verdict(plan.mountings, max(plan.sets, first * plan.mountings), "")
-    batch = [ratios[0][:first]]
+    batch = _first(ratios, first)
     found = _learned(lines, plan.dwell, sensitivity, batch, batch)
-    needed = allocate(merged(found.lines, plan.dwell), costs, tolerance, plan.dwell, first)
-    mountings, each = needed.mountings, needed.sets // needed.mountings
+    mountings, sets_of_all, _ = cheapest(merged(found.lines, plan.dwell), costs, tolerance, plan.dwell, first)
+    each = sets_of_all // mountings
     whole = [sets for sets in ratios if len(sets) >= each]
     found = _learned(lines, plan.dwell, sensitivity, batch, whole or batch)
     if found.mountings_refuted:  # sets in each mounting stay as they are: only the number of mountings follows
@@ -182,13 +185,34 @@ def answer(
     taken = [each for each in ratios if each]
     if not taken:
         raise RangeError("no set is measured: there is no answer yet")
-    batch = taken if by_time else [taken[0][: first_sets(plan)]]
+    batch = taken if by_time else _first(taken, first_sets(plan))
     found = _learned(lines, plan.dwell, sensitivity, batch, taken)
-    means = [float(_logs(each).mean()) for each in taken]
-    # Mountings count alike: with unlike numbers of sets they scatter as if each had their harmonic mean.
-    sets = len(taken) ** 2 / sum(1 / len(each) for each in taken)
-    reached = budget(found.lines, len(taken), sets, plan.dwell)
-    return Answer(math.exp(math.fsum(means) / len(means)), reached, found.sets_refuted, found.mountings_refuted)
+    means, sets = [float(_logs(each).mean()) for each in taken], [len(each) for each in taken]
+    weights = _weights(found.lines, plan.dwell, sets)
+    mean = math.fsum(map(operator.mul, weights, means))
+    # As many mountings and sets, all alike, would give the mean this variance.
+    mountings = max(1.0, 1 / math.fsum(weight**2 for weight in weights))
+    alike = 1 / math.fsum(weight**2 / number for weight, number in zip(weights, sets, strict=True))
+    reached = budget(found.lines, mountings, alike, plan.dwell)
+    return Answer(math.exp(mean), reached, found.sets_refuted, found.mountings_refuted)
+
+
+def _first(ratios: Ratios, first: int) -> list[Sequence[float]]:
+    """The first sets of a run, by mountings; after an interruption they are those of two mountings or more."""
+    found: list[Sequence[float]] = []
+    for each in ratios:
+        if left := first - sum(map(len, found)):
+            found.append(each[:left])
+    return found
+
+
+def _weights(lines: Sequence[Line], dwell: float, sets: Sequence[int]) -> list[float]:
+    """Weights of the means of mountings with so many sets, by the variance of each mean; equal for as many sets."""
+    if len({*sets}) == 1:
+        return [1 / len(sets)] * len(sets)
+    falling = [line for line in lines if line.per is not Unit.NOTHING]
+    inverse = [1 / budget(falling, 1, number, dwell).u ** 2 for number in sets]
+    return [each / math.fsum(inverse) for each in inverse]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.instrument.allocation.allocate import Allocation, allocate
+from palpate.instrument.allocation.allocate import Allocation, cheapest
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget, merged
 from palpate.instrument.allocation.stopping import first_sets
 from palpate.instrument.uncertainty.budget import COVERAGE
@@ -26,10 +26,12 @@ class Times:
     Attributes:
         mean: their mean.
         longest: the bound, at which a run ends whether or not it has reached its tolerance.
+        enough: share of runs that reach it within the bound, where no other limit of time ends them.
     """
 
     mean: float
     longest: float
+    enough: float = COVERAGE
 
 
 def times(
@@ -44,7 +46,8 @@ def times(
 
     The variance of the first sets over that of the prior is distributed as F, because the prior is an estimate, too.
     Its mean is above 1: where a run has more than its first sets, it takes longer than its plan on average. The bound
-    is the time that 95 % of the runs need at most, and no run goes on beyond it.
+    is the time that 95 % of the runs need at most, and no run goes on beyond it. Where they would need more sets than
+    a run has, it is that of the greatest number of sets, which is enough for fewer of them.
 
     Args:
         lines, costs, tolerance: those from which the plan was made.
@@ -61,14 +64,19 @@ def times(
     of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
     freedom = min(budget(of_sets, 1, 1, plan.dwell).degrees_of_freedom, MOST_FREEDOM)
 
-    def seconds(share: float) -> float:
-        """Time that this share of runs does not pass."""
+    def sets_of(share: float) -> tuple[int, int]:
+        """Mountings and sets that this share of runs does not pass."""
         factor = float(fdtri(first - 1, freedom, share)) ** 0.5
         found = [replace(line, u=factor * line.u) if line in of_sets else line for line in lines]
-        run = allocate(merged(found, plan.dwell), costs, tolerance, plan.dwell, fewest)
-        return costs.seconds(run.mountings, min(run.sets, most), plan.dwell)
+        mountings, sets, _ = cheapest(merged(found, plan.dwell), costs, tolerance, plan.dwell, fewest)
+        return mountings, sets
 
-    bound = max(plan.seconds, seconds(COVERAGE))
+    def seconds(mountings: int, sets: int) -> float:
+        return costs.seconds(mountings, min(sets, most), plan.dwell)
+
+    longest = sets_of(COVERAGE)
+    bound = max(plan.seconds, seconds(*longest))
     end = bound if limit is None else limit
-    taken = [min(seconds(float(share)), end) for share in (np.arange(PARTS) + 0.5) / PARTS]
-    return Times(float(np.mean(taken)), min(bound, end))
+    runs = [sets_of(float(share)) for share in (np.arange(PARTS) + 0.5) / PARTS]
+    enough = COVERAGE if longest[1] <= most else float(np.mean([sets <= most for _, sets in runs]))
+    return Times(float(np.mean([min(seconds(*run), end) for run in runs])), min(bound, end), enough)

@@ -41,6 +41,7 @@ class DeviceKind:
         channels: number of its channels, if it is a sensor node.
         frequency_step: step to which it rounds its frequency, if it makes the sine [Hz]; None: no setting is checked.
         travel: lowest position to which it may go, if it is a positioner [m]; None: only its driver knows.
+        exchange: time in which it mounts a sample, if it is a sample changer [s]; None: it is not known.
         map: the map file that describes it; None: its package does.
         serves: for each of its roles, what of its map serves it.
         cannot: for a role that somebody could think it fills, the reason why it does not.
@@ -55,6 +56,7 @@ class DeviceKind:
     channels: int = CHANNELS
     frequency_step: float | None = None
     travel: float | None = None
+    exchange: float | None = None
     map: DeviceMap | None = None
     serves: Mapping[str, RoleMap] = field(default_factory=dict)
     cannot: Mapping[str, str] = field(default_factory=dict)

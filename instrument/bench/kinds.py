@@ -21,6 +21,7 @@ from palpate.instrument.bench.mapped import kind_of
 from palpate.instrument.config import Config
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.maps.map_file import read_map, shipped, shipped_map
+from palpate.instrument.contracts.sample_changer import TRAVEL
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.quantity import Amperes, Volts
 
@@ -66,7 +67,10 @@ KINDS: dict[str, DeviceKind] = {
             travel=CONTRACTS["positioner"]["target"].maximum,
         ),
         _own("sensor_node", "canopen", "SensorNode", "sensor_node"),
-        _own("sample_changer", "modbus-tcp", "SampleChanger", "sample_changer"),
+        replace(
+            _own("sample_changer", "modbus-tcp", "SampleChanger", "sample_changer"),
+            exchange=TRAVEL / float(CONTRACTS["sample_changer"]["speed"].default),
+        ),
     )
 }
 

@@ -45,3 +45,11 @@ class Operator(Protocol):
 
         This comes before anything is sent to the bench.
         """
+
+
+def mount_anew(operator: Operator, sample: Sample) -> None:
+    """Have a sample mounted that may lie under the probe already, and is to be taken off before.
+
+    An operator without a method of this name is asked to mount it.
+    """
+    getattr(operator, "mount_anew", operator.mount)(sample)

@@ -55,7 +55,7 @@ def accept_calibration(
     """
     data = read_data(path)
     kinds: dict[str, type[FilmCalibration | ModelCalibration | MountingScatter]] = {
-        "films": FilmCalibration, "references": ModelCalibration, "scatter_u": MountingScatter,
+        "films": FilmCalibration, "references": ModelCalibration, "means_u": MountingScatter,
     }  # fmt: skip
     model = next((kind for key, kind in kinds.items() if key in data), LoadCellCalibration)
     found = read_hashed(path, model, edited=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from palpate.instrument.contracts.contract import Access, Contract, Field, Identity, probe
 
 PLACES = 8  # [A]
+TRAVEL = 0.1  # m, travel of the carriage for any exchange [A]
 NAME = 64  # bytes of a sample's name
 FIRST_PLACE, REGISTERS_OF_PLACE = 0x60, NAME // 2
 

@@ -17,6 +17,7 @@ SYNC_PRODUCER = 0x4000_0000
 SYNC_COB_ID = 0x80
 RANGES = {"5 V": 0, "500 mV": 1}
 RANGE_VOLTS = (5.0, 0.5)
+HEADROOM = 1.5  # least ratio of an input range to the greatest voltage expected there, where the range is chosen
 EMERGENCY = "emergency_cob_id"
 SILENT = 0x8000_0000  # bit of a COB-ID that says that it is not used
 FULL_SCALE_COUNTS = 32768

@@ -30,6 +30,7 @@ Vector = NDArray[np.float64]
 DRAGGED = ("tooth", "object")
 NOTHING = 1e-6  # share of the load that rounding leaves of a force that is zero by symmetry
 MESHES = (0, 1)  # the third takes a minute
+SECONDS = 5.0  # s of processor time that the finer one takes for a pair of sensors [M]
 ALIKE = 0.1  # relative difference below which two films count as being at the same position
 
 
@@ -126,5 +127,5 @@ def shear(design: Design, sensed: Sample, refinement: int = MESHES[0]) -> dict[s
 def _first_moments(plan: PlanElements, coordinate: Vector) -> Vector:
     """Integrals of a coordinate, given by its coefficients, times the shape functions, for each node of the plan."""
     found = np.zeros(len(plan.nodes))
-    np.add.at(found, plan.local, (plan.mass @ coordinate[plan.nodes][plan.local][..., None])[..., 0])
+    np.add.at(found, plan.local, (plan.products[:, 2, 2] @ coordinate[plan.nodes][plan.local][..., None])[..., 0])
     return found

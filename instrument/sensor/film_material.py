@@ -77,6 +77,14 @@ class FilmMaterial:
         s44, s55, s66 = self.compliance[6:]
         return 1 / s44, 1 / s55, 1 / s66
 
+    @property
+    def law(self) -> Array:
+        """Stress of axes a and d by the derivative along axis e of the displacement along axis b [Pa], (3, 3, 3, 3)."""
+        law: Array = np.einsum("ab,ad,be->adbe", self.stiff()[0], np.eye(3), np.eye(3))
+        for (a, d), shear in zip(((1, 2), (0, 2), (0, 1)), self.shear, strict=True):
+            law[a, d, a, d] = law[a, d, d, a] = law[d, a, a, d] = law[d, a, d, a] = shear
+        return law
+
     def stiff(self) -> tuple[Array, Array, float]:
         """Stiffness c [Pa] (3, 3), piezoelectric e = d c [C/m2] (3,), permittivity at constant strain [F/m]."""
         stiffness: Array = np.linalg.inv(self._compliance()).astype(np.float64)

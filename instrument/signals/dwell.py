@@ -102,7 +102,7 @@ def check_target(target: float, floor: Sequence[Floor]) -> None:
         parts = ", ".join(f"{part.name} {part.u:.3g}" for part in floor)
         raise RangeError(
             f"target uncertainty {target:.3g} is not above the floor of {lowest:.3g} that no dwell beats ({parts});"
-            f" ask for more than {lowest:.3g}, or average several load sets"
+            f" give a target above {lowest:.3g}, or average several load sets"
         )
 
 

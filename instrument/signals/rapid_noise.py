@@ -41,7 +41,8 @@ def rapid_noise(time: Floats, residuals: Floats, cycle: float, spent: int) -> Ra
 
     Where an offset stands still within a step of the converter, rounding repeats with each cycle. Then the samples at
     one place in the cycle are all alike, and only places are independent. So the uncertainty comes from the mean
-    squares at each place: they differ by chance if noise is random, and by more if rounding repeats.
+    squares at each place: they differ by chance if noise is random, and by more if rounding repeats. How much squares
+    scatter by chance tell the cycles: 2 mean² if noise is normal, less if it is rounding. What is beyond that repeats.
 
     A record of fewer than two cycles has the one line of its trend, and its samples count as independent. Samples after
     the last whole cycle do not count.
@@ -69,12 +70,14 @@ def rapid_noise(time: Floats, residuals: Floats, cycle: float, spent: int) -> Ra
     freedom = used - 2 * count - (spent - 2)  # the lines hold offset and trend
     rms = np.sqrt((left**2).sum(axis=(1, 2)) / freedom)
     free = 1 - 1 / length - at**2 / square[:, np.newaxis]  # of each sample, beside the line of its cycle
-    at_place = (left**2 / free).mean(axis=1)
-    mean = at_place.mean(axis=1)
-    places = length - HELD
-    mean_u = at_place.std(axis=1, ddof=1) / math.sqrt(places)
+    squares = left**2 / free
+    at_place = squares.mean(axis=1)
+    mean, by_chance = at_place.mean(axis=1), squares.var(axis=1, ddof=1).mean(axis=1)
+    independent = np.maximum(2 * freedom * mean**2 + used * (by_chance - 2 * mean**2), 0.0) / freedom**2
+    repeated = (at_place.var(axis=1, ddof=1) - by_chance / count) / (length - HELD)
+    mean_u = np.sqrt(np.maximum(independent + repeated, 0.0))
     half = np.divide(mean_u, 2 * mean, out=np.zeros_like(mean), where=mean > 0)  # a root has half the relative u
-    return RapidNoise(rms, half * rms, np.abs(left).max(axis=(1, 2)), places - 1)
+    return RapidNoise(rms, half * rms, np.abs(left).max(axis=(1, 2)), length - HELD - 1)
 
 
 def of_greatest(samples: int) -> float:

@@ -26,7 +26,11 @@ def print_dwell(prices: DwellPrices, title: str, plot: Path | None) -> None:
         cells = [f"{100 * p.u:.2g} {100 * p.bias:+8.2g}" for p in row]
         table.add_row(f"{dwell:.4g}", str(row[0].repeats), f"{100 * row[0].bound:.3g}", *cells)
     parts = ", ".join(f"{name} {u:.2%}" for name, u in prices.floor.items())
-    lines = [f"floor that no dwell beats: {prices.floor_u:.2%}: {parts}"]
+    lines = [
+        "bound: the least that noise allows where offset, trend and hum are fitted, too (Cramér–Rao); what takes them"
+        " for none may scatter less",
+        f"floor that no dwell beats: {prices.floor_u:.2%}: {parts}",
+    ]
     mixed = {p.dwell_s: p.hum for p in prices.points if p.hum > 0}
     lines += [
         f"least squares over {d:.4g} s lets {hum:.2g} of the mains' hum into an amplitude" for d, hum in mixed.items()
@@ -35,7 +39,8 @@ def print_dwell(prices: DwellPrices, title: str, plot: Path | None) -> None:
         lines.append("least squares tells the mains' hum from the drive over each of these dwells")
     if prices.saturated:
         lines.append("a film is over-ranged: none of these figures is of use")
-    lines += [f"for {100 * each.target:g} %: {way_of(each)}" for each in prices.recommended]
+    else:
+        lines += [f"for {100 * each.target:g} %: {way_of(each)}" for each in prices.recommended]
     print_all(table, *lines, *([] if plot is None else [f"plot           {plot}"]))
 
 

@@ -70,7 +70,7 @@ def element_prices(
                 build_s=build,
                 solve_s=solve,
                 evaluate_s=evaluate,
-                answer_s=None if None in estimates else spent,
+                answer_s=None if None in estimates else spent + _beside(mesh.parameters, len(own)),
                 failure=found.failure,
             )
 
@@ -117,6 +117,14 @@ def _estimates(found: Sequence[Curve | None], parameters: Parameters) -> Interva
             bounds, _ = solid.estimates(curves, parameters, moduli)
         greatest.append(float(bounds.max()))
     return tuple(greatest)
+
+
+def _beside(parameters: Parameters, meshes: int) -> float:
+    """Processor time of the mesh that an estimate needs beside those that answer [s]; 0 where it needs none."""
+    if isinstance(parameters, RoundParameters):
+        return 0.0
+    beside = solid.mesh_beside(parameters, meshes)
+    return 0.0 if beside is None else sum(beside.seconds)
 
 
 def _ratios(mesh: Mesh, solved: Results, moduli: Sequence[float]) -> Values:

@@ -73,7 +73,7 @@ def modulus_command(
     with output.prices():
         asked.check(target)
         question, references = asked.model_question(target.design), asked.references_on(target)
-        setting = Setting(target.design, question, asked.loads_on(target), frequency, mounting_scatter, references)
+        setting = Setting(target.design, question, asked.loads_on(target), asked.wanted(target), references)
         front = ModulusFront.of(setting, object_.modulus)
     plot = None
     if out is not None:

@@ -60,7 +60,11 @@ def calibrate() -> None:
     callback=texts.share,
     help="Relative standard uncertainty of the sensitivity: the series is planned for it, of --loads at hand.",
 )
-@option("--time", callback=texts.quantity("s"), help="Bench time that is not exceeded: the series is planned for it.")
+@option(
+    "--time",
+    callback=texts.bench_time("8 min"),
+    help="Bench time that is not exceeded: the series is planned for it.",
+)
 @option(
     "--loads-u",
     callback=texts.quantity("", "0.02 %"),

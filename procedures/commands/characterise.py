@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 )
 @option(
     "--time",
-    callback=texts.quantity("s", "20 min"),
+    callback=texts.bench_time("20 min"),
     help="Bench time, which is filled with repeated loads up and not exceeded.",
 )
 @options.DRY_RUN

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     "\n\n  palpate measure modulus --bench lab.toml --tolerance '20 %' --dry-run",
 )
 @option("--tolerance", callback=texts.share, help="Relative standard uncertainty of the modulus, absolute.")
-@option("--time", callback=texts.quantity("s"), help="Bench time that is not exceeded, a person's 60 s included.")
+@option("--time", callback=texts.bench_time("2 min"), help="Bench time that is not exceeded, mountings included.")
 @option("--relative-to-model", is_flag=True, help="The tolerance is about the model's scale, not absolute.")
 @option("--sample", help="Rubber sample.")
 @option(
@@ -63,7 +63,7 @@ def modulus(
 
     Before anything moves, a plan says how often the object is mounted, how many load sets there are, under which load
     and for how long, what that takes and what it is expected to give. A tolerance that no time reaches is refused, with
-    the line that binds and other ways. Without --sample and --modulus, 50 kPa are expected of the object.
+    the line that binds and other ways. On a real bench 50 kPa are expected of an object without --modulus.
     """
     from palpate.instrument.additions import check_ours
     from palpate.procedures.commands.procedures import chosen_by, measure, plan

@@ -21,13 +21,16 @@ def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
     The solid model computes it, with the object bonded. The change is the difference from the next coarser mesh.
     """
     from palpate.instrument.models import shear as model
+    from palpate.instrument.notice import price
     from palpate.instrument.sensor.designs import get_design
     from palpate.instrument.sensor.sample import get_sample
 
     sensor, sensed, output = get_design(design), get_sample(sample), Output(as_json, quiet)
-    meshes = []
-    with output.progress("solving") as progress:
+    meshes: list[dict[str, model.FilmShear]] = []
+    with output.prices(), output.progress("solving") as progress:
         for refinement in model.MESHES:
+            if meshes:  # the coarse one refuses what has no answer, and takes a tenth of the time
+                price(f"solving the finer mesh of {sensor.name}", model.SECONDS)
             meshes.append(model.shear(sensor, sensed, refinement))
             progress(len(meshes), len(model.MESHES), f"mesh {refinement}")
     coarse, films = meshes

@@ -59,7 +59,7 @@ for group in (
 
 def run() -> None:
     """Run the command line, and turn every error into one message and the exit status that `palpate --help` lists."""
-    from palpate.procedures.arithmetic import same_everywhere
+    from palpate.instrument.arithmetic import same_everywhere
 
     fill_streams()
     same_everywhere()

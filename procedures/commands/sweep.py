@@ -157,7 +157,7 @@ def temperature(
 )
 @option(
     "--time",
-    callback=texts.quantity("s", "30 min"),
+    callback=texts.bench_time("30 min"),
     help="Instead of --dwell: bench time of the sweep, which is filled with load sets and not exceeded.",
 )
 @options.frequency_option

@@ -53,6 +53,17 @@ def quantity(unit: str, example: str = "", *, positive: bool = False) -> Callbac
     return _callback(read)
 
 
+def bench_time(example: str) -> Callback[float]:
+    """A time [s] that messages quote as it was typed, such as "2 min"."""
+
+    def read(text: str) -> float:
+        from palpate.instrument.quantity import Typed, parse
+
+        return Typed(parse(text, "s", example), text.strip())
+
+    return _callback(read)
+
+
 def quantities(unit: str, example: str = "", *, positive: bool = False) -> Callback[tuple[float, ...]]:
     """A list of quantities, such as "5 Hz, 10 Hz": the command gets a tuple of numbers in `unit`.
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from palpate.instrument.additions import Addition, addition, additions, check_ours, load_addition, unusable
 from palpate.instrument.errors import UnknownName, UsageError
 from palpate.procedures.engine.plan import Step
-from palpate.procedures.engine.procedure import P, Procedure, R, Result, S
+from palpate.procedures.engine.procedure import P, Procedure, R, S
+from palpate.procedures.engine.result import Result
 from palpate.procedures.records.run import Run
 
 if TYPE_CHECKING:

@@ -11,15 +11,14 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Generic, TypeVar
 
 from palpate.instrument.sensor.design import FILM_KINDS, USUAL_NOISE, Design
+from palpate.procedures.lab.mounts import BY_HAND, Mounts
 from palpate.procedures.steps.films import settling_length
 from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
 from palpate.procedures.steps.servo import FIRST_AMPLITUDE, LARGEST_GROWTH, window
 
-MOUNTING = 60.0  # s that a person takes to change the sample [A]
 APPROACH = 30.0  # s to move home and down again until the preload is reached [M]
 FIRST_STEPS, LATER_STEPS = 4, 1  # servo steps to the first load, and to each later load [M]
 NEWTONS_PER_VOLT = 0.87  # N/V, load over the exciter's voltage, peak to peak [M]
-NOISE = USUAL_NOISE  # V/√Hz, of a film's channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +102,9 @@ class Plan(Generic[S]):
         }
 
 
-def point_seconds(frequency: float, dwell: float, first: bool, steps: int | None = None) -> float:
+def point_seconds(
+    frequency: float, dwell: float, first: bool, steps: int | None = None, mounts: Mounts = BY_HAND
+) -> float:
     """Expected time of a point, from the previous load to the end of its dwell [s].
 
     Args:
@@ -111,13 +112,14 @@ def point_seconds(frequency: float, dwell: float, first: bool, steps: int | None
         dwell: dwell [s].
         first: whether the point is the first with a new sample.
         steps: number of servo steps; None: the usual number.
+        mounts: who mounts the sample, or stands a pin on a tooth, before the first point.
     """
     reading = (READINGS - 1) * READING_INTERVAL
     if steps is None:
         steps = FIRST_STEPS if first else LATER_STEPS
     servo = steps * (window(frequency) + READING_INTERVAL + reading)
     settling = 2 * settling_length(frequency, dwell)
-    return (MOUNTING + APPROACH if first else 0.0) + servo + settling + dwell + reading
+    return (mounts.seconds + APPROACH if first else 0.0) + servo + settling + dwell + reading
 
 
 def first_steps(load: float) -> int:
@@ -126,17 +128,23 @@ def first_steps(load: float) -> int:
     return 1 + max(1, math.ceil(math.log(growth, LARGEST_GROWTH)))
 
 
-def expected_noise(design: Design, load: float, ratio: float) -> float:
-    """Expected relative noise of the force ratio after one second [√s], with the films' noise of the bench file.
+def noise_of(design: Design) -> float:
+    """Amplitude density of the noise of a design's films that is expected [V/√Hz].
 
-    Where the bench file states none, it is the usual one.
+    It is that of the scene or the bench file, or else the usual one.
+    """
+    return design.noise or USUAL_NOISE
+
+
+def expected_noise(design: Design, load: float, ratio: float) -> float:
+    """Expected relative noise of the force ratio after one second [√s].
 
     Args:
         design: the sensor design.
         load: load, peak to peak [N].
         ratio: the expected force ratio.
     """
-    teeth, density = len(design.teeth), design.noise or NOISE
+    teeth, density = len(design.teeth), noise_of(design)
     square = 0.0
     for kind, force in zip(FILM_KINDS, (ratio * load, load), strict=True):
         films = [film for film in design.films if film.kind == kind]

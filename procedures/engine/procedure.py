@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVa
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.engine.plan import Plan, Step
+from palpate.procedures.engine.result import Result
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import Calibrating
 from palpate.procedures.lab.session import Kept, Outcome, Session
@@ -50,28 +51,6 @@ if TYPE_CHECKING:
 
     from palpate.instrument.models.ratio import Question
     from palpate.instrument.sensor.design import Design
-    from palpate.instrument.uncertainty.budget import Budget
-    from palpate.instrument.uncertainty.propagation import Propagated
-
-
-class Result(Protocol):
-    """The result of a procedure.
-
-    What a plan predicts of its results (`engine/promise.py`) is compared with their budgets. A result may have besides:
-    `unbudgeted`, values and standard uncertainties by name of results without a budget; and `achieved_u`, the relative
-    standard uncertainty that it reached, or None, where that is not the greatest one among the predicted results.
-    """
-
-    @property
-    def points(self) -> Sequence[DataclassInstance]:
-        """The measured points; their fields have the names of the record."""
-
-    @property
-    def budgets(self) -> Sequence[Budget | Propagated]:
-        """The uncertainty budgets of the result."""
-
-    def summary(self) -> dict[str, Any]:
-        """The result for JSON, without its points."""
 
 
 S = TypeVar("S", bound=Step)
@@ -79,24 +58,6 @@ P = TypeVar("P", bound="DataclassInstance")
 R = TypeVar("R", bound=Result)
 S_contra = TypeVar("S_contra", bound=Step, contravariant=True)
 P_co = TypeVar("P_co", bound="DataclassInstance", covariant=True)
-
-
-@dataclass(frozen=True, slots=True)
-class SimpleResult(Generic[P]):
-    """A result for a procedure that needs no class of its own.
-
-    Attributes:
-        points: the measured points.
-        values: the other values, by their names in JSON.
-        budgets: the uncertainty budgets.
-    """
-
-    points: Sequence[P]
-    values: Mapping[str, object] = field(default_factory=dict)
-    budgets: Sequence[Budget | Propagated] = ()
-
-    def summary(self) -> dict[str, Any]:
-        return dict(self.values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.engine.plan import Plan, Predicted, S, Step
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.procedure import Result
+    from palpate.procedures.engine.result import Result
 
 RELATIVE = "relative"
 RESULTS, ACHIEVED = "predicted_results", "achieved_results"  # keys of a plan and of a run in JSON

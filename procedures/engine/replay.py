@@ -8,7 +8,8 @@ from typing import overload
 from palpate.instrument.errors import PalpateError
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import class_of
-from palpate.procedures.engine.procedure import Finished, P, Procedure, R, Result, S
+from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.result import Result
 from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.logged import LoggedRun

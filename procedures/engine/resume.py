@@ -9,6 +9,7 @@ from palpate.instrument.errors import UsageError
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.result import Result
 from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.session import RUNS_BEFORE
@@ -21,7 +22,7 @@ from palpate.procedures.records.run_list import find_run
 from palpate.procedures.steps.pause import NOBODY, Pause
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.procedure import Result
+    from palpate.procedures.engine.result import Result
 
 
 @overload

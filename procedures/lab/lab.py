@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.roles import SensorNode
+from palpate.drivers.roles import SampleChanger, SensorNode
 from palpate.instrument.bench.kinds import DeviceKind, Role, frequency_step
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -16,6 +16,7 @@ from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
+from palpate.procedures.lab.mounts import BY_HAND, Mounts, mounts_by
 
 if TYPE_CHECKING:
     from palpate.instrument.findings.object_modulus import ByReferences
@@ -42,6 +43,7 @@ class Target:
         load_cell: calibration of the load cell; None: the bench is not open yet.
         scene: identity of the scene of a simulated bench; None: the bench may be real.
         mountings: scatter of the sensor's mountings; None: none is stored, or the bench is not open yet.
+        mounts: who mounts samples, and how long that takes.
     """
 
     design: Design
@@ -57,6 +59,7 @@ class Target:
     load_cell: LoadCellCalibration | None = None
     scene: str | None = None
     mountings: MountingScatter | None = None
+    mounts: Mounts = BY_HAND
 
 
 def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> Target:
@@ -66,6 +69,7 @@ def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> 
         target,
         frequency_step=frequency_step(kind_in),
         travel=positioner.travel if positioner else None,
+        mounts=mounts_by(kind_in),
     )
 
 
@@ -113,7 +117,8 @@ class Lab:
         covered = self.calibration.least_N, self.calibration.greatest_N
         target = Target(self.design, self.bench.force_limit, len(nodes), channels=channels, calibrated=covered)
         target = replace(target, references=self._by_references(), load_cell=self.calibration, mountings=self.mountings)
-        return with_kinds(target, self.bench.description.kind_in)
+        target = with_kinds(target, self.bench.description.kind_in)
+        return target if self.bench.maybe(SampleChanger) else replace(target, mounts=BY_HAND)
 
     def _by_references(self) -> ByReferences | None:
         if self.references is None:

@@ -32,6 +32,9 @@ class ConsoleOperator:
     def mount(self, sample: Sample) -> None:
         self._ask(f"Mount sample {_described(sample)}", sample.name)
 
+    def mount_anew(self, sample: Sample) -> None:
+        self._ask(f"Take sample {sample.name} off, if it lies there, and mount it anew", sample.name)
+
     def lay_on_support(self, sample: Sample | None) -> None:
         laid, word = ("bare", "bare") if sample is None else (f"with sample {_described(sample)} on it", sample.name)
         self._ask(f"Put the rigid support in the sensor's place, {laid}", word)

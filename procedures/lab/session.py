@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import check_log
 from palpate.instrument.additions import Addition
+from palpate.instrument.arithmetic import arithmetic
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
-from palpate.procedures.arithmetic import arithmetic
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.lab.logged import mountings_in

@@ -1,7 +1,7 @@
 """What points under dynamic loads are expected to give, before anything moves: noise of films, readings of loads.
 
-Assumed [A] are the noise of films (`NOISE` of `engine.plan`) and of the load's display. The load cell of the thesis [M]
-stands for one that is not known, because its bench is not open yet.
+Assumed [A] is the noise of the load's display, and that of films where none is stated (`noise_of`). The load cell of
+the thesis [M] stands for one that is not known, because its bench is not open yet.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget
 from palpate.instrument.uncertainty.rounding import mean_u
-from palpate.procedures.engine.plan import NOISE, expected_noise
+from palpate.procedures.engine.plan import expected_noise
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.steps.indicator import READINGS
 
@@ -95,7 +95,7 @@ def load_on(design: Design, film: Film, ratio: float, load: float) -> float:
     return share * load * len(film.teeth) / len(design.teeth)
 
 
-def film_noise(film: Film, force: float, dwell: float, density: float = NOISE) -> float:
+def film_noise(film: Film, force: float, dwell: float, density: float) -> float:
     """Expected relative standard uncertainty of a film's amplitude by noise.
 
     Args:

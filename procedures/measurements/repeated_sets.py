@@ -31,3 +31,9 @@ def share(u: float, digits: int = 2) -> str:
     """A share in percent, with so many digits."""
     percent = 100 * u
     return f"{percent:.{digits}g} %" if percent < 10**digits - 0.5 else f"{percent:.0f} %"
+
+
+def reachable(floor: float) -> str:
+    """A share a little above a floor, in percent with two digits: one that may be asked for."""
+    step = 10.0 ** (math.floor(math.log10(1.01 * floor)) - 1)
+    return share(step * math.ceil(1.01 * floor / step))

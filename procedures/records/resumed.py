@@ -15,8 +15,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from palpate.instrument.arithmetic import ALIKE, alike, same_arithmetic
 from palpate.instrument.errors import RecordError, UsageError
-from palpate.procedures.arithmetic import ALIKE, alike, same_arithmetic
 from palpate.procedures.records.check import check
 from palpate.procedures.records.encoding import Waveforms, as_json, encoded
 from palpate.procedures.records.headers import changes, header_of, values_of

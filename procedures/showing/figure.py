@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from statistics import fmean
+from typing import TYPE_CHECKING, Protocol
 
 from palpate.procedures.records.run import storing
 from palpate.procedures.showing.text import STAMP
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP*X"
+STAMP_ABOVE = 4  # above all bars, bands and curves (3 at most), which would cover it; below legends (5)
 
 
 def new_figure(simulated: bool, panels: int, title: str) -> tuple[Figure, list[Axes]]:
@@ -28,7 +31,7 @@ def new_figure(simulated: bool, panels: int, title: str) -> tuple[Figure, list[A
         if simulated:
             ax.text(
                 0.5, 0.5, STAMP, transform=ax.transAxes, fontsize=34, color="red", alpha=0.12, rotation=25,
-                ha="center", va="center", zorder=0,
+                ha="center", va="center", zorder=STAMP_ABOVE,
             )  # fmt: skip
     return figure, axes
 
@@ -41,6 +44,34 @@ def logarithmic(axes: Axes, low: float, high: float) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(5) if high < 8 * low else LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
+class LoadSet(Protocol):
+    """A point of a run that has a force ratio."""
+
+    @property
+    def load_N(self) -> float: ...
+    @property
+    def force_ratio(self) -> float: ...
+    @property
+    def force_ratio_u(self) -> float: ...
+    @property
+    def valid(self) -> bool: ...
+
+
+def plot_over_loads(axes: Axes, number: int, label: str, sets: Sequence[LoadSet]) -> None:
+    """Draw load sets with their uncertainties, and one line through the mean of the valid ones at each load.
+
+    `number` chooses colour and marker.
+    """
+    color = f"C{number % 10}"
+    axes.errorbar(
+        [each.load_N for each in sets], [each.force_ratio for each in sets], [each.force_ratio_u for each in sets],
+        fmt=MARKERS[number % len(MARKERS)], color=color, ms=4, lw=1, capsize=2, label=label,
+    )  # fmt: skip
+    loads = sorted({each.load_N for each in sets if each.valid})
+    means = [fmean(each.force_ratio for each in sets if each.valid and each.load_N == load) for load in loads]
+    axes.plot(loads, means, color=color, lw=1)
 
 
 def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import MOST_QUOTED, RangeError, UnreachableError, quoted
-from palpate.instrument.quantity import parse, parse_list, show
+from palpate.instrument.quantity import as_typed, parse, parse_list, show
 from palpate.instrument.sensor.load import check_force as check_felt
 from palpate.instrument.signals.dwell import LONGEST, check_dwell
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
@@ -76,7 +76,7 @@ def check_bench_time(time: float | None, example: str) -> None:
         example: a time that would do, as people write it.
     """
     if time is not None and not 0 < time < math.inf:
-        raise RangeError(f"--time {time:g} s is not above 0 and finite; give a time such as '{example}'")
+        raise RangeError(f"--time {as_typed(time, 's')} is not above 0 and finite; give a time such as '{example}'")
 
 
 def check_increasing(name: str, values: Sequence[float], unit: str, repeated: bool = False) -> None:
@@ -194,7 +194,7 @@ def check_loads(loads: Sequence[float], calibration: LoadCellCalibration, extrap
     smallest = SMALLEST_LOAD * calibration.resolution()
     if min(loads) < smallest:
         raise UnreachableError(
-            f"load {min(loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the load indicator; "
+            f"load {show(min(loads), 'N')} peak to peak is below {SMALLEST_LOAD:g} steps of the load indicator; "
             f"ask for {show(smallest, 'N', 3)} or more"
         )
     if not extrapolate:

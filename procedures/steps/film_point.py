@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.roles import Exciter
-from palpate.instrument.findings.film_forces import LEAST_SIGNAL, film_forces
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.findings.film_forces import LEAST_SIGNAL, FilmForces, film_forces
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.dwell import Dwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
@@ -35,6 +36,7 @@ from palpate.procedures.steps.flags import (
     SHORT,
     UNSETTLED,
     USED,
+    causes,
 )
 from palpate.procedures.steps.indicator import READINGS
 from palpate.procedures.steps.policy import ATTEMPTS, carry_out
@@ -82,6 +84,19 @@ class FilmPoint:
     def valid(self) -> bool:
         """Whether the point is used."""
         return USED.issuperset(self.flags)
+
+    def forces(self, design: Design) -> FilmForces:
+        """Forces and force ratios by the films.
+
+        Raises:
+            EstimateError: a base film gives too little for a ratio; flags of the point are named as the cause.
+        """
+        try:
+            return film_forces(design, self.fit)
+        except EstimateError as error:
+            if self.valid:
+                raise
+            raise EstimateError(f"{causes(self.flags)} ({error})") from None
 
     def waveforms(self, design: Design) -> dict[str, tuple[float, Floats]]:
         """Sample rate [Hz] and voltages [V] of each film by its name, for the record."""

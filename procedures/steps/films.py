@@ -13,7 +13,7 @@ import numpy.typing as npt
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.bench.kinds import frequency_step
-from palpate.instrument.contracts.sensor_node import CHANNELS, place
+from palpate.instrument.contracts.sensor_node import CHANNELS, HEADROOM, place
 from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
@@ -21,7 +21,6 @@ from palpate.instrument.signals.estimate import SineFit, fit_sine
 from palpate.instrument.signals.sine_columns import sine_columns
 
 SAMPLES_PER_CYCLE = 25
-HEADROOM = 1.5
 SHORT_RECORD = 0.2  # s, rounded up to whole cycles, two at least
 NOISE_BENDS = 10.0  # standard deviations of a bend that white noise feigns; 1/f noise feigns three times as much
 LONGER_RECORD = 1.0  # s, rounded up to whole cycles: used where short records do not show what would spoil the dwell

@@ -45,8 +45,19 @@ def check_some_valid(points: Sequence[Judged]) -> None:
     """Check that a run has a valid point. Raises EstimateError: it has none; the message counts their flags."""
     if any(point.valid for point in points):
         return
-    reasons = Counter(flag for point in points for flag in point.flags)
-    said = "; ".join(
-        f"{flag} ({count}): {FLAGS.get(flag, 'the events of the run say why')}" for flag, count in reasons.most_common()
-    )
-    raise EstimateError(f"none of the {len(points)} points is valid, so there is no result. {said}")
+    raise EstimateError(f"no point of {len(points)} is valid, so there is no result. {reasons(points)}")
+
+
+def reasons(points: Sequence[Judged]) -> str:
+    """Flags of points, the commonest first: how often each occurs, what it means, and its remedy."""
+    counts = Counter(flag for point in points for flag in point.flags)
+    return "; ".join(f"{flag} ({count}): {_meaning(flag)}" for flag, count in counts.most_common())
+
+
+def causes(flags: Sequence[str]) -> str:
+    """Flags of one point with what they mean, and their remedies."""
+    return "; ".join(f"{flag}: {_meaning(flag)}" for flag in flags)
+
+
+def _meaning(flag: str) -> str:
+    return FLAGS.get(flag, "the events of the run say why")

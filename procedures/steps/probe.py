@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner, SampleChanger
+from palpate.instrument.bench.operator import mount_anew
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.errors import BenchError, DeviceError, SafetyError, UnreachableError
+from palpate.instrument.errors import BenchError, DeviceError, SafetyError, SampleError, UnreachableError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.steps.indicator import READINGS, TRACK_FILTER, TRACK_SETTLING, read_indicator
@@ -148,17 +150,39 @@ def press(bench: Bench, calibration: LoadCellCalibration, sample: Sample, force:
     return lower(bench, calibration, force, f"sample {sample.name}")
 
 
-def mount(bench: Bench, sample: Sample) -> None:
+def mount(bench: Bench, sample: Sample, anew: bool = False) -> None:
     """Have a sample mounted, by the sample changer if there is one, else by a person. The probe must be home.
+
+    Args:
+        bench: the bench.
+        sample: the sample.
+        anew: whether it lies there already and is to be taken off before. A changer leaves such a sample alone, so that
+            it lays another one in between.
 
     Raises:
         UnknownName: the changer does not hold the sample.
+        SampleError: it is to be mounted anew, and the changer holds no other.
         BenchError: the changer failed, or nobody confirmed that the sample is mounted.
     """
-    if bench.maybe(SampleChanger) is None:
-        bench.operator.mount(sample)
-    else:
-        carry_out(bench, f"mounting of sample {sample.name}", lambda: bench.operator.mount(sample))
+    changer = bench.maybe(SampleChanger)
+    if changer is None:
+        (partial(mount_anew, bench.operator) if anew else bench.operator.mount)(sample)
+        return
+    if anew:
+        other = other_sample(changer, sample)
+        carry_out(bench, f"mounting of sample {other}", lambda: changer.mount(other))
+    carry_out(bench, f"mounting of sample {sample.name}", lambda: bench.operator.mount(sample))
+
+
+def other_sample(changer: SampleChanger, sample: Sample) -> str:
+    """Name of a sample that a changer can lay in place of another one. Raises SampleError: it holds no other."""
+    other = next((name for name in changer.samples if name != sample.name), None)
+    if other is None:
+        raise SampleError(
+            f"the sample changer holds {sample.name!r} alone, and does not take it off in order to mount it anew; put "
+            "another sample into one of its places, or give --mountings 1"
+        )
+    return other
 
 
 def lower(bench: Bench, calibration: LoadCellCalibration, force: float, onto: str) -> float:

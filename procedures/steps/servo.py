@@ -149,8 +149,9 @@ class LoadServo:
         effort = self._exciter.effort() * amplitude / self._amplitude
         if effort > RESERVE * self._limit:
             raise UnreachableError(
-                f"{load:g} N peak to peak needs {effort:.3g} {self._exciter.unit} from the exciter, whose limit is "
-                f"{self._limit:g} {self._exciter.unit}; ask for a smaller load or mount a stiffer sample"
+                f"{load:g} N peak to peak needs {effort:.3g} {self._exciter.unit} from the exciter, above "
+                f"{100 * RESERVE:g} % of its limit of {self._limit:g} {self._exciter.unit}; ask for a smaller load or "
+                "mount a stiffer sample"
             )
 
     def _mean(self, count: int = READINGS) -> IndicatorMean:

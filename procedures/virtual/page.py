@@ -18,6 +18,7 @@ from palpate.procedures.accuracy.page import (
     of_modulus,
 )
 from palpate.procedures.console.progress import Progress
+from palpate.procedures.measurements.object_modulus.lines import Wanted
 from palpate.procedures.measurements.object_modulus.procedure import LOADS
 from palpate.procedures.virtual.dwell import SAMPLES_PER_CYCLE, price
 from palpate.simulators.linear import integrators
@@ -41,7 +42,7 @@ def collect(progress: Progress) -> list[Part]:
     measured = list(arithmetic.measure())
     object_ = SAMPLES[OBJECT]
     asked = ModelQuestion(DESIGN, MODEL, settings={"sensed_thickness": object_.thickness})
-    setting = Setting(get_design(DESIGN), asked, LOADS, question.frequency)
+    setting = Setting(get_design(DESIGN), asked, LOADS, Wanted(None, None, True, question.frequency, None, None))
     front = ModulusFront.of(setting, object_.modulus)
     return [
         of_modulus(front),

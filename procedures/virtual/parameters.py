@@ -11,6 +11,8 @@ from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import waveforms
 from palpate.simulators.scenes.scene import Scene, shipped
 
+SHOWN = 12  # digits
+
 
 def all_shipped() -> list[dict[str, Any]]:
     """A row for JSON about each scene that comes with palpate."""
@@ -81,4 +83,11 @@ def print_scene(scene: dict[str, Any]) -> None:
 
 
 def _shown(value: Any) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    """A parameter without the last digits of binary arithmetic, which JSON keeps: 0.00181 V."""
+    if isinstance(value, list):
+        return ", ".join(map(_shown, value))
+    number, space, unit = str(value).partition(" ")
+    try:
+        return f"{float(number):.{SHOWN}g}{space}{unit}"
+    except ValueError:
+        return str(value)

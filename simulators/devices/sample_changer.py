@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Self
 
 from palpate.instrument.contracts import sample_changer
-from palpate.instrument.contracts.sample_changer import PLACES
+from palpate.instrument.contracts.sample_changer import PLACES, TRAVEL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE, Place, Refused, SimulatedDevice
-
-TRAVEL = 0.1  # m, travel of the carriage for any exchange [A]
 
 
 class SampleChanger(SimulatedDevice):

@@ -17,8 +17,9 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.planning.plan import CLOSED_FORM, PRELOAD, moves, path_of
+from palpate.simulators.planning.samples import sampled
 from palpate.simulators.planning.steady import SETTLED
-from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE, sampled
+from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 

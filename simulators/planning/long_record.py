@@ -14,7 +14,8 @@ from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.planning.plan import LOOKED_AT, Question, driven
-from palpate.simulators.planning.waveforms import SETTLING, sampled
+from palpate.simulators.planning.samples import sampled
+from palpate.simulators.planning.waveforms import SETTLING
 from palpate.simulators.scenes.scene import Scene
 
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from palpate.instrument.additions import taken
-from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import check_force
@@ -31,6 +30,7 @@ from palpate.simulators.physics.dwells import Dwell, dwell_of
 from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.parts import Touch
+from palpate.simulators.planning.impairments import impairments
 from palpate.simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import RigParameters, Scene, SceneFile
@@ -41,10 +41,8 @@ LOOKED_AT = 2.0  # s of a scene that are searched for transitions
 FOLLOWED = 10.0  # periods of the drive after which transitions usually recur [M]
 RATE = 250.0  # samples per second
 THESIS_RIG = RigParameters()
-SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
 # CPU time [s, M] of a transition, of a settled state's phasors, and of a sample of a film: by itself, and for each
-# state
-# of the chain. Each effect says what it adds.
+# state of the chain. Each effect says what it adds.
 A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 5e-5, 3e-8, 5e-9
 CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing function", "transitions"
 
@@ -158,7 +156,7 @@ def plan(scene: Scene, question: Question) -> Plan:
         ),
         omitted=tuple(omitted),
         seconds=sum(costs.values()),
-        warnings=(*_warnings(scene, question), *problems),
+        warnings=(*impairments(scene, rig, question.pressed, question.load, RATE), *problems),
         steady=steady,
     )
 
@@ -283,19 +281,3 @@ def _weighed(name: str, scene: Scene, case: Case) -> Omitted:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def _warnings(scene: Scene, question: Question) -> list[str]:
-    """Warnings: a rigid film of hardly a converter's step, without noise to dither it, cannot be averaged."""
-    rigid = next(film for film in scene.design.films if film.kind == "rigid")
-    ratio = scene.answer(question.pressed).force_ratio
-    amplitude = rigid.sensitivity * ratio * question.load / 2
-    step = 2 * max(RANGE_VOLTS) / 2**16
-    noise = math.hypot(*(effect.dither(RATE) for effect in scene.effects.values()))
-    if amplitude < SIGNAL_STEPS * step and noise < NOISE_STEPS * step:
-        return [
-            f"film {rigid.name!r}: amplitude {amplitude:.3g} V is {amplitude / step:.2g} steps of the converter, below"
-            f" {SIGNAL_STEPS:g}, and noise of {noise:.2g} V is below half a step: steps do not average out; take a"
-            " smaller range, a larger load, or noise"
-        ]
-    return []

@@ -7,20 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
-from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import SensorNode
-from palpate.simulators.linear.lti import Floats, Times
+from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Armature, Limits
 from palpate.simulators.planning.plan import Question, driven
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.planning.samples import sampled
 from palpate.simulators.scenes.scene import Scene
 
 SETTLING = 5.0  # s after the drive was set, as in a load sweep
 POINTS = 400  # samples in a period
 SAMPLES_PER_CYCLE = 25
-HEADROOM = 1.5  # least ratio of an input range to the greatest voltage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,23 +75,3 @@ def _clipped(effects: Effects, volts: Floats) -> Floats:
     for effect in effects.shaker:
         armature, limits = effect.shaker(armature, limits)
     return volts if limits.rail is None else np.clip(volts, -limits.rail, limits.rail)
-
-
-def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Samples of each film in the smallest range that holds it [V], and whether they are saturated."""
-    volts = rig.film_voltages(time_ns)
-    samples, saturated = np.empty(volts.shape), np.empty(volts.shape, bool)
-    clock = VirtualClock()
-    for number in range(1, scene.nodes + 1):
-        node = SensorNode(clock, number, number, rig)
-        wired = ((i, node.wired(film)) for i, film in enumerate(scene.design.films))
-        films = {i: channel for i, channel in wired if channel is not None}
-        for i, channel in films.items():
-            fits = HEADROOM * np.abs(volts[i]).max() <= min(RANGE_VOLTS)
-            node.settings[f"range_{channel}"] = float(RANGE_VOLTS.index(min(RANGE_VOLTS) if fits else max(RANGE_VOLTS)))
-        taken = node.sample(time_ns, node.film_channels @ volts, period_ns)
-        for i, channel in films.items():
-            full = RANGE_VOLTS[int(node.settings[f"range_{channel}"])]
-            samples[i] = taken.counts[:, channel - 1] * (full / FULL_SCALE_COUNTS)
-            saturated[i] = taken.saturation >> (channel - 1) & 1
-    return samples, saturated

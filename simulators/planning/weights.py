@@ -25,7 +25,8 @@ from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.stages import CanEffect, CellEffect, LineEffect
 from palpate.simulators.planning.plan import SETTLING, Question, driven
-from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE, sampled
+from palpate.simulators.planning.samples import sampled
+from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE
 from palpate.simulators.scenes.scene import LARGEST_SEED, Scene
 
 DRAWS = 4  # seeds, from the scene's own on

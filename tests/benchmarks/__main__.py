@@ -33,7 +33,9 @@ from tests.benchmarks import (
     masters,
     models,
     modulus_budget,
+    modulus_limits,
     modulus_wire,
+    mountings,
     numbers,
     order,
     peers,
@@ -69,6 +71,7 @@ PARTS = {
     "uncertainty": uncertainty.measure,
     "coverage": coverage.measure,
     "models": models.measure,
+    "modulus_limits": modulus_limits.measure,
     "modulus_wire": modulus_wire.measure,
     "solid": solid.measure,
     "peers": peers.measure,
@@ -102,6 +105,7 @@ LONG = {
     "damages": damages.measure,
     "disk": disk.measure,
     "modulus_budget": modulus_budget.measure,
+    "mountings": mountings.measure,
     "stale": stale.measure,
 }
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
+from palpate.instrument.sensor.design import USUAL_NOISE
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.engine.plan import NOISE
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING, FilmsPoint
 from palpate.procedures.measurements.characterise.procedure import Characterisation
@@ -29,7 +29,7 @@ TARGET = Target(SINGLE, FORCE_LIMIT, nodes=1)
 CELL = THESIS_LOAD_CELL.sensitivity_u / THESIS_LOAD_CELL.sensitivity_mV_per_N
 TIME = np.arange(250) / 250  # s, of a record
 FREQUENCY = 10.0  # Hz
-WHITE = NOISE * math.sqrt(250 / 2)  # V, noise of a sample
+WHITE = USUAL_NOISE * math.sqrt(250 / 2)  # V, noise of a sample
 STEPS = np.array([[min(RANGE_VOLTS)], [max(RANGE_VOLTS)]]) / FULL_SCALE_COUNTS  # V, of each film's range
 FIGURES = "signal-to-noise ratio", "resolution"
 EXPECTED = 0.8, 1.25  # stated over expected uncertainty, where offsets decay, as a plan expects it
@@ -47,7 +47,7 @@ def measure() -> Iterator[Row]:
 def sloped(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -> Iterator[Row]:
     """Rounds of loads until both films have a tolerance. Gains, readings of the loads and the load cell are drawn."""
     rng = np.random.default_rng(24)
-    asked = Characterisation(tolerance=tolerance).repeats(SINGLE, THESIS_LOAD_CELL)
+    asked = Characterisation(tolerance=tolerance).repeats(replace(TARGET, load_cell=THESIS_LOAD_CELL))
     assert asked is not None
     plan, conditions = asked.allocation(), asked.of
     loads, off = np.array(conditions.loads), reading_u(THESIS_LOAD_CELL, 1.0)

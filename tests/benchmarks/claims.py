@@ -92,9 +92,11 @@ def errors(judged: Curve, best: Curve, moduli: Array, left: tuple[Array, Array])
     return ratio + left[0], voltage + left[1]
 
 
-def left_over(share: float, last: tuple[Array, Array]) -> tuple[Array, Array]:
-    """What the best mesh is still off by: a share of the last changes that led to it."""
-    return share * last[0], share * last[1]
+def left_over(share: float, last: tuple[Array, Array], truth: Truth) -> tuple[Array, Array]:
+    """What the best mesh is still off by: a share of the last changes that led to it, where these are beyond doubt."""
+    ratio, voltage = last
+    found = np.maximum(ratio - truth.ratio_doubts, 0.0), np.maximum(voltage - truth.voltage_doubts[:, None], 0.0)
+    return share * found[0], share * found[1]
 
 
 def claim(

@@ -51,7 +51,7 @@ def claims(number: int, drawn: RoundParameters, curves: Sequence[Curve]) -> Iter
     finest = curves[-1]
     ratios, volts = finest.force_ratios(moduli)[:, 0], finest.voltages(moduli)[:, :, 0]
     truth = Truth(ratios, volts, *axisymmetric.rounding(curves, drawn, moduli))
-    left = left_over(LEFT_CLOSED if is_closed(drawn) else LEFT, changes(curves[-2], finest, moduli))
+    left = left_over(LEFT_CLOSED if is_closed(drawn) else LEFT, changes(curves[-2], finest, moduli), truth)
     for count in range(2, len(curves)):
         bounds = axisymmetric.estimates(curves[:count], drawn, moduli)
         found = errors(curves[count - 1], finest, moduli, left)

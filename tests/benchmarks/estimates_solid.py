@@ -71,7 +71,7 @@ def claims(number: int, drawn: SolidParameters, curves: Sequence[Curve]) -> Iter
         left, last = LEFT_CLOSED if is_closed(drawn) else LEFT, len(curves) - 1
     best = known[-1]
     truth = Truth(best.force_ratios(moduli)[:, 0], best.voltages(moduli)[:, :, 0], *doubts)
-    still = left_over(left, changes(known[-2], best, moduli))
+    still = left_over(left, changes(known[-2], best, moduli), truth)
     for count in range(2, last + 1):
         bounds = solid.estimates(curves[:count], drawn, moduli)
         found = errors(curves[count - 1], best, moduli, still)

@@ -31,6 +31,7 @@ from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.measurements.object_modulus.costs import END, costs_of
 from palpate.procedures.measurements.object_modulus.course import _remounts
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+from palpate.procedures.measurements.object_modulus.prospect import most_sets
 from palpate.procedures.measurements.object_modulus.result import Answer, ModulusPoint
 from palpate.procedures.measurements.softness.procedure import unknown_object
 from palpate.procedures.records.record import Recorder
@@ -154,7 +155,7 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
     began: list[tuple[int, int]] = []
     taken, spent, mounting, mounted = costs.start - END, costs.start - END, 0, 0
     following = 1 if every else first_sets(plan)  # before the first sets are complete, a tolerance alone goes on
-    for number in range(_most_sets(asked, truth.target) if steps is None else steps):
+    for number in range(most_sets(plan, asked.wanted(truth.target)) if steps is None else steps):
         verdict = course.verdict(points) if number >= following else None
         if verdict and verdict.why:
             break
@@ -175,11 +176,6 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
         points.append(_point(mounting, load, ratio, ratio * noise, plan.dwell, spent))
         spent = 0.0
     return Done(points, course.answer(points), taken + END, began)
-
-
-@functools.lru_cache(maxsize=256)
-def _most_sets(asked: ObjectModulus, target: Target) -> int:
-    return len(asked.plan(target).steps)
 
 
 def _point(mounting: int, load: float, ratio: float, noise: float, dwell: float, seconds: float) -> ModulusPoint:

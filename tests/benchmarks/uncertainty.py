@@ -36,8 +36,8 @@ from palpate.procedures.steps.indicator import READINGS
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.load_cell import LoadCell
 from palpate.simulators.planning.plan import Question, driven
+from palpate.simulators.planning.samples import sampled
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.waveforms import sampled
 from palpate.simulators.randomness import Stream
 from palpate.simulators.scenes.scene import Scene
 from tests.benchmarks.row import Row

@@ -11,6 +11,7 @@ import pytest
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
+from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.sensor.designs import DESIGNS
@@ -38,10 +39,10 @@ def test_solid_meshes_that_hardly_differ_and_all_err_are_not_trusted(number: int
         assert apart.max(initial=0.0) <= voltage
 
 
-def test_gap_and_object_of_the_designs_are_not_narrow() -> None:
-    """Otherwise their estimates would be nine times as wide without need, as their errors are known."""
+def test_the_designs_are_not_hard_on_coarse_meshes() -> None:
+    """Otherwise their estimates would be several times as wide without need, as their errors are known."""
     loads = PHYSICAL.load(100e3)
-    assert not any(solid.is_narrow(solid_parameters(design, loads)) for design in DESIGNS.values())
+    assert not any(ladders.is_hard(solid_parameters(design, loads)) for design in DESIGNS.values())
 
 
 def test_under_a_point_load_what_has_no_end_does_not_count() -> None:
@@ -64,12 +65,15 @@ def test_no_estimate_of_some_random_sensors_is_below_the_error(number: int) -> N
 
 
 @pytest.mark.slow
-def test_two_meshes_say_little_of_a_ratio() -> None:
-    """On the second mesh of this random capped ring it is off by twice the change."""
+def test_two_meshes_that_agree_by_luck_are_held_against_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second mesh of this random capped ring is off by 2.7 times the change, at all moduli of a window."""
     sensor = estimates.sensor(1204)
     curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2, 3, 4)]
-    second, third = estimates.claims(1204, sensor, curves)
-    assert 0.6 < second.ratio <= 1 and third.ratio <= 1
+    for manner, held in ((axisymmetric.OPEN, True), (replace(axisymmetric.OPEN, luck=0.0), False)):
+        monkeypatch.setattr(axisymmetric, "OPEN", manner)
+        second, third = estimates.claims(1204, sensor, curves)
+        assert (second.ratio <= 1) == held
+        assert third.ratio <= 1
 
 
 @pytest.mark.slow
@@ -95,10 +99,10 @@ def test_the_digits_that_a_stiff_sheet_loses_beside_a_narrow_gap_are_told() -> N
 
 @pytest.mark.slow
 def test_a_step_that_leaves_the_degree_along_the_height_is_not_trusted() -> None:
-    """The third mesh of this random flat disc hardly has another ratio than the second: it errs by twice the change."""
-    result = estimates_solid.tried(3004)
-    (_, third) = result.claims
-    assert 0.3 < third["ratio"] <= 1
+    """The third mesh of these random discs errs like the second or more: by 1.6 to 5 times the change."""
+    for number in (3004, 3104, 3114):
+        (_, third) = estimates_solid.tried(number).claims
+        assert 0.1 < third["ratio"] <= 1
 
 
 def test_an_estimate_below_the_error_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

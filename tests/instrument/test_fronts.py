@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument import notice
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import fronts, set_up
+from palpate.instrument.models.finite_elements import assembled, fronts, set_up
 from palpate.instrument.models.finite_elements.dissection import dissected
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.poles import Sensor, curve
@@ -50,7 +50,11 @@ def square() -> tuple[Mesh, Array]:
     return Mesh(unknowns, np.column_stack([x.ravel(), y.ravel()]), matrices.__getitem__, kept, loads), whole[:-1, :-1]
 
 
-def test_what_is_left_is_the_schur_complement_and_what_was_inside_comes_back() -> None:
+@pytest.mark.parametrize("few", [0, assembled.FEW])  # unknowns of elements are added by runs, or one by one
+def test_what_is_left_is_the_schur_complement_and_what_was_inside_comes_back(
+    monkeypatch: pytest.MonkeyPatch, few: int
+) -> None:
+    monkeypatch.setattr(assembled, "FEW", few)
     mesh, whole = square()
     found, kept = condense(mesh, remembers=True), mesh.kept
     inner = np.linalg.inv(whole[~kept][:, ~kept])

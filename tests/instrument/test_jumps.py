@@ -51,7 +51,7 @@ SOLID_CHOICES = {
     "ring keeps its volume": ("compliant_poisson", _poisson(LEAST_SOLID_COMPLIANCE)),
     "dilatation has no stiffness": ("sensed_poisson", 0.0),
     "gap vanishes": ("ring_inner_radius", SINGLE.tooth_radius + LEAST_GAP * SINGLE.cell_length / 2),
-    "gap is narrow": ("ring_inner_radius", SINGLE.tooth_radius * (1 + solid.NARROW)),
+    "gap counts as closed": ("ring_inner_radius", SINGLE.tooth_radius * (1 + CLOSED)),
     "ring reaches the edge": ("ring_outer_radius", SINGLE.cell_length / 2 * (1 - BESIDE)),
 }
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.instrument.arithmetic import arithmetic
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.axisymmetric import curves
 from palpate.instrument.models.finite_elements import kept
@@ -73,6 +74,19 @@ def test_another_sensor_or_other_code_is_found_anew(monkeypatch: pytest.MonkeyPa
     assert same(keep("other sensor", Curve, lambda: other), other)
     monkeypatch.setattr(kept, "_code", lambda: "other code")
     assert same(keep("sensor", Curve, lambda: other), other)
+
+
+def test_what_another_arithmetic_left_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A script with kernels of its own must not give later commands its last digits."""
+    now, other = arithmetic(), replace(CURVE, least=1.0)
+    keep("sensor", Curve, lambda: CURVE)
+    monkeypatch.setattr(kept, "arithmetic", lambda: {**now, "processor": "another"})
+    keep("sensor", Curve, refused)
+    for part in ("machine", "blas", "vectors", "libm"):
+        monkeypatch.setattr(kept, "arithmetic", lambda part=part: {**now, part: "another"})
+        assert same(keep("sensor", Curve, lambda: other), other)
+    monkeypatch.setattr(kept, "arithmetic", lambda: now)
+    assert same(keep("sensor", Curve, refused), CURVE)
 
 
 def test_the_code_is_that_of_both_models_and_of_what_they_share(monkeypatch: pytest.MonkeyPatch) -> None:

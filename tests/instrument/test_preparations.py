@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from random import Random
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from palpate.instrument.allocation.allocate import BelowFloor, allocate
 from palpate.instrument.allocation.lines import Costs, Line, Unit
-from palpate.instrument.allocation.preparations import Preparation, Way, prepare
+from palpate.instrument.allocation.preparations import prepare
+from palpate.instrument.allocation.purchase import Preparation, Purchase, Way
 
 BENCH = Costs(start=4.0, mounting=75.0, set=0.5, person=60.0)
 SCATTER, NOISE = Line("scatter", 0.08, Unit.SET), Line("noise", 0.002, Unit.SECOND)
@@ -73,6 +75,28 @@ def quickest(ways: Sequence[Way], preparations: Sequence[Preparation], tolerance
 def test_no_numbers_of_units_mountings_and_sets_are_quicker_in_all(seed: int) -> None:
     ways, preparations, tolerance = problem(Random(seed))
     assert prepare(ways, tolerance, preparations).seconds <= quickest(ways, preparations, tolerance) * (1 + 1e-6)
+
+
+def test_ways_that_cannot_be_the_quickest_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    ways, preparations, tolerance = problem(Random(1))
+    noisier = [
+        Way([replace(line, u=line.u * by) for line in way.lines], way.costs, way.shortest)
+        for way in ways
+        for by in (1.0, 1.02, 1.05, 1.1, 1.2)
+    ]
+    asked: list[int] = []
+
+    def run(purchase: Purchase, mountings: int) -> tuple[float, int, float]:
+        asked.append(mountings)
+        return whole(purchase, mountings)
+
+    whole = Purchase.run
+    monkeypatch.setattr(Purchase, "run", run)
+    best = prepare(ways, tolerance, preparations)
+    alone = len(asked)
+    asked.clear()
+    assert prepare(noisier, tolerance, preparations).seconds == best.seconds
+    assert len(asked) < 2 * alone  # of five times as many ways
 
 
 def test_without_preparations_the_run_is_that_of_the_allocation() -> None:

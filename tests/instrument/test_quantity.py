@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import json
+import math
+
 import pytest
 
 from palpate.instrument import quantity
 from palpate.instrument.errors import QuantityError
-from palpate.instrument.quantity import parse, show
+from palpate.instrument.quantity import Typed, as_typed, parse, show, show_with_u
 
 
 @pytest.mark.parametrize(
@@ -82,3 +86,29 @@ def test_a_value_is_shown_with_a_prefix(value: float, unit: str, text: str) -> N
 
 def test_hundreds_are_shown_without_an_exponent() -> None:
     assert [show(u, "V/N", 2) for u in (1.43e-4, 9.96e-4, 1.43e-5)] == ["140 µV/N", "1000 µV/N", "14 µV/N"]
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "unit", "texts"),
+    [
+        (1.7768e-3, 1.4e-4, "V/N", ("1.78 mV/N", "0.14 mV/N")),
+        (112.43e3, 3.04e3, "Pa", ("112.4 kPa", "3.0 kPa")),
+        (3.0052e-3, 15.1e-6, "m", ("3.005 mm", "0.015 mm")),
+        (269.81e-6, 10.96e-6, "N", ("270 µN", "11 µN")),
+        (-1e-6, 2e-3, "N", ("0.0 mN", "2.0 mN")),
+        (5.0, 0.0, "N", ("5 N", "0 N")),
+        (4.25, math.inf, "N", ("4.25 N", "inf N")),
+    ],
+)
+def test_a_value_and_its_uncertainty_share_prefix_and_last_digit(
+    value: float, u: float, unit: str, texts: tuple[str, str]
+) -> None:
+    assert show_with_u(value, u, unit) == texts
+
+
+def test_a_quantity_is_told_as_it_was_typed_unless_that_is_long() -> None:
+    typed = Typed(7200.0, "2 h")
+    assert (typed == 7200.0, as_typed(typed, "s"), as_typed(7200.0, "s")) == (True, "2 h", "7200 s")
+    assert as_typed(copy.deepcopy(typed), "s") == "2 h"
+    assert json.dumps(typed) == "7200.0"
+    assert as_typed(Typed(0.1, "0.1" + 100 * "0" + " s"), "s") == "100 ms"

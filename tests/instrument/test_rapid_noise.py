@@ -10,6 +10,7 @@ from scipy.special import stdtrit
 
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.instrument.signals.rapid_noise import RapidNoise, rapid_noise
+from palpate.instrument.signals.sine_columns import sine_columns
 
 SAMPLES, FREQUENCY = 250, 10.0
 TIME = np.arange(SAMPLES) / (25 * FREQUENCY)
@@ -45,3 +46,11 @@ def test_white_noise_keeps_its_size(samples: int, cycle: float) -> None:
     assert np.mean(found.rms**2) == pytest.approx(1.0, rel=0.01)
     assert 0.8 < found.rms.std() / math.sqrt(np.mean(found.rms_u**2)) < 1.2
     assert (found.greatest > found.rms).all()
+
+
+def test_rounding_of_independent_samples_is_less_uncertain_than_normal_noise_and_is_told_as_it_is() -> None:
+    basis = sine_columns(TIME, FREQUENCY)
+    volts = np.random.default_rng(4).uniform(-1, 1, (4000, SAMPLES))
+    left = volts - (basis.columns @ basis.solve(volts)).T
+    found = rapid_noise(TIME, left, 25.0, spent=basis.columns.shape[1])
+    assert np.sqrt(np.mean(found.rms_u**2)) == pytest.approx(found.rms.std(), rel=0.05)

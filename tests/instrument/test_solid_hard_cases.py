@@ -49,20 +49,7 @@ def plain_displacement(body: Body, elements: Names | None = None, _added: float 
     nu = body.material.poisson
     lame = body.material.modulus * nu / ((1 + nu) * (1 - 2 * nu))
     matrix = SHIPPED(Body(p, h, Elastic(2 * body.material.shear, 0.0)), elements)
-    plan, step = np.divmod(np.arange(body.count) if elements is None else elements, len(h.local))
-    zx, zy = p.vx.transpose(0, 2, 1), p.vy.transpose(0, 2, 1)
-    vz = h.zv.transpose(0, 2, 1)
-    pairs = {
-        (0, 0): (p.xx, h.mass), (1, 1): (p.yy, h.mass), (2, 2): (p.mass, h.zz),
-        (0, 1): (p.yx.transpose(0, 2, 1), h.mass), (0, 2): (zx, vz), (1, 2): (zy, vz),
-    }  # fmt: skip
-    count = h.local.shape[1] * p.local.shape[1]
-    by_axis = matrix.reshape(-1, 3, count, 3, count)
-    for (a, b), (flat, upright) in pairs.items():
-        block = lame * np.einsum("eij,ekl->ekilj", flat[plan], upright[step]).reshape(-1, count, count)
-        by_axis[:, a, :, b] += block
-        if a != b:
-            by_axis[:, b, :, a] += block.transpose(0, 2, 1)
+    body.add_law(matrix, lame * np.einsum("ad,be->adbe", np.eye(3), np.eye(3)), elements)
     return matrix
 
 

@@ -138,3 +138,16 @@ def test_sets_of_one_mounting_do_not_make_up_for_those_that_others_lack() -> Non
     assert (verdict.why, verdict.mountings) == ("", first.mountings + 1)
     done.append(sets(each, scatter, 91, about[first.mountings + 1]))
     assert enough(lines, BENCH, 0.02, planned, 3.7, done).why
+
+
+def test_a_mounting_that_was_interrupted_counts_by_what_its_sets_tell() -> None:
+    """After an interruption an object is mounted anew: two mountings share the first sets, and the later has more."""
+    made, taken = plan(0.01), sets(80, 0.041)
+    whole, cut = (answer(LINES, made, 2.0, each) for each in ([taken], [taken[:5], taken[5:]]))
+    assert cut.ratio == pytest.approx(whole.ratio, rel=1e-6)  # without a scatter of mountings all sets count alike
+    assert cut.u == pytest.approx(whole.u, rel=0.03)
+    first, quick = FIRST, plan(0.05)
+    assert enough(LINES, BENCH, 0.05, quick, 2.0, [taken[:5], taken[5:first]]).why
+    assert not enough(LINES, BENCH, 0.05, quick, 2.0, [taken[:5], taken[5 : first - 1]]).why
+    apart = [*LINES, Line("mounting", 0.1, Unit.MOUNTING)]
+    assert answer(apart, made, 2.0, [taken[:5], taken[5:]]).u == pytest.approx(0.1 / math.sqrt(2), rel=0.1)

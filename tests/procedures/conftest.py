@@ -52,6 +52,16 @@ IDEAL_CALIBRATION = THESIS_LOAD_CELL.model_copy(
 )
 
 
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Figure]]:
+    """The figures that are saved, drawn but not written."""
+    saved: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
+    yield saved
+    for figure in saved:
+        figure.draw_without_rendering()
+
+
 # --- the command line ----------------------------------------------------------------------------------
 
 
@@ -177,6 +187,10 @@ def lab(sim: SimulatedBench, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) 
     class Person(session.ConsoleOperator):
         def mount(self, sample: Sample) -> None:
             super().mount(sample)
+            sim.operator.mount(sample)
+
+        def mount_anew(self, sample: Sample) -> None:
+            super().mount_anew(sample)
             sim.operator.mount(sample)
 
     monkeypatch.setattr(session, "WallClock", lambda _begun: sim.clock)

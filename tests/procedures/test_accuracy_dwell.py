@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats
 from palpate.procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, Point, measure
-from palpate.procedures.accuracy.dwell_report import plot_dwell
+from palpate.procedures.accuracy.dwell_report import plot_dwell, print_dwell
 from palpate.procedures.virtual import dwell
 from tests.procedures.conftest import Palpate
 
@@ -47,6 +47,16 @@ def test_its_plot_says_that_it_is_simulated(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: figures.append(figure))
     plot_dwell(measure(record(0.05), FREQUENCY, (1.0,)), "scene noisy_lab", tmp_path)
     assert figures[0].get_suptitle() == "SIMULATED: scene noisy_lab"
+
+
+def test_nothing_is_recommended_by_films_that_are_over_ranged(capsys: pytest.CaptureFixture[str]) -> None:
+    prices = measure(record(0.05), FREQUENCY, (1.0,), (LEAST_SQUARES,))
+    said = []
+    for saturated in (False, True):
+        print_dwell(replace(prices, saturated=saturated), "scene noisy_lab", None)
+        said.append(capsys.readouterr().out)
+    assert ["for 10 %: " in text for text in said] == [True, False]
+    assert ["a film is over-ranged" in text for text in said] == [False, True]
 
 
 def test_least_squares_follow_the_bound_down_with_the_dwell() -> None:

@@ -12,7 +12,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
-from palpate.procedures.accuracy.modulus.report import plot_modulus_front
+from palpate.procedures.accuracy.modulus.report import plot_modulus_front, print_modulus_front
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.measurements.object_modulus.costs import costs_of
 from palpate.procedures.measurements.object_modulus.lines import Wanted
@@ -27,7 +27,7 @@ HARD = 500e3  # Pa
 
 def front_of(modulus: float, mounted: float | None = None, model: str = "surface") -> ModulusFront:
     question = Question("single", model, settings={"sensed_thickness": 3e-3})
-    return ModulusFront.of(Setting(DESIGN, question, LOADS, 10.0, mounted), modulus)
+    return ModulusFront.of(Setting(DESIGN, question, LOADS, Wanted(None, None, True, 10.0, None, mounted)), modulus)
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +120,29 @@ def test_the_command_shows_the_numbers_that_json_has(palpate: Palpate) -> None:
     (row,) = (line for line in told.splitlines() if line.strip().startswith("1 %"))
     (scale,) = (line for line in told.splitlines() if "1 % on the scale" in line)
     assert scale.split("about ")[1].split(":")[0] in row  # both are mean times
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scatter", [0.05, 0.5])
+def test_the_tables_fit_80_columns_however_many_mountings_there_are(
+    scatter: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = front_of(48e3, scatter)
+    print_modulus_front(found, True, None)
+    said = capsys.readouterr().out
+    assert max(len(line.rstrip()) for line in said.split("1 min 21 s of each time")[0].splitlines()) <= 80
+    assert "2 x 10 sets: two mountings of ten load sets each" in said
+    reasons = [target.why for target in found.targets if target.plan is None and not target.absolute]
+    assert "none, as told below" not in said or reasons[-1] in said
+
+
+def test_the_seconds_of_a_target_are_the_mean_time_that_the_table_tells(front: ModulusFront) -> None:
+    target = front.targets[4]
+    assert target.plan is not None and target.after is not None
+    told = target.summary()["plan"]
+    assert told["seconds"] == target.plan.times.mean > told["as_known_s"] == target.plan.allocation.seconds
+    costs = costs_of(target.plan.load, 10.0)
+    assert target.after == pytest.approx(told["seconds"] - costs.start - costs.mounting)
 
 
 @pytest.mark.parametrize(

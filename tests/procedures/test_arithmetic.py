@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from palpate.procedures.arithmetic import alike, arithmetic, same_arithmetic
+from palpate.instrument.arithmetic import alike, arithmetic, same_arithmetic
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 from tests.runs import rehash

@@ -114,21 +114,23 @@ def test_an_edited_scatter_of_mountings_is_refused_with_the_way_to_do_it_and_tol
     palpate: Palpate,
 ) -> None:
     scatter = MountingScatter(
-        scatter_u=0.02, degrees_of_freedom=4, design="single", device="20260101", simulated=True, source="by hand",
-        scene="thesis_single, experiment, seed 1", created="now", expires="2999-01-01",
+        means_u=0.02, degrees_of_freedom=4, sets_u=0.001, sets_freedom=45, design="single", device="20260101",
+        simulated=True, source="by hand", scene="thesis_single, experiment, seed 1", created="now",
+        expires="2999-01-01",
     )  # fmt: skip
     path, elsewhere = (mountings_path(scatter.device, "single", scene) for scene in (scatter.scene, None))
     path.parent.mkdir(parents=True)
     write_calibration(path, scatter)
-    edit(path, "scatter_u = 0.02", "scatter_u = 0.0001")
+    edit(path, "means_u = 0.02", "means_u = 0.0001")
     elsewhere.write_text("damaged", encoding="utf-8")
     measure = ("measure", "modulus", "--sample", "4", "--tolerance", "5 %", "--relative-to-model", "--seed", "1")
     for rehearsal in (("--dry-run",), ()):
         said = palpate(*measure, *rehearsal)
         assert (said.status, f"{path}: was changed after it was written" in said.complaint) == (2, True)
-    edit(path, "scatter_u = 0.0001", "scatter_u = 0.015")
+    edit(path, "means_u = 0.0001", "means_u = 0.015")
     assert palpate("calibrate", "accept", str(path)).status == 0
-    assert "1.5 % of the ratio: by hand (edited by hand, accepted on 2" in palpate(*measure, "--dry-run").out
+    told = palpate(*measure, "--dry-run").out
+    assert "scatter by 1.5 % of the ratio, at most 3.6 % (95 %): by hand (edited by hand, accepted on 2" in told
     known = partial(mountings_of, "single", None, False, date(2026, 11, 21))
     assert known() is None  # it may be of another sensor than the one that will answer
     with pytest.raises(ConfigError, match="is not TOML"):

@@ -13,8 +13,9 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.characterise import procedure as characterise
-from palpate.procedures.measurements.characterise.point import FilmsPoint
+from palpate.procedures.measurements.characterise.point import LOADING, FilmsPoint
 from palpate.procedures.measurements.characterise.result import Characteristic, evaluate
+from palpate.procedures.steps.flags import CLIPPED
 from tests.procedures.conftest import Benches, Palpate, refused
 
 SINGLE = get_design("single")
@@ -169,9 +170,11 @@ def test_a_cell_is_as_fine_as_a_single_tooth_tells_where() -> None:
 
 
 def test_without_valid_points_there_is_an_error_that_says_so() -> None:
-    flagged = [replace(p, valid=False) if p.direction == "loading" else p for p in measured()]
+    flagged = [replace(p, valid=False, flags=(CLIPPED,)) if p.direction == LOADING else p for p in measured()]
     with pytest.raises(
-        EstimateError, match="film 'rigid': 0 loads up and 11 while holding are valid, 3 and 3 are needed"
+        EstimateError,
+        match=r"0 loads up and 11 points under the load that is held are valid, and 3 and 3 are needed\."
+        r" clipped \(4\): a film's voltage exceeds the range of its converter; take a smaller load",
     ):
         rows(flagged)
 

@@ -6,6 +6,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator
+from dataclasses import fields
 from itertools import takewhile
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, 
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import shipped as maps
 from palpate.procedures.commands.root import palpate as main
+from palpate.procedures.engine.known import SHIPPED, procedure_class
 from palpate.procedures.steps.policy import POLICIES
 from palpate.simulators.faults import FAULTS, fault_class
 from tests.procedures.conftest import Palpate
@@ -85,6 +87,12 @@ def test_the_names_in_json_are_those_of_the_command(palpate: Palpate, command: s
     (names,) = (cell for commands, cell in table("reference/json.md") if commands.strip("`") == row.strip("`"))
     outside = re.sub(r"\([^()]*\)", "", re.sub(r"\([^()]*\)", "", names))
     assert re.findall("`([^`]*)`", outside) == list(palpate(*command.split(), "--json").object)
+
+
+@pytest.mark.parametrize("name", sorted(set(SHIPPED) - {"test-modulus"}))  # whose points are evaluated
+def test_each_name_of_a_point_is_on_the_page_of_names_in_json(name: str) -> None:
+    told = set(re.findall("`([^`]*)`", " ".join(cell for _, cell in table("reference/json.md"))))
+    assert {field.name for field in fields(procedure_class(name).point)} - told == set()
 
 
 def proved(page: str) -> tuple[int, int]:

@@ -162,7 +162,7 @@ class Asking(Waiting):
         return Question(design.name, "experiment")
 
     def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.SimpleResult[Reading]:
-        return palpate.SimpleResult(points, {"scatter": lab.mountings.scatter_u if lab.mountings else None})
+        return palpate.SimpleResult(points, {"scatter": lab.mountings.means_u if lab.mountings else None})
 
 
 @pytest.mark.parametrize("began_with", [None, 0.02])
@@ -177,8 +177,8 @@ def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
         path = mountings_path("20260101", "single", "ideal, experiment, seed 1")
         path.parent.mkdir(parents=True, exist_ok=True)
         write_calibration(path, MountingScatter(
-            scatter_u=scatter, degrees_of_freedom=2, design="single", device="20260101", simulated=True,
-            scene="ideal, experiment, seed 1", source="run", created=created, expires="2999-01-01",
+            means_u=scatter, degrees_of_freedom=2, sets_u=0.005, sets_freedom=27, design="single", device="20260101",
+            simulated=True, scene="ideal, experiment, seed 1", source="run", created=created, expires="2999-01-01",
         ))  # fmt: skip
 
     if began_with is not None:

@@ -146,10 +146,11 @@ def test_why_an_automatic_effect_is_in_is_said(palpate: Palpate) -> None:
 @pytest.mark.usefixtures("unbounded")
 def test_a_signal_below_20_steps_with_little_noise_is_a_warning_and_with_strict_an_error(palpate: Palpate) -> None:
     Path("few.toml").write_text(IDEAL_SCENE)
-    spoken = palpate("scene", "explain", "few.toml")
+    small = ("scene", "explain", "few.toml", "--load", "0.5 N")
+    spoken = palpate(*small)
     assert spoken.status == 0
     assert "warning: film 'rigid': amplitude" in spoken.out
-    refused = palpate("scene", "explain", "few.toml", "--strict")
+    refused = palpate(*small, "--strict")
     assert refused.status == 2
     assert "scene 'few.toml': film 'rigid': amplitude" in refused.complaint
     Path("quiet.toml").write_text(NOISY)

@@ -17,7 +17,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
-from palpate.procedures.measurements.load_cell.learned import learned
+from palpate.procedures.measurements.load_cell.learned import Learned, learned, stopped
 from palpate.procedures.measurements.load_cell.procedure import LOADS
 from palpate.procedures.measurements.load_cell.result import REPEATS
 from palpate.procedures.measurements.load_cell.series import Wanted, run_seconds, series_for, spread
@@ -104,7 +104,7 @@ def test_a_time_is_filled_with_the_weights_and_runs_that_tell_most() -> None:
     both = replace(asked(0.0014), time=480.0)  # 0.14 % takes longer
     assert series_for(both) == plan
     assert series_for(replace(asked(0.003), time=480.0)) == series_for(asked(0.003))
-    with pytest.raises(RangeError, match=r"--time 2 min 22 s is too short: 1 run .* 5 weights takes 2 min 23 s"):
+    with pytest.raises(RangeError, match=r"--time 142 s is too short: 1 run .* 5 weights takes 2 min 23 s"):
         series_for(replace(asked(0.003), tolerance=None, time=142.0))
     with pytest.raises(RangeError, match=r"--time .* holds \d+ runs up and down, above the limit of 1000 runs"):
         series_for(replace(asked(0.003), tolerance=None, time=7.2e6))
@@ -241,3 +241,13 @@ def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivi
     assert held / number == pytest.approx(expected / number, abs=0.025)
     if spread_of_slopes:
         assert np.std(errors) <= 1.05 * math.sqrt(np.mean(np.square(independent)))
+
+
+def test_a_series_blames_the_time_only_if_that_ended_it() -> None:
+    wanted, missed = replace(asked(0.003), time=600.0), Learned(0.004, 5, "")
+    timed, planned = (stopped(wanted, missed, by_time=by_time) for by_time in (True, False))
+    assert timed.endswith("was asked for; another run would not have ended within 10 min 00 s")
+    assert planned.endswith("was asked for; the most runs that were planned are done")
+    assert ";" not in stopped(wanted, replace(missed, u=0.002), by_time=True)
+    reason = "curve leaves 0.4 %, which no further run lowers"
+    assert stopped(wanted, replace(missed, why_not=reason), by_time=True).endswith(reason)

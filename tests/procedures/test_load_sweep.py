@@ -200,7 +200,7 @@ def test_a_load_above_the_force_limit_is_refused_before_anything_is_sent(
 def test_a_load_below_two_steps_of_the_indicator_is_refused_before_anything_is_sent(
     tmp_path: Path, scene: Scene
 ) -> None:
-    with pytest.raises(UnreachableError, match=r"load 0\.15 N .* below 2 steps .* ask for 194 mN or more"):
+    with pytest.raises(UnreachableError, match=r"load 150 mN .* below 2 steps .* ask for 194 mN or more"):
         sweep_scene(scene, tmp_path / "run", loads=(0.15,))
     assert Run.open(tmp_path / "run").points() == []
 

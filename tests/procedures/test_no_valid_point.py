@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from rich.table import Table
 
 from palpate.instrument.errors import EstimateError
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.commands.options import Output
 from palpate.procedures.commands.procedures import tell_result
-from palpate.procedures.engine.procedure import SimpleResult
+from palpate.procedures.engine.result import SimpleResult
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.steps import agreement, flags
-from palpate.procedures.steps.flags import FLAGS
+from palpate.procedures.steps.film_point import FilmPoint
+from palpate.procedures.steps.films import FilmRecord
+from palpate.procedures.steps.flags import CLIPPED, FLAGS
 from palpate.procedures.steps.policy import ATTEMPTS
 from tests.examples.relaxation import Relaxation
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
@@ -46,7 +51,7 @@ def test_a_sweep_without_a_valid_point_fails_with_the_reason_and_where_the_point
     assert said.status == 1
     assert [point["valid"] for point in found["points"]] == [False]
     error, kept = said.err.splitlines()
-    assert error.startswith("palpate: error: none of the 1 points is valid, so there is no result. frequency (1): ")
+    assert error.startswith("palpate: error: no point of 1 is valid, so there is no result. frequency (1): ")
     assert found["run"] in kept
     shown = palpate("runs", "show", found["run"])
     assert shown.status == 0
@@ -61,7 +66,7 @@ class Flagged:
 
 def test_so_does_a_procedure_of_ones_own_whose_points_are_flagged_and_one_of_unjudged_points_does_not() -> None:
     own = Relaxation()
-    with pytest.raises(EstimateError, match=r"none of the 1 points is valid, so there is no result\. clipped"):
+    with pytest.raises(EstimateError, match=r"no point of 1 is valid, so there is no result\. clipped"):
         own.check_result(SimpleResult([Flagged(False, ("clipped",))]))
     own.check_result(SimpleResult([Flagged(False, ("clipped",)), Flagged(True, ())]))
     own.check_result(SimpleResult([]))
@@ -109,3 +114,15 @@ def test_json_has_budgets_where_they_are_asked_for(palpate: Palpate) -> None:
     assert "budgets" not in palpate(*LOADS, "--json").object
     (budget,) = palpate(*LOADS, "--json", "--budget").object["budgets"]
     assert budget["quantity"] == "force ratio of sample 1"
+
+
+def test_a_flagged_point_of_a_dead_base_film_names_its_flags_as_the_cause() -> None:
+    rate, cycles = 1000.0, np.arange(200) / 1000.0
+    volts = np.stack([0.1 * np.sin(2 * np.pi * 10.0 * cycles), np.zeros(200)])
+    volts[:, ::7] += 1e-6
+    record = FilmRecord(rate, cycles, volts, np.ones(volts.shape, bool))
+    point = FilmPoint(2.0, 0.1, 20.0, fit_sine(cycles, volts, 10.0), record, 0.2, None, 0.0, 3, (CLIPPED,))
+    with pytest.raises(EstimateError, match=r"^clipped: .*; take a smaller load \(film 'total' .* too little for"):
+        point.forces(get_design("single"))
+    with pytest.raises(EstimateError, match=r"^film 'total' "):
+        replace(point, flags=()).forces(get_design("single"))

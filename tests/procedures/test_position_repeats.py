@@ -62,7 +62,8 @@ def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can()
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--tolerance", "1 mm"), "--tolerance 1 mm is outside 0.01 mm to 0.3 mm; give one inside"),
+        (("--tolerance", "1 mm"), "--tolerance 1 mm is outside 0.01 mm to 0.3 mm; leave it out: more than one"),
+        (("--tolerance", "0 mm"), "--tolerance 0 mm is outside 0.01 mm to 0.3 mm; give one inside, such as '0.1 mm'"),
         (("--tolerance", "5 %"), "where m belongs"),
         (("--time", "2 min"), "one load set at each of 13 positions takes"),
         (("--time", "0 s"), "--time 0 s is not above 0"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from palpate.instrument.thesis import read_table
 from palpate.simulators.bench import SimulatedBench
@@ -58,3 +60,18 @@ def test_a_dry_run_lists_the_positions(palpate: Palpate, benches: Benches) -> No
     assert [p["position_mm"] for p in found["points"]] == pytest.approx(range(0, 25, 2))
     assert found["expected_seconds"] == pytest.approx(1181, rel=0.1)  # what the default sweep takes
     assert benches == []
+
+
+def test_the_model_is_drawn_between_the_positions_and_places_by_how_far_they_are_off(
+    palpate: Palpate, figures: list[Figure]
+) -> None:
+    printed = palpate(*SWEEP, "--positions", "6 mm, 10 mm", "--dwell", "0.1 s").out
+    assert "0.998" in printed  # the thesis' shares have as many digits as ours
+    assert "e-05" not in printed
+    left, right = figures[0].axes
+    (model,) = (line for line in left.lines if line.get_label() == "left, model")
+    shares = np.asarray(model.get_ydata())
+    assert shares[59:62] == pytest.approx(0.769, abs=1e-3)  # above the tooth, at 6 mm
+    (found,) = right.containers
+    assert list(found[0].get_xdata()) == [6.0, 10.0]
+    assert np.abs(found[0].get_ydata()).max() < 2

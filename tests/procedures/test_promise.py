@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 
 import palpate
+from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import first_steps
-from palpate.procedures.engine.procedure import SimpleResult
 from palpate.procedures.engine.promise import Expected, achieved
+from palpate.procedures.engine.result import SimpleResult
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.session import Outcome
@@ -214,3 +215,29 @@ def test_a_result_that_a_run_does_not_have_is_not_achieved() -> None:
 
 def _target() -> Target:
     return choose(None).target
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("procedure", "design"),
+    [
+        (FilmSeries(dwell=0.1), "single"),
+        (FilmSeries(tolerance=0.02), "single"),
+        (FrequencySweep(), "single"),
+        (LoadSweep(("1",), (2.0, 4.0), 0.2), "single"),
+        (LoadSweep(("1",), (2.0, 4.0), tolerance=0.02), "single"),
+        (TemperatureSweep(), "single"),
+        (Characterisation(), "single"),
+        (PositionSweep(positions=(0.012,)), "common_base"),
+        (PositionSweep(positions=(0.012,), tolerance=1e-3), "common_base"),
+    ],
+    ids=lambda each: getattr(each, "name", each),
+)
+def test_every_plan_takes_the_noise_that_the_bench_file_states(
+    procedure: palpate.Procedure[Any, Any, Any], design: str
+) -> None:
+    usual = Target(get_design(design), 10.0, nodes=1)
+    noisy = replace(usual, design=usual.design.with_noise(2e-4))
+    quiet, loud = (procedure.plan(target).predicted for target in (usual, noisy))
+    before, after = ([each["u"] for each in planned.told["predicted_results"]] for planned in (quiet, loud))
+    assert after > before or loud.seconds > 1.2 * quiet.seconds, (before, after)

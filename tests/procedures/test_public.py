@@ -80,7 +80,7 @@ SIGNATURES = {
     "Step": "dwell_s seconds force_ratio_u what group",
     "Target": (
         "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene "
-        "mountings"
+        "mountings mounts"
     ),
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
@@ -119,8 +119,8 @@ MEMBERS = {  # what a script or a class of its own uses
     ),
     "StaticLoadWork": "arrange end load",
     "Target": (
-        "calibrated channels design drivable force_limit frequency_step load_cell model mountings nodes references "
-        "scene travel"
+        "calibrated channels design drivable force_limit frequency_step load_cell model mountings mounts nodes "
+        "references scene travel"
     ),
     "Work": "arrange end take",
 }

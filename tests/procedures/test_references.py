@@ -131,7 +131,8 @@ def test_people_are_told_what_the_calibration_is_worth(palpate: Palpate) -> None
     [
         (("A",), "'A' is no reference; write for example 'A: 48 kPa ± 2 %', or 'A: runs/NAME'"),
         ((": 48 kPa ± 2 %",), "is no reference"),
-        (("A: 48 kPa",), "lacks the standard uncertainty of the modulus"),
+        (("A: 48 kPa",), "'A: 48 kPa' lacks the unit or the standard uncertainty of the modulus"),
+        (("A: 48",), "'A: 48' lacks the unit or the standard uncertainty of the modulus"),
         (("A: 48 ± 2 %",), "'48' has no unit where Pa belongs; write for example '48 kPa'"),
         (("A: 48 mm ± 2 %",), "is in mm where Pa belongs"),
         (("A: 48 kPa ± 2",), "'2' has no unit where Pa belongs"),

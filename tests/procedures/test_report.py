@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from io import BytesIO, StringIO, TextIOWrapper
@@ -60,16 +59,6 @@ CALIBRATION = LoadCellResult(
         for gf in (140.0, 240.0)
     ],
 )
-
-
-@pytest.fixture
-def figures(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Figure]]:
-    """The figures that are saved, drawn but not written."""
-    saved: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
-    yield saved
-    for figure in saved:
-        figure.draw_without_rendering()
 
 
 def stamps(figure: Figure) -> list[bool]:

@@ -66,7 +66,9 @@ def stopped(palpate: Palpate, stop: Stop, points: int, *command: str) -> Run:
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What was confirmed by somebody who always does as he is asked."""
     words: list[str] = []
-    monkeypatch.setattr(operator, "confirm", lambda _what, word: words.append(word))
+    monkeypatch.setattr(
+        operator, "confirm", lambda what, word: words.append(f"{word} anew" if "anew" in what else word)
+    )
     return words
 
 
@@ -304,8 +306,9 @@ def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_h
     result = palpate("runs", "resume", "cut", "--json").object
     run = Run.open(Path("cut"))
     assert (run.status, run.points()[:4]) == ("complete", before)
-    assert (result["sets"], result["mountings"]) == (10, 1)
-    assert (asked, result["achieved_seconds"]) == (["1", "1"], None)
+    assert (result["sets"], result["mountings"]) == (10, 2)
+    assert [point["mounting"] for point in run.points()] == 4 * [1] + 6 * [2]
+    assert (asked, result["achieved_seconds"]) == (["1", "1 anew"], None)
     assert events("cut") == ["stopped", "continued", "enough"]
     assert outputs(sim) == OFF
 

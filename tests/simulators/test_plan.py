@@ -164,10 +164,21 @@ def test_a_settled_state_costs_the_same_whatever_is_in_and_far_less_than_going_t
 # --- what a measurement will suffer from ----------------------------------------------------------------
 
 
+SMALL = Question("2", 0.5)  # N; a fifth of a millivolt under the tooth
+
+
 @pytest.mark.usefixtures("unbounded")
 def test_a_film_of_few_steps_without_noise_is_warned_of() -> None:
-    (warning,) = planned().warnings
-    for part in ("film 'rigid'", "below 20", "below half a step", "take a smaller range, a larger load, or noise"):
+    (warning,) = planned(SMALL).warnings
+    for part in ("film 'rigid'", "is 14 steps", "below 20", "below half a step", "take a larger load, or noise"):
         assert part in warning
-    assert planned(white_noise=WhiteNoise(density="10 µV/√Hz")).warnings == ()
-    assert planned(Question("1", 6.0), charge_amplifier=ChargeAmplifier()).warnings == ()
+    assert planned(SMALL, white_noise=WhiteNoise(density="10 µV/√Hz")).warnings == ()
+    assert planned(charge_amplifier=ChargeAmplifier()).warnings == ()  # on the finest range
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_films_that_the_converter_cuts_off_are_warned_of_and_those_that_the_widest_range_holds_are_not() -> None:
+    warnings = planned(mains_hum=MainsHum(amplitude="6 V")).warnings
+    assert [warning.partition(":")[0] for warning in warnings] == ["film 'rigid'", "film 'total'"]
+    assert "the widest range of the converter, 5 V: points are clipped and not used" in warnings[0]
+    assert planned(mains_hum=MainsHum(amplitude="4 V")).warnings == ()

@@ -44,11 +44,6 @@ class Front:
         return int((self.rest[:, 1] - self.rest[:, 0]).sum())
 
     @property
-    def others(self) -> Indices:
-        """Unknowns that are passed on."""
-        return np.concatenate([np.arange(low, high) for low, high in self.rest] or [np.empty(0, dtype=np.intp)])
-
-    @property
     def size(self) -> int:
         """Number of all unknowns of the front."""
         return self.count + self.passed
@@ -86,6 +81,11 @@ class Order:
                 del passed[-len(front.halves) :]
             passed.append(front.passed**2)
         return most
+
+
+def numbers(runs: Indices) -> Indices:
+    """The unknowns of runs."""
+    return np.concatenate([np.arange(low, high) for low, high in runs] or [np.empty(0, dtype=np.intp)])
 
 
 def dissected(unknowns: Indices, coordinates: Array, kept: NDArray[np.bool_]) -> Order:

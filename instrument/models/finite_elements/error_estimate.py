@@ -7,8 +7,9 @@ are twice the energies under the load and by the jump (Cauchy and Schwarz). That
 Pressures are projected, and meshes around a circle are not quite nested; so a bound is the greater of change and
 product, over a window of the modulus (`python -m tests.benchmarks estimates estimates_solid`).
 
-Two meshes may also agree because the finer one has more layers where the degree leaves most. So no bound falls below a
-share of the bound before.
+Two meshes may also agree by luck, at all moduli of a window. So no bound falls below a share of the bound before. Where
+meshes have the same degree along the height, nothing of this shows what that leaves: the change by a higher one tells
+it, on a coarse mesh.
 
 For a voltage the same kind of product would be a thousand times the error, because a film's own energy lies at its
 edges. So the greatest change of any voltage, several times, counts for each.
@@ -17,7 +18,7 @@ edges. So the greatest change of any voltage, several times, counts for each.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,8 +28,8 @@ from palpate.instrument.models.finite_elements.poles import Curve
 
 Array = NDArray[np.float64]
 
-# Meshes are compared at moduli of a fixed grid: so many in a decade, as far as half a decade from the one that is asked
-# or further, and next to these. Where two meshes cross at one modulus, they do not at all of these.
+# Meshes are compared at moduli of a fixed grid: so many in a decade, as far as half a decade or a decade from the one
+# that is asked, and next to these. Where two meshes cross at one modulus, they do not at all of these.
 STEPS, HALF_DECADE = 8, 4
 
 
@@ -42,23 +43,26 @@ class Manner:
         voltages: the same on the greatest change of any voltage.
         luck: least bound over the bound before: two meshes may agree by luck, or because the finer one is finer only
             in what does not matter.
-        falls: whether errors are known to fall at the rate of the last two results, so that the root of this rate
-            counts, too. The product is about the error of the coarser mesh, that of the finer one is less by the rate.
-        reach: how far away moduli count, in steps of the grid.
+        height: factor on the change by a higher degree along the height.
+        far: share with which moduli count that are more than half a decade away, up to a decade.
     """
 
     product: float
     factors: tuple[float, ...]
     voltages: tuple[float, ...]
     luck: float
-    falls: bool = False
-    reach: int = HALF_DECADE
+    height: float = 0.0
+    far: float = 0.0
+
+    def widened(self, times: float) -> Manner:
+        """The same with bounds several times as wide."""
+        factors, voltages = (tuple(times * each for each in given) for given in (self.factors, self.voltages))
+        return replace(self, factors=factors, voltages=voltages, height=times * self.height)
 
 
-SLOWEST = 0.9  # greatest rate at which errors are believed to fall; a least one would never count beside `luck`
-
-
-def estimates(curves: Sequence[Curve], moduli: Array, manner: Manner, safety: float = 1.0) -> tuple[Array, Array]:
+def estimates(
+    curves: Sequence[Curve], moduli: Array, manner: Manner, heights: Sequence[Curve] = ()
+) -> tuple[Array, Array]:
     """Bounds on the errors of force ratio and voltages [V] of the last of two or more meshes, each finer than the one
     before.
 
@@ -70,19 +74,22 @@ def estimates(curves: Sequence[Curve], moduli: Array, manner: Manner, safety: fl
         curves: the curves of the meshes.
         moduli: moduli of the object [Pa].
         manner: how errors fall.
-        safety: factor on the bounds.
+        heights: curves of two coarse meshes that differ by the degree along the height, if that is to count.
     """
-    around = _around(moduli, manner.reach)
-    ratio, voltage, before = np.zeros(len(moduli)), np.zeros(len(moduli)), None
+    around = _around(moduli, 2 * HALF_DECADE)
+    ratio, voltage = np.zeros(len(moduli)), np.zeros(len(moduli))
+
+    def greatest_of(values: Array) -> Array:
+        near = _greatest(values, around.narrowed(HALF_DECADE))
+        return np.maximum(near, manner.far * _greatest(values, around))
+
     for step, (coarse, fine) in enumerate(pairwise(curves)):
-        greatest, volts = (_greatest(each, around) for each in _changes(coarse, fine, around.grid, manner.product))
-        found = _of_step(manner.factors, step) * greatest
-        if manner.falls and before is not None:
-            rate = np.minimum(np.divide(greatest, before, out=np.ones_like(before), where=before > 0), SLOWEST)
-            found *= np.maximum(np.sqrt(rate), rate / (1 - rate))
-        ratio = np.maximum(safety * found, manner.luck * ratio)
-        voltage = np.maximum(safety * _of_step(manner.voltages, step) * volts, manner.luck * voltage)
-        before = greatest
+        greatest, volts = (greatest_of(each) for each in _changes(coarse, fine, around.grid, manner.product))
+        ratio = np.maximum(_of_step(manner.factors, step) * greatest, manner.luck * ratio)
+        voltage = np.maximum(_of_step(manner.voltages, step) * volts, manner.luck * voltage)
+    for low, high in pairwise(heights):
+        left, volts = (greatest_of(each) for each in _changes(low, high, around.grid, 0.0))
+        ratio, voltage = np.maximum(ratio, manner.height * left), np.maximum(voltage, manner.height * volts)
     return ratio, voltage
 
 
@@ -121,6 +128,10 @@ class _Around:
     grid: Array
     first: NDArray[np.intp]
     last: NDArray[np.intp]
+
+    def narrowed(self, steps: int) -> _Around:
+        """The same without so many on either side."""
+        return replace(self, first=self.first + steps, last=self.last - steps)
 
 
 def _around(moduli: Array, reach: int) -> _Around:

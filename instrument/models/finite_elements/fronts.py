@@ -11,7 +11,7 @@ eliminated along with the matrix.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +21,10 @@ from scipy.linalg.lapack import dpotrf
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import set_up
-from palpate.instrument.models.finite_elements.dissection import Front, Indices, Order, dissected
+from palpate.instrument.models.finite_elements.assembled import Assembled
+from palpate.instrument.models.finite_elements.dissection import Indices, Order, dissected, numbers
 
 Array = NDArray[np.float64]
-# Of some unknowns, between the rest and them, and of the rest. Only lower triangles of the first and the last count.
-_Matrices = tuple[Array, Array, Array]
 
 # Elements whose matrices are made at once: fewer cost more calls, more cost memory.
 AT_ONCE = 16
@@ -41,14 +40,15 @@ class Mesh:
     Attributes:
         unknowns: (elements, n), numbers of each element's unknowns; -1 for those that are fixed to zero.
         coordinates: (elements, m), coordinates along which elements may be parted.
-        matrices: function that gives the stiffness (count, n, n) of some elements, by their numbers.
+        matrices: function that gives the stiffness of each of some elements, by their numbers; of its unknowns up to
+            the last that is not fixed. Only upper triangles count.
         kept: (size,), whether an unknown is kept.
         loads: (size, loads), forces on the unknowns.
     """
 
     unknowns: Indices
     coordinates: Array
-    matrices: Callable[[Indices], Array]
+    matrices: Callable[[Indices], Sequence[Array] | Array]
     kept: NDArray[np.bool_]
     loads: Array
 
@@ -86,15 +86,14 @@ def condense(mesh: Mesh, remembers: bool = False) -> Condensed:
     _require_memory(order, mesh, remembers)
     set_up.begin(order.operations, len(mesh.kept))
     elimination = _Elimination(mesh, order, remembers)
-    stiffness, loads = elimination.run()
+    stiffness, loads, work = elimination.run()
     places = order.rank[mesh.kept] - (len(mesh.kept) - np.count_nonzero(mesh.kept))
-    lower = np.tril(stiffness)
-    whole = lower + lower.T
-    np.fill_diagonal(whole, np.diagonal(stiffness))
+    whole = np.tril(stiffness)
+    whole += np.tril(stiffness, -1).T
     return Condensed(
-        stiffness=whole[np.ix_(places, places)],
+        stiffness=whole[places].take(places, axis=1, mode="clip"),
         loads=loads[places],
-        work=elimination.work,
+        work=np.tril(work) + np.tril(work, -1).T,
         inside=elimination.inside if remembers else None,
     )
 
@@ -123,20 +122,23 @@ def machine_memory() -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class _Remembered:
-    """Numbers of unknowns that were eliminated together, their factor, and their part of the loads' elimination.
+    """First of the unknowns that were eliminated together, their factor, and what couples them to the `rest`.
 
-    `between` couples them to the unknowns `rest`.
+    Loads are among the rest, as unknowns behind all others.
     """
 
     first: int
     rest: Indices
     factor: Array
     between: Array
-    forward: Array
 
 
 class _Elimination:
-    """Elimination of a mesh in an order; `work` as in `Condensed`."""
+    """Elimination of a mesh in an order.
+
+    Loads are rows of the matrix behind those of all unknowns: what is left of them there are the loads on the kept
+    unknowns and, negative, the work.
+    """
 
     def __init__(self, mesh: Mesh, order: Order, remembers: bool) -> None:
         self._mesh, self._order, self._remembers = mesh, order, remembers
@@ -148,151 +150,110 @@ class _Elimination:
         self._fixed = np.count_nonzero(ranked < 0, axis=1)
         self._loads = np.empty_like(mesh.loads)
         self._loads[order.rank] = mesh.loads
-        self._made: tuple[int, Array] = (-AT_ONCE, np.empty(0))
-        self.work = np.zeros((mesh.loads.shape[1],) * 2)
+        self._behind = len(mesh.kept) + np.array([[0, mesh.loads.shape[1]]])
+        self._made: tuple[int, Sequence[Array] | Array] = (-AT_ONCE, ())
 
-    def run(self) -> tuple[Array, Array]:
-        """Matrix (lower triangle) and loads of the kept unknowns, in the order of elimination."""
-        passed: list[tuple[Indices, Array, Array]] = []
+    def run(self) -> tuple[Array, Array, Array]:
+        """Matrix (lower triangle) and loads of the kept unknowns, in the order of elimination, and work (the same)."""
+        passed: list[tuple[Indices, Array]] = []
         for front in self._order.fronts:
+            runs = np.concatenate([front.rest, self._behind])
+            added = Assembled(front, runs)
             if front.halves:
-                added = _Assembled(front, self._loads.shape[1])
                 for half in passed[-len(front.halves) :]:
                     added.add(*half)
                 del passed[-len(front.halves) :]
-                matrices, loads = (added.own, added.between, added.rest), added.loads
             else:
-                matrices, loads = self._elements(front)
-            passed.append((front.rest, *self._eliminate(front.first, front.others, matrices, loads)))
-        _, stiffness, loads = passed.pop()
-        first = len(self._mesh.kept) - len(loads)
-        return stiffness, self._loads[first:] + loads
+                for place in range(front.start, front.stop):
+                    added.add_numbers(*self._element(place))
+            below = len(added.between) - self._loads.shape[1]
+            added.between[below:] += self._loads[front.first : front.first + front.count].T
+            passed.append((runs, self._eliminate(front.first, numbers(runs), added.own, added.between, added.rest)))
+        _, matrix = passed.pop()
+        kept = len(matrix) - self._loads.shape[1]
+        return (
+            matrix[:kept, :kept],
+            self._loads[len(self._loads) - kept :] + matrix[kept:, :kept].T,
+            -matrix[kept:, kept:],
+        )
 
-    def _elements(self, front: Front) -> tuple[_Matrices, Array]:
-        """Sum of the matrices of a front's own elements, and what these pass on of their loads."""
-        numbers = np.concatenate([np.arange(front.first, front.first + front.count), front.others])
-        matrix, loads = np.zeros((len(numbers),) * 2, order="F"), np.zeros((len(numbers), self._loads.shape[1]))
-        for place in range(front.start, front.stop):
-            ranks, own, own_loads = self._element(place)
-            at = np.searchsorted(numbers, ranks)
-            # Whole columns are added faster than single entries.
-            columns = np.zeros((len(numbers), len(at)), order="F")
-            columns[at] = own
-            matrix.T[at] += columns.T
-            loads[at] += own_loads
-        return _parted(matrix, front.count), loads
-
-    def _element(self, place: int) -> tuple[Indices, Array, Array]:
-        """Unknowns that an element shares, their matrix (lower triangle) and loads.
+    def _element(self, place: int) -> tuple[Indices, Array]:
+        """Unknowns that an element shares, and their matrix (lower triangle).
 
         Args:
             place: its place in the order of elimination.
         """
         free = slice(self._fixed[place], None)
-        ranks, matrix = self._ranked[place, free], self._matrix(place, self._sequence[place, free])
+        ranks, columns = self._ranked[place, free], self._sequence[place, free]
+        rows = self._matrix(place)[columns]
         steps = np.diff(ranks)
         if not steps.all():
             # An unknown that moves several places of one element stands there several times.
             begins = np.concatenate([[0], np.flatnonzero(steps) + 1])
-            matrix = np.add.reduceat(np.add.reduceat(matrix, begins, axis=0), begins, axis=1)
-            ranks = ranks[begins]
+            rows = np.add.reduceat(np.add.reduceat(rows.take(columns, axis=1), begins, axis=0), begins, axis=1)
+            ranks, columns = ranks[begins], np.arange(len(begins))
         count = int(np.searchsorted(ranks, self._order.inside))
-        loads = np.zeros((len(ranks), self._loads.shape[1]))
-        return ranks[count:], *self._eliminate(int(ranks[0]), ranks[count:], _parted(matrix, count), loads)
+        others = ranks[count:]
+        # Transposed, the parts of the upper triangle are those of the lower one, as LAPACK wants them.
+        own, between, rest = (
+            of.take(at, axis=1, mode="clip").T
+            for of, at in (
+                (rows[:count], columns[:count]),
+                (rows[:count], columns[count:]),
+                (rows[count:], columns[count:]),
+            )
+        )
+        if not count:
+            return others, rest
+        loads = self._loads[ranks[0] : ranks[0] + count]
+        if loads.any():
+            others, between = np.concatenate([others, numbers(self._behind)]), np.concatenate([between, loads.T])
+            whole = np.zeros((len(others), len(others)), order="F")
+            whole[: len(rest), : len(rest)] = rest
+            rest = whole
+        return others, self._eliminate(int(ranks[0]), others, own, between, rest)
 
-    def _matrix(self, place: int, unknowns: Indices) -> Array:
-        """Matrix of an element, with some of its unknowns in their order."""
+    def _matrix(self, place: int) -> Array:
+        """Matrix of an element."""
         first, matrices = self._made
         if not first <= place < first + AT_ONCE:
             first = place - place % AT_ONCE
             matrices = self._mesh.matrices(self._order.elements[first : first + AT_ONCE])
             self._made = first, matrices
-        # One axis after the other: both at once take five times as long.
-        found: Array = matrices[place - first][unknowns].take(unknowns, axis=1)
+        found: Array = matrices[place - first]
         return found
 
-    def _eliminate(self, first: int, others: Indices, matrices: _Matrices, loads: Array) -> tuple[Array, Array]:
-        """Matrix and loads of the others.
+    def _eliminate(self, first: int, others: Indices, own: Array, between: Array, rest: Array) -> Array:
+        """Matrix of the rest without the eliminated unknowns.
 
         Args:
             first: first of the unknowns that are eliminated.
-            others: unknowns on which these act.
-            matrices: matrices of both, which are overwritten.
-            loads: passed on by what was eliminated before, on all these unknowns.
+            others: unknowns of the rest.
+            own, between, rest: matrices of the eliminated ones, of the rest with them, and of the rest, which are
+                overwritten. Only lower triangles of the first and the last count.
         """
-        own, between, matrix = matrices
-        count = len(own)
-        rest = loads[count:]
-        if not count:
-            return matrix, rest
+        if not len(own):
+            return rest
         factor, failed = dpotrf(own, lower=1, clean=0, overwrite_a=1)
         if failed:
             raise EstimateError(
                 "finite elements: the stiffness of a part is not positive definite to working precision; bring moduli"
                 " and dimensions closer together"
             )
-        pushed = self._loads[first : first + count] + loads[:count]
-        forward = dtrsm(1.0, factor, np.asfortranarray(pushed), lower=1)
-        self.work += forward.T @ forward
         if len(between):
             between = dtrsm(1.0, factor, between, side=1, lower=1, trans_a=1, overwrite_b=1)
-            matrix = dsyrk(-1.0, between, beta=1.0, c=matrix, lower=1, overwrite_c=1)
-            rest = rest - between @ forward
+            rest = dsyrk(-1.0, between, beta=1.0, c=rest, lower=1, overwrite_c=1)
         if self._remembers:
-            self._remembered.append(_Remembered(first, others, factor, between, forward))
-        return matrix, rest
+            self._remembered.append(_Remembered(first, others, factor, between))
+        return rest
 
     def inside(self, kept: Array, factors: Array) -> Array:
         """Displacements of all unknowns, as in `Condensed`."""
         rank, held = self._order.rank, self._mesh.kept
-        moved = np.empty(len(rank))
+        moved = np.append(np.empty(len(rank)), -factors)
         moved[rank[held]] = kept
         for each in reversed(self._remembered):
-            pull = each.forward @ factors - each.between.T @ moved[each.rest]
+            pull = -each.between.T @ moved[each.rest]
             found = dtrsm(1.0, each.factor, pull[:, None], lower=1, trans_a=1)
             moved[each.first : each.first + len(found)] = found[:, 0]
         return moved[rank]
-
-
-def _parted(matrix: Array, count: int) -> _Matrices:
-    """Copies of the parts of a matrix: of the first unknowns, of the rest with them, and of the rest."""
-    own, between, rest = matrix[:count, :count], matrix[count:, :count], matrix[count:, count:]
-    return np.array(own, order="F"), np.array(between, order="F"), np.array(rest, order="F")
-
-
-class _Assembled:
-    """Dense matrices of a front: of what is eliminated, of the rest, and between both. Lower triangles only."""
-
-    def __init__(self, front: Front, loads: int) -> None:
-        self.front = front
-        count, rest = front.count, front.passed
-        self.own, self.rest = (np.zeros((size, size), order="F") for size in (count, rest))
-        self.between = np.zeros((rest, count), order="F")
-        self.loads = np.zeros((count + rest, loads))
-        lengths = front.rest[:, 1] - front.rest[:, 0]
-        self._starts = np.concatenate([[front.first], front.rest[:, 0]])
-        self._offsets = np.concatenate([[0], count + np.cumsum(lengths) - lengths])
-
-    def add(self, runs: Indices, matrix: Array, loads: Array) -> None:
-        """Add a matrix and loads of runs of unknowns (runs, 2)."""
-        end = self.front.first + self.front.count
-        split = np.flatnonzero((runs[:, 0] < end) & (end < runs[:, 1]))
-        if len(split):  # at most one is eliminated in part
-            runs = np.insert(runs, split + 1, [[end, runs[split[0], 1]]], axis=0)
-            runs[split, 1] = end
-        where = np.searchsorted(self._starts, runs[:, 0], side="right") - 1
-        to = (self._offsets[where] + runs[:, 0] - self._starts[where]).tolist()
-        lengths = runs[:, 1] - runs[:, 0]
-        stops = np.cumsum(lengths).tolist()
-        pieces = list(zip(to, [0, *stops], stops, strict=False))
-        for row, (place, low, high) in enumerate(pieces):
-            if loads.shape[1]:
-                self.loads[place : place + high - low] += loads[low:high]
-            for beside, first, last in pieces[: row + 1]:
-                self._block(place, beside)[: high - low, : last - first] += matrix[low:high, first:last]
-
-    def _block(self, row: int, column: int) -> Array:
-        count = self.front.count
-        if column >= count:
-            return self.rest[row - count :, column - count :]
-        return self.own[row:, column:] if row < count else self.between[row - count :, column:]

@@ -2,10 +2,10 @@
 
     keep("axisymmetric;degree=4;layers=3;sensed_poisson=0.3;...", Curve, lambda: found_on(parameters, 4, 3))
 
-What is kept is a dataclass of numbers, arrays and other such dataclasses. Its file is named by the SHA-256 of the text
-and of the models' source code: after a change of either, nothing old is found. A file is a line of JSON, with names
-and shapes, and the numbers after it; nothing of it is ever executed. A file that is damaged, or not to be written,
-never stops an answer.
+What is kept is a dataclass of numbers, arrays and other such dataclasses. Its file is named by the SHA-256 of the text,
+of the models' source code, and of the arithmetic: after a change of any, nothing old is found, so that no last digit
+depends on what another process left. A file is a line of JSON, with names and shapes, and the numbers after it; nothing
+of it is ever executed. A file that is damaged, or not to be written, never stops an answer.
 """
 
 from __future__ import annotations
@@ -22,12 +22,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arithmetic import arithmetic, without_processor
 from palpate.instrument.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -44,7 +46,8 @@ LONGEST = 2**16  # bytes of a file's first line; it has some 600, and JSON takes
 LARGEST = 64 * 2**20  # bytes of a file; the curve of a sensor of 16 teeth has some 140,000
 LEFT = 3600.0  # s; a file that is written for longer was left by a process that was killed
 ROOM = 100 * 2**20  # bytes of all files; beyond it, those that were not used for longest are deleted
-# What the numbers of the finite-element models depend on, besides what they are asked.
+# What the numbers of the finite-element models depend on, besides what they are asked and the arithmetic.
+PACKAGES = ("numpy", "scipy", "scikit-fem")
 SOURCES = tuple(f"{each}.py" for each in ("models/*/*", "models/parameters", "sensor/*"))
 
 
@@ -94,14 +97,14 @@ def _caches() -> Path:
 
 
 def key_of(text: str) -> str:
-    """SHA-256 of a text and of the code that computes what it asks for."""
-    return hashlib.sha256(f"{_code()};{text}".encode()).hexdigest()
+    """SHA-256 of a text, of the code that computes what it asks for, and of all on which its last digits depend."""
+    return hashlib.sha256(f"{_code()};{without_processor(arithmetic())};{text}".encode()).hexdigest()
 
 
 @functools.cache
 def _code() -> str:
-    """SHA-256 of the models' source code."""
-    digest = hashlib.sha256()
+    """SHA-256 of the models' source code, and of the packages with which it computes."""
+    digest = hashlib.sha256(" ".join(map(version, PACKAGES)).encode())
     instrument = Path(__file__).parents[2]
     for source in SOURCES:
         for file in sorted(instrument.glob(source)):

@@ -42,7 +42,8 @@ def basis(stiffness: Array, sensed: Array, columns: Array, modes: Array, modulus
     set_up.begin(len(PLACES) * len(stiffness) ** 3 / 6, len(stiffness))
     found = [modes]
     for place in modulus * PLACES:
-        factor = cho_factor(stiffness + place * sensed, lower=True, overwrite_a=True, check_finite=False)
+        # The matrix is symmetric, and its transpose is already as LAPACK wants it.
+        factor = cho_factor((stiffness + place * sensed).T, lower=True, overwrite_a=True, check_finite=False)
         term = own
         for _ in range(TERMS):
             term = cho_solve(factor, term, check_finite=False)

@@ -30,6 +30,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.load import Load, through
 
+ROUNDED = 1.001  # ratio of two errors that differ by rounding alone, as those of one curve that was found twice
 STORED = Path(__file__).with_name("prices.json")
 # Tolerance where the caller names none: below the 4 % by which the measured ratio scatters.
 AUTO_TOLERANCE = 1e-2
@@ -98,7 +99,9 @@ class PriceList:
             raise RangeError(f"no price was measured for {where}; ask a finite-element model itself")
         good = [offer for offer in offers if offer[1] <= tolerance]
         if not good:
-            _, error, best = min(offers, key=lambda offer: offer[1])
+            least = min(error for _, error, _ in offers)
+            as_good = [offer for offer in offers if offer[1] <= ROUNDED * least]
+            _, error, best = min(as_good, key=lambda offer: offer[:2])
             raise RangeError(
                 f"tolerance {tolerance:g}: no model meets it for {where}; the best is {best.model!r}"
                 f" with {error:.1e}; give a larger tolerance"

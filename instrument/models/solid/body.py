@@ -1,13 +1,14 @@
 """Element matrices of one part of the solid model: a plan times a range of heights.
 
 Shape functions are products of one of degree p in the plan and one of degree q along the height, so that every element
-matrix is a sum of products of one in the plan and one along the height. The pressure is a discontinuous polynomial of
-degree p - 1 (Qp/Pp-1), and of degree q - 1 along the height alone: it is condensed element by element, and rubber does
-not lock.
+matrix is a sum of products of one in the plan and one along the height, by the law of its material. The pressure is a
+discontinuous polynomial of degree p - 1 (Qp/Pp-1), and of degree q - 1 along the height alone: it is condensed element
+by element, and rubber does not lock.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -39,6 +40,13 @@ class Elastic:
         return self.modulus / (2 * (1 + self.poisson))
 
     @property
+    def law(self) -> Vector:
+        """Stress by the derivatives of displacements without the dilatation, as `Body.add_law` takes it [Pa]."""
+        one = np.eye(3)
+        law: Vector = self.shear * (np.einsum("ab,de->adbe", one, one) + np.einsum("ae,bd->adbe", one, one))
+        return law
+
+    @property
     def compliance(self) -> float:
         """1/λ [1/Pa], 0 for an incompressible body, ∞ at Poisson ratio 0."""
         if self.poisson == 0:
@@ -61,8 +69,8 @@ class PlanElements:
         local: (elements, shapes), places of each element's shape functions in `nodes`.
         integrals: integral of each shape function over these elements.
         areas: areas of the elements [m2].
-        mass, xx, yy, yx, vx, vy: (elements, shapes, shapes), integrals of products of shape functions and their
-            derivatives.
+        products: (elements, 3, 3, shapes, shapes), integrals of a shape function's x derivative, y derivative and
+            value times those of another.
         pressure: integrals of x derivative, y derivative and value of shape functions times orthonormal polynomials, by
             the degree of these; each (elements, polynomials, shapes).
     """
@@ -84,8 +92,7 @@ class PlanElements:
 
         self.areas = weight.sum(axis=1)
         self.integrals = np.bincount(self.local.ravel(), weights=(v @ weight[..., None]).ravel())
-        self.mass, self.xx, self.yy, self.yx = product(v, v), product(x, x), product(y, y), product(y, x)
-        self.vx, self.vy = product(v, x), product(v, y)
+        self.products = np.stack([np.stack([product(own, other) for other in (x, y, v)], 1) for own in (x, y, v)], 1)
         self.pressure = []
         for count in np.cumsum(np.arange(1, degree + 1)):
             polynomials = _orthonormal(np.asarray(part.global_coordinates()), weight, degree - 1)[:, :count]
@@ -116,7 +123,7 @@ class HeightElements:
         count: number of shape functions.
         local: (steps, shapes), names of each step's shape functions.
         one, places: coefficients of the function 1 and of the height [m].
-        mass, zz, zv: (steps, shapes, shapes), integrals of products of shape functions and their derivatives.
+        products: (steps, 2, 2, shapes, shapes), integrals of a shape function's value and slope times those of another.
         pressure: (degree, steps, shapes), integrals of value and slope of shape functions times Legendre polynomials.
     """
 
@@ -138,7 +145,7 @@ class HeightElements:
             result: Vector = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
             return result
 
-        self.mass, self.zz, self.zv = product(v, v), product(z, z), product(z, v)
+        self.products = np.stack([np.stack([product(own, other) for other in (v, z)], 1) for own in (v, z)], 1)
         places = np.asarray(basis.global_coordinates())[0]
         middle, half = (breaks[1:] + breaks[:-1])[:, None] / 2, np.diff(breaks)[:, None] / 2
         levels = np.arange(degree)[:, None, None]
@@ -185,49 +192,38 @@ class Body:
             added: addition to the material's 1/λ [1/Pa].
         """
         if isinstance(self.material, FilmMaterial):
-            return self._film_stiffness(self.material, elements)
-        p, h = self.plan, self.height
-        plan, step = self._places(elements)
-        shear = self.material.shear
-        mass, zz, zv = (matrix[step] for matrix in (h.mass, h.zz, h.zv))
-        xx, yy, flat, yx, vx, vy = (shear * matrix[plan] for matrix in (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy))
-        dilatation = self.dilatation(elements)
-        matrix = dilatation.transpose(0, 2, 1) @ (dilatation / (self.material.compliance + added))
-        _add(
-            matrix,
-            {
-                (0, 0): [(2 * xx + yy, mass), (flat, zz)],
-                (1, 1): [(xx + 2 * yy, mass), (flat, zz)],
-                (2, 2): [(xx + yy, mass), (2 * flat, zz)],
-                (0, 1): [(yx, mass)],
-                (0, 2): [(vx, zv)],
-                (1, 2): [(vy, zv)],
-            },
-        )
+            size = math.prod(self._of_each)
+            matrix = np.zeros((self.count if elements is None else len(elements), size, size))
+        else:
+            dilatation = self.dilatation(elements)
+            matrix = dilatation.transpose(0, 2, 1) @ (dilatation / (self.material.compliance + added))
+        self.add_law(matrix, self.material.law, elements)
         return matrix
 
-    def _film_stiffness(self, film: FilmMaterial, elements: Names | None) -> Vector:
-        """Stiffness of a film: a material with three planes of symmetry, thin, and far from incompressible."""
-        p, h = self.plan, self.height
+    def add_law(self, matrix: Vector, law: Vector, elements: Names | None = None) -> None:
+        """Add the stiffness of a material to that (elements, unknowns, unknowns) of some elements.
+
+        Args:
+            matrix: what it is added to.
+            law: (3, 3, 3, 3), stress of axes a and d by the derivative along axis e of the displacement along axis b.
+            elements: numbers of the elements; None: all.
+        """
         plan, step = self._places(elements)
-        (c, _, _), (c44, c55, c66) = film.stiff(), film.shear
-        mass, zz, zv = (matrix[step] for matrix in (h.mass, h.zz, h.zv))
-        xx, yy, flat, yx, vx, vy = (matrix[plan] for matrix in (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy))
-        vz, xy, xv, yv = (matrix.swapaxes(1, 2) for matrix in (zv, yx, vx, vy))
-        size = 3 * mass.shape[1] * flat.shape[1]
-        matrix = np.zeros((len(plan), size, size))
-        _add(
-            matrix,
-            {
-                (0, 0): [(c[0, 0] * xx + c66 * yy, mass), (c55 * flat, zz)],
-                (1, 1): [(c66 * xx + c[1, 1] * yy, mass), (c44 * flat, zz)],
-                (2, 2): [(c55 * xx + c44 * yy, mass), (c[2, 2] * flat, zz)],
-                (0, 1): [(c[0, 1] * xy + c66 * yx, mass)],
-                (0, 2): [(c[0, 2] * xv, vz), (c55 * vx, zv)],
-                (1, 2): [(c[1, 2] * yv, vz), (c44 * vy, zv)],
-            },
-        )
-        return matrix
+        # Derivatives along z are those of the height, all others those of the plan.
+        slopes = np.array([0, 0, 1])
+        upright = np.einsum("adbe,sdehk->sabhkde", law, self.height.products[:, slopes[:, None], slopes])
+        upright = upright.reshape(len(upright), -1, 9)
+        flat = self.plan.products.reshape(len(self.plan.products), 9, -1)
+        _, heights, nodes = self._of_each
+        # One element after the other stays in the cache.
+        for own, k, s in zip(matrix.reshape(-1, *self._of_each, *self._of_each), plan, step, strict=True):
+            product = (upright[s] @ flat[k]).reshape(3, 3, heights, heights, nodes, nodes)
+            own += product.transpose(0, 2, 4, 1, 3, 5)
+
+    @property
+    def _of_each(self) -> tuple[int, int, int]:
+        """Axes, heights and nodes of an element's unknowns."""
+        return 3, self.height.local.shape[1], self.plan.local.shape[1]
 
     def polarised(self, film: FilmMaterial, one: Vector) -> Vector:
         """Forces (elements, unknowns) of a film under 1 V, against its voltage [N/V].
@@ -238,8 +234,8 @@ class Body:
         """
         p, h = self.plan, self.height
         _, stress, _ = film.stiff()
-        along, across, flat = (np.einsum("eij,ei->ej", of, one[p.local]) for of in (p.vx, p.vy, p.mass))
-        mass, slope = (np.einsum("sij,sj->si", of, h.one[h.local]) for of in (h.mass, h.zv))
+        along, across, flat = np.einsum("edij,ei->dej", p.products[:, 2], one[p.local])
+        mass, slope = np.einsum("sdij,sj->dsi", h.products[:, :, 0], h.one[h.local])
         pairs = ((along, mass), (across, mass), (flat, slope))
         forces = [e * np.einsum("en,sh->eshn", *pair) for e, pair in zip(stress, pairs, strict=True)]
         by_axis: Vector = np.stack(forces, axis=2) / np.ptp(h.breaks)
@@ -256,22 +252,6 @@ class Body:
             rows.append(np.stack([dx * value, dy * value, flat * slope], axis=2))
         joined = np.concatenate(rows, axis=1)
         return joined.reshape(*joined.shape[:2], -1)
-
-
-def _add(matrix: Vector, blocks: dict[tuple[int, int], list[tuple[Vector, Vector]]]) -> None:
-    """Add products of a matrix in the plan and one along the height to symmetric matrices (elements, n, n).
-
-    They are given by the axes of their unknowns. Blocks below the diagonal are the transposes of those above it.
-    """
-    of_plan, of_height = next(iter(blocks.values()))[0]
-    heights, nodes = of_height.shape[1], of_plan.shape[1]
-    by_axis = matrix.reshape(-1, 3, heights, nodes, 3, heights, nodes)
-    for (a, b), pairs in blocks.items():
-        products = [flat[:, None, :, None, :] * upright[:, :, None, :, None] for flat, upright in pairs]
-        product = products[0] if len(products) == 1 else products[0] + products[1]
-        by_axis[:, a, :, :, b] += product
-        if a != b:
-            by_axis[:, b, :, :, a] += product.transpose(0, 3, 4, 1, 2)
 
 
 def plan_basis(plan: Plan, degree: int) -> Any:

@@ -5,19 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.finite_elements.error_estimate import HALF_DECADE, Manner
-from palpate.instrument.models.parameters import SolidParameters
+from palpate.instrument.models.finite_elements.error_estimate import Manner
+from palpate.instrument.models.parameters import CLOSED, SolidParameters
 from palpate.instrument.models.solid.curve import Resolution
 
 MANY = 4  # teeth; more have coarser meshes
+NARROW, THIN, INCOMPRESSIBLE = 0.05, 0.1, 0.49  # gap and object over the tooth's radius; Poisson ratio
+IN_NARROW = 4.0  # what is left there is more than what changes: it counts so many times
 
 
 @dataclass(frozen=True, slots=True)
 class Meshes:
-    """Resolutions by refinement, and how errors fall from each to the next."""
+    """Meshes of some sensors, and how errors fall from each to the next.
+
+    Attributes:
+        resolutions: resolutions by refinement.
+        manner: how errors fall.
+        hard: the same where coarse meshes see too little.
+        higher: the first mesh with a higher degree along the height than any has; None: all have different ones.
+    """
 
     resolutions: tuple[Resolution, ...]
     manner: Manner
+    hard: Manner
+    higher: Resolution | None = None
 
 
 # Each mesh has more layers and a higher degree than the one before. Most of their error is along the height of rubber,
@@ -28,12 +39,14 @@ OF_FEW_TEETH = Meshes(
         Resolution(layers=3, ratio=0.15, sectors=1, degree=3, rubber=4),
         Resolution(layers=4, ratio=0.15, sectors=1, degree=4, stiff=3),
     ),
-    # The third mesh has the degree of the second along the height of rubber. Where that leaves most, both err alike:
-    # then a share of the bound before counts.
-    manner=Manner(product=0.05, factors=(1.5, 1.4), voltages=(8.0, 6.0), luck=0.06, reach=2 * HALF_DECADE),
+    manner=Manner(product=0.05, factors=(0.5, 0.9), voltages=(8.0, 6.0), luck=0.05, height=0.4, far=0.3),
+    hard=Manner(product=0.05, factors=(6.0, 5.6), voltages=(32.0, 24.0), luck=0.06, height=1.0, far=1.0),
+    # The third mesh has the degrees of the second along the height. Where these leave most, both err alike.
+    higher=Resolution(layers=2, ratio=0.15, sectors=1, degree=2, rubber=5, stiff=4),
 )
 # A higher degree, more layers, then both. Along the circle a higher degree costs less than more sectors. The third mesh
 # has more layers alone, which are no use where the degree leaves most: then a share of the bound before counts.
+_MANY = Manner(product=0.15, factors=(2.0, 1.0, 0.5), voltages=(12.0, 8.0, 4.0), luck=0.12, far=1.0)
 OF_MANY_TEETH = Meshes(
     resolutions=(
         Resolution(layers=2, ratio=0.2, sectors=1, degree=2),
@@ -41,7 +54,8 @@ OF_MANY_TEETH = Meshes(
         Resolution(layers=3, ratio=0.2, sectors=1, degree=3),
         Resolution(layers=4, ratio=0.2, sectors=1, degree=4),
     ),
-    manner=Manner(product=0.15, factors=(2.0, 1.0, 0.5), voltages=(12.0, 8.0, 4.0), luck=0.12, reach=2 * HALF_DECADE),
+    manner=_MANY,
+    hard=_MANY.widened(IN_NARROW),
 )
 
 
@@ -53,6 +67,25 @@ def has_many_teeth(parameters: SolidParameters) -> bool:
 def meshes(parameters: SolidParameters) -> Meshes:
     """The meshes of a sensor."""
     return OF_MANY_TEETH if has_many_teeth(parameters) else OF_FEW_TEETH
+
+
+def manner(parameters: SolidParameters) -> Manner:
+    """How errors of a sensor fall from mesh to mesh."""
+    known = meshes(parameters)
+    return known.hard if is_hard(parameters) else known.manner
+
+
+def is_hard(parameters: SolidParameters) -> bool:
+    """Whether meshes hardly differ in what they see too little of: how force passes across a narrow gap, or how a thin
+    object bends.
+
+    With few teeth, meshes are fine enough for gaps that are open, and for objects that do not keep their volume.
+    """
+    gap, radius = parameters.ring_inner_radius - parameters.tooth_radius, parameters.tooth_radius
+    thin = parameters.sensed_thickness < THIN * radius
+    if has_many_teeth(parameters):
+        return thin or gap < NARROW * radius
+    return gap < CLOSED * radius or (thin and parameters.sensed_poisson > INCOMPRESSIBLE)
 
 
 def refinements(parameters: SolidParameters) -> tuple[int, ...]:

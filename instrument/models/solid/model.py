@@ -25,10 +25,6 @@ from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 
-NARROW, THIN = 0.05, 0.1  # of the tooth's radius: a gap, and an object, of which meshes see too little
-# Meshes do not see how the object hands its force over across a narrow gap, or a thin object at all. They hardly differ
-# there, and what is left is more than what changes: it counts so many times.
-IN_NARROW = 4.0
 ROUND_OFF = 1e-8  # of the force ratio, with a foil of rubber for an object; a thousand times less with others
 
 Array = NDArray[np.float64]
@@ -215,23 +211,31 @@ def curve(parameters: SolidParameters, refinement: int) -> SolidCurve:
     return curve_on(parameters, ladders.resolution(parameters, refinement))
 
 
-def estimates(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
+def mesh_beside(parameters: SolidParameters, meshes: int) -> SolidCurve | None:
+    """The mesh `Meshes.higher`, where an estimate for the last of so many meshes asks it; None: it asks none.
+
+    The second mesh has a higher degree along the height than the first, which tells enough of what that leaves.
+    """
+    resolution = ladders.meshes(parameters).higher
+    return None if resolution is None or meshes == 2 else curve_on(parameters, resolution)
+
+
+def estimates(
+    curves: Sequence[Curve], parameters: SolidParameters, moduli: Array, higher: Curve | None = None
+) -> tuple[Array, Array]:
     """Bounds on the errors of force ratio and voltages under 1 N [V] of the last of some meshes, at each modulus.
 
     Args:
         curves: all refinements from the first on, two or more.
         parameters: the sensor; its modulus of the object has no effect.
         moduli: moduli of the object [Pa].
+        higher: the curve of the mesh `Meshes.higher`; None: it is found if it is needed.
     """
     if parameters.load_at is not None:
         # Beneath a point load the energy has no end. What of it passes through the contact has one.
         curves = [replace(each, clamped=np.zeros_like(each.clamped)) for each in curves]
-    times = IN_NARROW if is_narrow(parameters) else 1.0
-    ratio, voltage = between.estimates(curves, moduli, ladders.meshes(parameters).manner, times)
+    if higher is None and (beside := mesh_beside(parameters, len(curves))) is not None:
+        higher = beside.poles
+    heights = [] if higher is None or len(curves) == 2 else [curves[0], higher]
+    ratio, voltage = between.estimates(curves, moduli, ladders.manner(parameters), heights)
     return ratio + ROUND_OFF, voltage
-
-
-def is_narrow(parameters: SolidParameters) -> bool:
-    """Whether the gap is closed to coarse meshes, or the object too thin for them."""
-    gap, radius = parameters.ring_inner_radius - parameters.tooth_radius, parameters.tooth_radius
-    return gap < NARROW * radius or parameters.sensed_thickness < THIN * radius

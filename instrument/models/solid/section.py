@@ -151,7 +151,7 @@ def _pressure(line: _Line, system: System, moved: Vector) -> tuple[Vector, Vecto
     forces = np.zeros(stack.basis.N)
     np.add.at(forces, body.plan.nodes[body.plan.local], system.forces_below_object(moved))
     rows, columns = np.broadcast_arrays(faces.local[:, :, None], faces.local[:, None, :])
-    mass = sparse.csc_array((faces.mass.ravel(), (rows.ravel(), columns.ravel())))
+    mass = sparse.csc_array((faces.products[:, 2, 2].ravel(), (rows.ravel(), columns.ravel())))
     scale = 1 / np.sqrt(mass.diagonal())
     scaling = sparse.diags_array(scale)
     coefficients = scale * spsolve(sparse.csc_array(scaling @ mass @ scaling), scale * forces[faces.nodes])

@@ -64,16 +64,13 @@ class Side:
     def _at(
         self, added: float, contact: NDArray[np.bool_], loads: Callable[[float], Vector], remembers: bool
     ) -> Condensed:
-        def matrices(elements: Names) -> Vector:
-            size = self._unknowns.shape[1]
-            found = np.zeros((len(elements), size, size))
+        def matrices(elements: Names) -> list[Vector]:
+            found: dict[int, Vector] = {}
             for (start, stop), part in zip(pairwise(self._starts), self.parts, strict=True):
-                own = (elements >= start) & (elements < stop)
-                if own.any():
-                    stiffness = part.body.stiffness(elements[own] - start, added * part.step)
-                    count = stiffness.shape[1]
-                    found[own, :count, :count] = stiffness
-            return found
+                own = elements[(elements >= start) & (elements < stop)]
+                if len(own):
+                    found |= zip(own.tolist(), part.body.stiffness(own - start, added * part.step), strict=True)
+            return [found[element] for element in elements.tolist()]
 
         mesh = Mesh(self._unknowns, self._coordinates, matrices, contact[self.has], loads(added)[self.has])
         return condense(mesh, remembers)

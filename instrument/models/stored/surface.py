@@ -31,7 +31,7 @@ from palpate.instrument.models.parameters import (
 )
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.curve import SolidCurve
+from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 from palpate.instrument.models.stored.version import CODE_VERSION, fixed
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
@@ -49,6 +49,7 @@ STORED = Path(__file__).with_name("curves")
 SETS = ("physical", "identified")
 # Poles are left out that all together change goals and energies by no more than this share, far below the estimates.
 NEGLIGIBLE = 1e-10
+HIGHER = "higher"  # in place of a refinement: the mesh with a higher degree along the height
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +85,12 @@ class Surface:
     Attributes:
         parameters: the sensor; neither the modulus of the object nor the force count.
         meshes: its meshes, each finer than the one before.
+        higher: the mesh that tells what the degree along the height leaves, of sensors that need one.
     """
 
     parameters: Parameters
     meshes: tuple[RoundMesh, ...] | tuple[SolidMesh, ...]
+    higher: SolidMesh | None = None
 
     @property
     def model(self) -> str:
@@ -113,7 +116,8 @@ class Surface:
         curves = [mesh.poles for mesh in self.meshes]
         if isinstance(self.parameters, RoundParameters):
             return axisymmetric.estimates(curves, self.parameters, moduli)
-        return solid.estimates(curves, self.parameters, moduli)
+        higher = None if self.higher is None else self.higher.poles
+        return solid.estimates(curves, self.parameters, moduli, higher)
 
     def solve_at(self, moduli: Array) -> list[tuple[Solution, float]]:
         """Solutions under 1 N and their error estimates, at moduli of the object [Pa]."""
@@ -126,7 +130,7 @@ class Surface:
         return list(zip(found, ratio.tolist(), strict=True))
 
 
-def curve_hash(parameters: Parameters, refinement: int) -> str:
+def curve_hash(parameters: Parameters, refinement: int | str) -> str:
     """SHA-256 of everything on which a shipped curve depends."""
     text = f"curve {CODE_VERSION};{model_of(parameters)};refinement={refinement};{fixed(parameters)}"
     return hashlib.sha256(text.encode()).hexdigest()
@@ -151,8 +155,8 @@ def find(design: Design, load: Load) -> Surface:
 def _find(design: Design, load: Load) -> Surface:
     """`find` with its results kept: a surface answers faster than its files are looked up."""
     parameters = surface_parameters(design, load)
-    files = [(path, key) for _, path, key in places(design.name, parameters)]
-    if not any(path.exists() for path, _ in files):
+    files = {refinement: (path, key) for refinement, path, key in places(design.name, parameters)}
+    if not any(path.exists() for path, _ in files.values()):
         raise RangeError(
             f"model 'surface' has no surface for design {design.name!r} with these dimensions, materials and load; it"
             f" has {', '.join(sorted({path.name.split('.')[0] for path in STORED.glob(f'*{SUFFIX}')}))}, with the"
@@ -160,13 +164,18 @@ def _find(design: Design, load: Load) -> Surface:
             f" 'identified'; ask model {model_of(parameters)!r}"
         )
     if isinstance(parameters, RoundParameters):
-        return Surface(parameters, tuple(read(path, RoundMesh, key) for path, key in files))
-    return Surface(parameters, tuple(read(path, SolidMesh, key) for path, key in files))
+        return Surface(parameters, tuple(read(path, RoundMesh, key) for path, key in files.values()))
+    found = {refinement: read(path, SolidMesh, key) for refinement, (path, key) in files.items()}
+    higher = found.pop(HIGHER, None)
+    return Surface(parameters, tuple(found.values()), higher)
 
 
-def places(design: str, parameters: Parameters) -> Iterator[tuple[int, Path, str]]:
-    """Refinements of a sensor's surface, with their files and hashes."""
-    for refinement in refinements_of(parameters):
+def places(design: str, parameters: Parameters) -> Iterator[tuple[int | str, Path, str]]:
+    """Refinements of a sensor's surface, and HIGHER if it has such a mesh, with their files and hashes."""
+    named: list[int | str] = [*refinements_of(parameters)]
+    if isinstance(parameters, SolidParameters) and ladders.meshes(parameters).higher:
+        named.append(HIGHER)
+    for refinement in named:
         key = curve_hash(parameters, refinement)
         yield refinement, STORED / f"{design}.{refinement}.{key[:8]}{SUFFIX}", key
 
@@ -187,10 +196,10 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
             start = time.process_time()
             mesh: RoundMesh | SolidMesh
             if isinstance(sensor, RoundParameters):
-                found = curves.found_on(sensor, *axisymmetric.resolution_of(refinement))
+                found = curves.found_on(sensor, *axisymmetric.resolution_of(int(refinement)))
                 mesh = RoundMesh(found.without(NEGLIGIBLE), time.process_time() - start)
             else:
-                known = solid.found_on(sensor, ladders.resolution(sensor, refinement))
+                known = solid.found_on(sensor, _resolution(sensor, refinement))
                 mesh = SolidMesh(replace(known, poles=known.poles.without(NEGLIGIBLE)), time.process_time() - start)
             write(path, mesh, key)
             written.append(path)
@@ -198,6 +207,12 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
     for old in set(STORED.glob(f"{design}.*{SUFFIX}")).difference(written):
         old.unlink()
     _find.cache_clear()
+
+
+def _resolution(sensor: SolidParameters, refinement: int | str) -> Resolution:
+    """Resolution of a shipped mesh."""
+    higher = ladders.meshes(sensor).higher
+    return higher if refinement == HIGHER and higher else ladders.resolution(sensor, int(refinement))
 
 
 def model_of(parameters: Parameters) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -69,7 +69,7 @@ class Target:
     Attributes:
         absolute: whether the tolerance is absolute, not on the model's scale.
         plan: the plan; None: no time on the bench reaches the tolerance.
-        after: its bench time after the first mounting [s].
+        after: its bench time after the first mounting, on average [s].
         why: why there is no plan, with other ways there.
     """
 
@@ -93,16 +93,14 @@ class Setting:
         design: the sensor of the bench, with its calibrated films.
         question: the model that turns the ratio into the modulus.
         loads: loads among which a plan chooses [N, peak to peak].
-        frequency: frequency of the load [Hz].
-        mounted: relative standard deviation of the ratio from mounting to mounting; None: not known.
+        wanted: frequency of the load, what is known of mountings, and who mounts; each plan has its own tolerance.
         references: calibration of the model by references; None: there is none.
     """
 
     design: Design
     question: Question
     loads: Sequence[float]
-    frequency: float
-    mounted: float | None = None
+    wanted: Wanted
     references: ByReferences | None = None
 
 
@@ -141,7 +139,6 @@ class ModulusFront:
             RangeError: the model does not answer for this sensor, or tells no more than a bound of the object.
         """
         design, question, loads = setting.design, setting.question, setting.loads
-        frequency, mounted = setting.frequency, setting.mounted
         found = expected(question, modulus, setting.references)
         if found.sensitivity is None:
             raise RangeError(
@@ -151,7 +148,7 @@ class ModulusFront:
             )
 
         def wanted(tolerance: float | None, time: float | None, relative: bool) -> Wanted:
-            return Wanted(tolerance, time, relative, frequency, None, mounted)
+            return replace(setting.wanted, tolerance=tolerance, time=time, relative=relative)
 
         def target(tolerance: float, absolute: bool) -> Target:
             asked = wanted(tolerance, None, not absolute)
@@ -165,12 +162,13 @@ class ModulusFront:
                 why = str(error)
             else:
                 if plan.allocation.sets <= MOST_SETS:
-                    return Target(tolerance, absolute, plan, _after(plan, frequency))
+                    return Target(tolerance, absolute, plan, _after(plan, plan.times.mean, asked))
                 why = str(too_many_sets(asked, found, design, loads, plan))
             return Target(tolerance, absolute, None, why=why)
 
         targets = [target(tolerance, absolute) for absolute in (False, True) for tolerance in TARGETS]
-        costs = costs_of(max(loads), frequency)
+        frequency = setting.wanted.frequency
+        costs = costs_of(max(loads), frequency, setting.wanted.mounts)
         first = costs.seconds(1, 1, shortest(frequency))
         longest = max((each.plan.allocation.seconds for each in targets if each.plan is not None), default=0.0)
         end = min(max(LEAST_END, 1.3 * longest), GREATEST_END)
@@ -191,7 +189,7 @@ class ModulusFront:
             person=costs.person,
             points=tuple(points[seconds] for seconds in sorted(points)),
             targets=tuple(targets),
-            mounting_u=None if mounted is None else math.hypot(*by_mounting),
+            mounting_u=None if setting.wanted.mounted is None else math.hypot(*by_mounting),
             model_u=floor if known else None,
         )
 
@@ -213,10 +211,10 @@ class ModulusFront:
         }
 
 
-def _after(plan: Prospect, frequency: float) -> float:
-    """Bench time of a plan after its first mounting [s]."""
-    costs = costs_of(plan.load, frequency)
-    return plan.allocation.seconds - costs.start - costs.mounting
+def _after(plan: Prospect, seconds: float, wanted: Wanted) -> float:
+    """What is left of a plan's bench time after its first mounting [s]."""
+    costs = costs_of(plan.load, wanted.frequency, wanted.mounts)
+    return seconds - costs.start - costs.mounting
 
 
 def _point(design: Design, found: Expected, wanted: Wanted, plan: Prospect) -> FrontPoint:
@@ -228,5 +226,5 @@ def _point(design: Design, found: Expected, wanted: Wanted, plan: Prospect) -> F
         shares.append({row["name"]: row["share"] for row in rows})
     noise = math.hypot(*(line.u for line in lines if line.per is Unit.SECOND))
     known = found.validation.u is not None
-    after = _after(plan, wanted.frequency)
+    after = _after(plan, taken.seconds, wanted)
     return FrontPoint(after, plan, noise / math.sqrt(taken.sets * taken.dwell), shares[0], shares[1] if known else None)

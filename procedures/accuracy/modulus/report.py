@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.instrument.allocation.stopping import FIRST
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.measurements.object_modulus.prospect import Prospect
+from palpate.procedures.measurements.repeated_sets import share
 from palpate.procedures.showing.figure import save_in_new
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
@@ -32,16 +33,16 @@ def title_of(front: ModulusFront) -> str:
 
 def plan_text(plan: Prospect) -> str:
     """A plan in a few words; one mounting is not told."""
-    return f"{_sets_text(plan)} of {show(plan.load, 'N')}, {show(plan.allocation.dwell, 's')}"
+    return f"{_sets_text(plan)}, {show(plan.load, 'N')}, {show(plan.allocation.dwell, 's')}"
 
 
 def _sets_text(plan: Prospect) -> str:
     mountings, sets = plan.allocation.mountings, plan.allocation.sets
-    return counted(sets, "set") if mountings == 1 else f"{mountings} mountings x {counted(sets // mountings, 'set')}"
+    return counted(sets, "set") if mountings == 1 else f"{mountings} x {counted(sets // mountings, 'set')}"
 
 
 def percent(u: float | None) -> str:
-    return "not known" if u is None else f"{100 * u:.2g} %"
+    return "not known" if u is None else share(u)
 
 
 def print_modulus_front(front: ModulusFront, simulated: bool, plot: Path | None) -> None:
@@ -60,9 +61,11 @@ def print_modulus_front(front: ModulusFront, simulated: bool, plot: Path | None)
         binds = max(shares, key=lambda name: shares[name])
         table.add_row(
             duration(plan.allocation.seconds), plan_text(plan), percent(plan.scale_u), percent(plan.absolute_u),
-            f"{binds} {100 * shares[binds]:.1f} %",
+            f"{binds} {share(shares[binds])}",
         )  # fmt: skip
-    refused = [target for target in front.targets[half:] if target.plan is None]
+    refused = [[each for each in some if each.plan is None] for some in (front.targets[:half], front.targets[half:])]
+    plans = [each.plan for each in front.targets if each.plan is not None] + [each.plan for each in front.points]
+    several = any(plan.allocation.mountings > 1 for plan in plans)
     mounted = (
         "the scatter of mountings was never measured and counts as none: --mounting-scatter"
         if front.mounting_u is None
@@ -75,19 +78,20 @@ def print_modulus_front(front: ModulusFront, simulated: bool, plot: Path | None)
         f" {mounted}",
         f"u: relative standard uncertainty. With fewer than {FIRST} sets it leans upon what is known of the sensor;"
         " noise of the films is that of the scene or bench file (noise), or else the usual one",
-        *([refused[-1].why] if refused else []),
+        *(["2 x 10 sets: two mountings of ten load sets each"] if several else []),
+        *(some[-1].why for some in refused if some),
         *([] if plot is None else [f"plot           {plot}"]),
     )
 
 
 def _cells(target: Target) -> tuple[str, str, str]:
     if target.plan is None:
-        return f"none: {target.why.splitlines()[0]}", "", ""
+        return "none, as told below", "", ""
     return plan_text(target.plan), duration(target.plan.times.mean), percent(target.plan.scale_u)
 
 
 def _absolute(target: Target) -> str:
-    return "no time reaches it" if target.plan is None else duration(target.plan.times.mean)
+    return "not reached" if target.plan is None else duration(target.plan.times.mean)
 
 
 def plot_modulus_front(front: ModulusFront, simulated: bool, folder: Path) -> Path:
@@ -162,7 +166,7 @@ def _draw_front(front: ModulusFront, ax: Axes, times: Sequence[float]) -> None:
 
 
 def _short(plan: Prospect) -> str:
-    return f"{_sets_text(plan)}, {duration(plan.allocation.seconds)} in all"
+    return f"{_sets_text(plan)}, {duration(plan.times.mean)} in all"
 
 
 def _annotate(ax: Axes, text: str, at: tuple[float, float], below: bool) -> None:

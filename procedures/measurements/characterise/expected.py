@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.uncertainty.budget import Component
-from palpate.procedures.engine.plan import NOISE
+from palpate.procedures.engine.plan import noise_of
 from palpate.procedures.engine.promise import RELATIVE, Expected
 from palpate.procedures.measurements.characterise import definitions as named
 from palpate.procedures.measurements.characterise.uncertainty import (
@@ -31,7 +31,7 @@ from palpate.procedures.measurements.characterise.uncertainty import (
 )
 from palpate.procedures.measurements.prospects import film_noise, load_on, reading_u
 from palpate.procedures.steps.checks import preload_for
-from palpate.procedures.steps.films import HEADROOM, SAMPLES_PER_CYCLE
+from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 
 ROUNDED = 0.12  # relative scatter of a record's noise that is all rounding: an offset passes steps, or stands still [M]
 
@@ -63,11 +63,6 @@ class Conditions:
         """Number of samples in each record."""
         return round(SAMPLES_PER_CYCLE * self.frequency * self.dwell)
 
-    @property
-    def density(self) -> float:
-        """Amplitude density of the films' noise [V/√Hz]: that of the bench file, or the usual one."""
-        return self.design.noise or NOISE
-
     def force(self, film: Film, load: float) -> float:
         """Force on a film under a load [N, peak to peak]."""
         return load_on(self.design, film, self.ratio, load)
@@ -77,7 +72,9 @@ class Conditions:
         steps = math.sqrt(2 / self.samples) * self.rounding(film)
         forces = [self.force(film, load) for load in self.loads]
         relative = [
-            math.hypot(film_noise(film, force, self.dwell, self.density), steps / (film.sensitivity * force / 2))
+            math.hypot(
+                film_noise(film, force, self.dwell, noise_of(self.design)), steps / (film.sensitivity * force / 2)
+            )
             for force in forces
         ]
         return np.array(self.loads) * relative
@@ -137,7 +134,7 @@ def _sources(of: Conditions, film: Film, rounds: int, times: Sequence[float], fo
     top, span, middle = float(loads.max()), float(np.ptp(loads)), len(of.loads) // 2
     minutes = np.asarray(times) / 60
     square = of.rounding(film) ** 2
-    rounded = ROUNDED * square / (square + of.density**2 * of.samples / of.dwell / 2)
+    rounded = ROUNDED * square / (square + noise_of(of.design) ** 2 * of.samples / of.dwell / 2)
     random = 1 / math.sqrt(2 * of.samples)
     widest = 2 * max(RANGE_VOLTS) * top / (film.sensitivity * of.force(film, top))
     return Sources(

@@ -106,7 +106,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
         check_bench_time(self.time, "30 min")
-        if repeats := self.repeats(target.design, _cell(target)):
+        if repeats := self.repeats(target):
             repeats.allocation()
 
     def required_loads(self) -> RequiredLoads:
@@ -117,12 +117,10 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
 
         With a tolerance or a time, there are the most rounds up that a run can have.
         """
-        repeats = self.repeats(target.design, _cell(target))
-        later, up = self._seconds(), self.loads * (repeats.most() if repeats else 1)
-        steps = [
-            self._step(LOADING, load, later if number else point_seconds(self.frequency, self.dwell, first=True))
-            for number, load in enumerate(up)
-        ]
+        repeats = self.repeats(target)
+        first, later = self._first(target), self._seconds()
+        up = self.loads * (repeats.most() if repeats else 1)
+        steps = [self._step(LOADING, load, later if number else first) for number, load in enumerate(up)]
         steps += [self._step(UNLOADING, load, later) for load in self.loads[::-1]]
         steps += [self._step(HOLDING, self.middle, seconds) for seconds in self._holding()]
         times = [STANDING + self.interval * number for number in range(DRIFT_POINTS + 1)]
@@ -133,23 +131,27 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
 
     def skips(self, step: CharacteriseStep, points: Sequence[FilmsPoint], lab: Lab) -> bool:
         """Whether the rounds up before a step give the tolerance, or fill the time."""
-        repeats = self.repeats(lab.design, lab.calibration)
+        repeats = self.repeats(lab.target)
         return repeats is not None and step.direction == LOADING and repeats.has_enough(points)
 
-    def repeats(self, design: Design, cell: LoadCellCalibration | None) -> SlopeRepeats | None:
+    def repeats(self, target: Target) -> SlopeRepeats | None:
         """The repeated rounds, where a tolerance or a time is given; None: neither is."""
         if self.tolerance is None and self.time is None:
             return None
         later = self._seconds()
         after = len(self.loads) * later + math.fsum(self._holding()) + END
-        before = point_seconds(self.frequency, self.dwell, first=True) - later
-        costs = Costs(before + after, 0.0, later - self.dwell)
-        return SlopeRepeats(self.conditions(design, cell), costs, after, self.tolerance, self.time)
+        costs = Costs(self._first(target) - later + after, 0.0, later - self.dwell)
+        asked = self.conditions(target.design, _cell(target))
+        return SlopeRepeats(asked, costs, after, self.tolerance, self.time, target.mounts)
 
     def conditions(self, design: Design, cell: LoadCellCalibration | None) -> Conditions:
         """The conditions that a plan expects; `cell` None: the load cell of the thesis."""
         ratio, loads = expected_ratio(design, self.sample), tuple(self.loads)
         return Conditions(design, ratio, loads, self.frequency, self.dwell, cell or THESIS_LOAD_CELL)
+
+    def _first(self, target: Target) -> float:
+        """Expected time of the first load, with the sample's mounting [s]."""
+        return point_seconds(self.frequency, self.dwell, first=True, mounts=target.mounts)
 
     def _seconds(self) -> float:
         """Expected time of a load after the first one [s]."""
@@ -179,7 +181,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
 
     def evaluate(self, points: Sequence[FilmsPoint], lab: Lab) -> CharacteriseResult:
         widest = max(lab.bench.role(SensorNode).ranges.values())
-        limit, repeats = lab.bench.force_limit, self.repeats(lab.design, lab.calibration)
+        limit, repeats = lab.bench.force_limit, self.repeats(lab.target)
         if repeats is None:
             return evaluate(points, lab.design, lab.calibration, self.dwell, limit, widest)
         lines = repeats.found(points)

@@ -19,17 +19,18 @@ from palpate.instrument.allocation.lines import Costs, Line, Unit, budget, merge
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM, SCATTER
-from palpate.instrument.quantity import counted, show
+from palpate.instrument.quantity import as_typed, counted, show
 from palpate.instrument.sensor.design import Film
 from palpate.instrument.uncertainty.budget import Component
-from palpate.procedures.engine.plan import MOUNTING, Predicted
+from palpate.procedures.engine.plan import Predicted
 from palpate.procedures.engine.promise import RESULTS
+from palpate.procedures.lab.mounts import BY_HAND, Mounts
 from palpate.procedures.measurements.characterise.definitions import RESOLUTION, SNR
 from palpate.procedures.measurements.characterise.expected import Conditions, expected_figures
 from palpate.procedures.measurements.characterise.point import LEAST_LOADS, LOADING, FilmsPoint
 from palpate.procedures.measurements.characterise.uncertainty import cell_component
 from palpate.procedures.measurements.prospects import reading_u
-from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, share
+from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, reachable, share
 from palpate.procedures.showing.plan import duration
 
 READING = "reading of the loads"
@@ -50,6 +51,7 @@ class SlopeRepeats:
         after: of that, the time after the last round [s].
         tolerance: relative standard uncertainty of each film's sensitivity; None: as good as the time allows.
         time: bench time of the run [s]; None: as long as the tolerance takes.
+        mounts: who mounts the sample, and how long that takes.
     """
 
     of: Conditions
@@ -57,6 +59,7 @@ class SlopeRepeats:
     after: float
     tolerance: float | None
     time: float | None
+    mounts: Mounts = BY_HAND
 
     def allocation(self) -> Allocation:
         """The plan in whole rounds, by the film that needs most of them.
@@ -180,7 +183,7 @@ class SlopeRepeats:
         lines = [
             f"wanted         {self._wanted()}",
             f"plan           {counted(rounds, 'round')} of {loads} loads up, of {dwell}; then down and held",
-            f"time           {duration(plan.seconds)} (person {MOUNTING:g} s)",
+            f"time           {duration(plan.seconds)} ({self.mounts.told(1)})",
             f"expected       {share(plan.u, 3)} of each sensitivity at most, {resolution} of each resolution,",
             f"               {most(SNR):.2g} dB of each {SNR}",
             f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
@@ -246,14 +249,14 @@ def _for_time(asked: SlopeRepeats, time: float) -> Allocation:
     least = asked.costs.start + each
     if time < least:
         raise RangeError(
-            f"--time {time:g} s is too short: one round of {counted(loads, 'load')} and what follows take "
+            f"--time {as_typed(time, 's')} is too short: one round of {counted(loads, 'load')} and what follows take "
             f"{least:.0f} s; give more time, a shorter --drift-time, or fewer --loads"
         )
     rounds = max(1, math.floor((time - RESERVE - asked.costs.start) / each))
     if rounds * loads > MOST_SETS:
         raise RangeError(
-            f"--time {time:g} s holds {rounds * loads} load sets on the way up, above the limit of {MOST_SETS}; give "
-            "less time"
+            f"--time {as_typed(time, 's')} holds {rounds * loads} load sets on the way up, above the limit of "
+            f"{MOST_SETS}; give less time"
         )
     return _worst(asked, rounds * loads)
 
@@ -269,7 +272,7 @@ def _for_tolerance(asked: SlopeRepeats, tolerance: float) -> Allocation:
     if sets > MOST_SETS:
         raise RangeError(
             f"--tolerance {share(tolerance, 3)} takes {sets} load sets on the way up, above the limit of {MOST_SETS}; "
-            "ask for more"
+            f"give --tolerance '{reachable(_worst(asked, MOST_SETS).u)}' or more"
         )
     return _worst(asked, sets)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.quantity import counted, show
+from palpate.instrument.quantity import counted, show_with_u
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
 from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING
@@ -88,4 +88,4 @@ def _shown(row: Characteristic) -> tuple[str, str]:
             return f"{100 * row.value:+z.4f} %/min", f"{100 * row.u:z.4f} %/min"
         case "dB":
             return f"{row.value:z.1f} dB", f"{row.u:z.1f} dB"
-    return show(row.value, row.unit), show(row.u, row.unit, 2)
+    return show_with_u(row.value, row.u, row.unit)

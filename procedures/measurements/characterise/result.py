@@ -13,7 +13,7 @@ import numpy.typing as npt
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
@@ -34,6 +34,7 @@ from palpate.procedures.measurements.characterise.uncertainty import (
     factor,
     noise_component,
 )
+from palpate.procedures.steps.flags import reasons
 
 SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
 LEAST_DRIFT_POINTS = 3
@@ -132,6 +133,13 @@ def evaluate(
         EstimateError: too few points are valid for a line.
     """
     valid = [p for p in (*(p for p in points if p.direction != HOLDING), *_longest_hold(points)) if p.valid]
+    going_up = {p.load_N for p in valid if p.direction == LOADING}
+    held = sum(p.direction == HOLDING for p in valid)
+    if len(going_up) < LEAST_LOADS or held < LEAST_DRIFT_POINTS:
+        raise EstimateError(
+            f"{counted(len(going_up), 'load')} up and {counted(held, 'point')} under the load that is held are valid,"
+            f" and {LEAST_LOADS} and {LEAST_DRIFT_POINTS} are needed. {reasons(points)}"
+        )
     found = [
         each
         for number, film in enumerate(design.films)
@@ -174,11 +182,6 @@ def _film(
     ways = {way: [p for p in points if p.direction == way] for way in (LOADING, UNLOADING, HOLDING)}
     up, held = ways[LOADING], ways[HOLDING]
     going_up, going_down = means(up, number), means(ways[UNLOADING], number)
-    if len(going_up) < LEAST_LOADS or len(held) < LEAST_DRIFT_POINTS:
-        raise EstimateError(
-            f"film {film.name!r}: {len(going_up)} loads up and {len(held)} while holding are valid, {LEAST_LOADS} and"
-            f" {LEAST_DRIFT_POINTS} are needed; see the record for what was flagged"
-        )
     loads, volts = (
         np.array(values) for values in zip(*((p.load_measured_N, p.voltages_V[number]) for p in up), strict=True)
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.sensor.design import Design
+from palpate.procedures.engine.plan import noise_of
 from palpate.procedures.engine.promise import Expected
 from palpate.procedures.measurements.prospects import film_noise, reading_u
 
@@ -32,7 +33,10 @@ def expected_sensitivities(
     common = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
     found = []
     for film in design.films:
-        points = [math.hypot(film.scatter, film_noise(film, load, dwell), reading_u(cell, load)) for load in loads]
+        noise = [film_noise(film, load, dwell, noise_of(design)) for load in loads]
+        points = [
+            math.hypot(film.scatter, each, reading_u(cell, load)) for each, load in zip(noise, loads, strict=True)
+        ]
         count = len(points) * frequencies * len(film.teeth)
         scatter = math.sqrt(math.fsum(u**2 for u in points) / len(points) / count)
         found.append(Expected(f"sensitivity of film {film.name}", math.hypot(scatter, common)))

@@ -39,6 +39,7 @@ from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Loa
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.films import check_nodes
+from palpate.procedures.steps.flags import causes
 from palpate.procedures.steps.probe import lower, withdraw
 
 
@@ -214,7 +215,7 @@ class Pressing(DynamicLoadWork):
             valid=measured.valid,
             flags=measured.flags,
         )
-        why = f"{step.what}: the point is flagged ({', '.join(measured.flags)}); remove the cause and calibrate again"
+        why = f"{step.what}: the point is not valid, and a calibration needs each. {causes(measured.flags)}"
         return Measurement(point, measured.waveforms(design), None if measured.valid else DeviceError(why))
 
 

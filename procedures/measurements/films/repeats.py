@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
 from palpate.instrument.allocation.stopping import FIRST, enough
 from palpate.instrument.calibration.films import LOAD_CELL, REPEATS
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -23,12 +23,12 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.plan import MOUNTING, Predicted, point_seconds
-from palpate.procedures.engine.plan import NOISE as VOLTS
+from palpate.procedures.engine.plan import Predicted, noise_of, point_seconds
 from palpate.procedures.engine.promise import RESULTS
+from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.measurements.films.expected import expected_sensitivities
 from palpate.procedures.measurements.films.result import PressedPoint
-from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, share
+from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, reachable, share
 from palpate.procedures.showing.plan import duration
 
 
@@ -67,7 +67,7 @@ class FilmRepeats:
         share = 1 / math.sqrt(len(self.frequencies))
         return [
             Line(REPEATS, share * worst, Unit.SET, PRIOR_FREEDOM),
-            Line(NOISE, share * 2 * VOLTS / weakest, Unit.SECOND),
+            Line(NOISE, share * 2 * noise_of(self.design) / weakest, Unit.SECOND),
             Line(LOAD_CELL, self.cell_u, Unit.NOTHING, self.cell.degrees_of_freedom or math.inf),
         ]
 
@@ -141,8 +141,9 @@ def _allocation(asked: FilmRepeats) -> Allocation:
         ]
         raise RangeError("\n  ".join(told)) from None
     if found.sets > MOST_SETS:
+        best = reachable(budget(lines, 1, MOST_SETS, asked.dwell).u)
         raise RangeError(
             f"--tolerance {share(asked.tolerance, 3)} takes {found.sets} load sets on each tooth, above the limit of "
-            f"{MOST_SETS}; ask for more"
+            f"{MOST_SETS}; give --tolerance '{best}' or more"
         )
     return in_rounds(lines, asked.costs, found.sets, asked.dwell, len(asked.loads))

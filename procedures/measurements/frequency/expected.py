@@ -15,6 +15,7 @@ import numpy as np
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.frequency_response import fit_corner, high_pass
+from palpate.procedures.engine.plan import noise_of
 from palpate.procedures.engine.promise import Expected
 from palpate.procedures.measurements.prospects import film_noise, load_on, reading_u
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER
@@ -43,7 +44,7 @@ def expected_corners(
     passed = np.exp(high_pass(np.asarray(frequencies, dtype=np.float64), 0.0, corner))
     found = []
     for film in design.films:
-        noise = film_noise(film, load_on(design, film, ratio, load), 1.0) / np.sqrt(dwells) / passed
+        noise = film_noise(film, load_on(design, film, ratio, load), 1.0, noise_of(design)) / np.sqrt(dwells) / passed
         u = np.sqrt(film.scatter**2 + noise**2 + reading_u(cell, load) ** 2)
         fitted = fit_corner(frequencies, passed, passed * u)
         if fitted is not None:

@@ -102,7 +102,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         steps: list[FrequencyStep] = []
         for frequency in self.frequencies:
             dwell = dwell_at(frequency, self.dwell)
-            seconds = point_seconds(frequency, dwell, first=not steps, steps=first_steps(self.load))
+            seconds = point_seconds(frequency, dwell, not steps, first_steps(self.load), target.mounts)
             what, group = show(frequency, "Hz"), f"mount sample {self.sample}"
             steps.append(FrequencyStep(dwell, seconds, None, frequency, what=what, group=group))
         ratio = expected_ratio(target.design, self.sample)

@@ -84,11 +84,12 @@ def late(wanted: Wanted, points: Sequence[LoadCellPoint], loads: int, part: floa
     return taken + run_seconds(loads) + RESERVE > part * wanted.time
 
 
-def stopped(wanted: Wanted, found: Learned) -> str:
-    """Why the series ended, for people."""
-    if wanted.tolerance is None or (wanted.time is not None and found.u > wanted.tolerance and not found.why_not):
-        why = f"another run would not have ended within {duration(wanted.time or 0.0)}"
-    else:
-        why = found.why_not
+def stopped(wanted: Wanted, found: Learned, *, by_time: bool) -> str:
+    """Why the series ended, for people; `by_time`: whether the time has no place for another run."""
+    why = found.why_not
+    if not why and (wanted.tolerance is None or found.u > wanted.tolerance):
+        why = "the most runs that were planned are done"
+        if by_time:
+            why = f"another run would not have ended within {duration(wanted.time or 0.0)}"
     asked = "" if wanted.tolerance is None else f", {told(wanted.tolerance)} was asked for"
     return f"{told(found.u)} reached{asked}{f'; {why}' if why else ''}"

@@ -15,12 +15,13 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import RangeError, UsageError, quoted
 from palpate.instrument.quantity import LARGEST_TOLERANCE, check_tolerance, counted
-from palpate.procedures.engine.plan import MOUNTING, Plan, Predicted
+from palpate.procedures.engine.plan import Plan, Predicted
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep, load_cell_path
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.lab.probable import probable_load_cell
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
@@ -218,7 +219,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         runs, why = list(runs_of(points, len(loads))), ""
         if self._is_planned:
             wanted = self._wanted(lab.target)
-            why = stopped(wanted, learned(wanted, loads, runs, indicator.resolution_mV))
+            by_time = late(wanted, points[: len(runs) * points_of_run(len(loads))], len(loads), 1.0)
+            why = stopped(wanted, learned(wanted, loads, runs, indicator.resolution_mV), by_time=by_time)
         elif self.iso_class is not None:
             why = self.enough(points, lab) or "all runs are made"
         crept = points[-1].direction.startswith(CREEP)

@@ -21,10 +21,11 @@ from palpate.instrument.calibration.displayed import rounding_u
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_curve import WEIGHTS, slope_u
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import counted
+from palpate.instrument.quantity import as_typed, counted
 from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
-from palpate.procedures.engine.plan import MOUNTING, Predicted
+from palpate.procedures.engine.plan import Predicted
 from palpate.procedures.engine.promise import RESULTS
+from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.measurements.load_cell.expected import SENSITIVITY, told
 from palpate.procedures.measurements.load_cell.refusal import below_floor
 from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SETTLING
@@ -33,7 +34,7 @@ from palpate.procedures.showing.plan import duration
 
 Floats = npt.NDArray[np.float64]
 
-REPEATABILITY, RESOLUTION = "repeatability", "resolution"
+READINGS, RESOLUTION = "scatter of readings", "resolution"
 FEWEST_LOADS = 5  # of a curve of degree 1: three degrees of freedom tell whether readings are off it
 MOST_RUNS = 1000  # in all positions together
 RESERVE = 1.0  # s, for a run that takes longer than usual
@@ -108,7 +109,7 @@ def lines_of(
     sensitivity = float(interpolate(load, reading, 0.0, degree).coefficients[1])
     rounded = powers[1] * rounding_u(load, reading, weights, scatter, step, 2 * REPEATS * runs)
     lines = [
-        Line(REPEATABILITY, slope_u(load, degree) / sensitivity * scatter / math.sqrt(2 * REPEATS), Unit.SET),
+        Line(READINGS, slope_u(load, degree) / sensitivity * scatter / math.sqrt(2 * REPEATS), Unit.SET),
         Line(RESOLUTION, float(np.linalg.norm(rounded)) / sensitivity, Unit.NOTHING),
     ]
     return lines + ([Line(WEIGHTS, loads_u, Unit.NOTHING)] if loads_u else [])
@@ -159,7 +160,7 @@ def _for_tolerance(wanted: Wanted) -> Series:
     if best.allocation.sets > MOST_RUNS:
         raise RangeError(
             f"--tolerance {told(wanted.tolerance or 0.0)} takes {counted(best.allocation.sets, 'run')} up and down, "
-            f"{duration(best.allocation.seconds)}, above the limit of {MOST_RUNS} runs; ask for more"
+            f"{duration(best.allocation.seconds)}, above the limit of {MOST_RUNS} runs; give a greater --tolerance"
         )
     return best
 
@@ -170,16 +171,16 @@ def _for_time(wanted: Wanted) -> Series:
     if not loads:
         fewest = _choices(wanted)[0]
         raise RangeError(
-            f"--time {duration(time)} is too short: {counted(wanted.runs * wanted.positions, 'run')} up and down with "
-            f"{counted(len(fewest), 'weight')} {'takes' if wanted.runs * wanted.positions == 1 else 'take'} "
+            f"--time {as_typed(time, 's')} is too short: {counted(wanted.runs * wanted.positions, 'run')} up and down "
+            f"with {counted(len(fewest), 'weight')} {'takes' if wanted.runs * wanted.positions == 1 else 'take'} "
             f"{duration(math.ceil(_least_seconds(wanted, fewest)))}; give more time"
         )
     found = [planned(asked, each, _expected_lines(asked, each)) for each in loads]
     best = min(found, key=lambda each: (each.allocation.u, each.allocation.seconds))
     if best.allocation.sets > MOST_RUNS:
         raise RangeError(
-            f"--time {duration(time)} holds {counted(best.allocation.sets, 'run')} up and down, above the limit of "
-            f"{MOST_RUNS} runs; give less time"
+            f"--time {as_typed(time, 's')} holds {counted(best.allocation.sets, 'run')} up and down, above the limit "
+            f"of {MOST_RUNS} runs; give less time"
         )
     return best
 

@@ -31,7 +31,7 @@ from palpate.instrument.quantity import counted, show
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR
 from palpate.instrument.uncertainty.interpolation import polynomials
 from palpate.instrument.uncertainty.rounding import mean_u
-from palpate.procedures.engine.plan import MOUNTING
+from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.measurements.load_cell.expected import told
 from palpate.procedures.measurements.load_cell.result import REPEATS
 from palpate.procedures.measurements.load_cell.series import run_seconds, spread, weighing_seconds

@@ -84,7 +84,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
             check_time(self.dwell, self.frequency)
             return
         check_tolerance(self.tolerance, f"tolerance {self.tolerance:g}")
-        if repeats := self.repeats(target.design):
+        if repeats := self.repeats(target):
             for sample in self.samples:
                 repeats.allocation(sample)
 
@@ -96,19 +96,19 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         objects = [get_sample(name) for name in self.samples]
         return Dwells(objects, (min(self.loads), max(self.loads)), self.frequency, dwell)
 
-    def repeats(self, design: Design) -> Repeats | None:
+    def repeats(self, target: Target) -> Repeats | None:
         """The repeated load sets, where one of a sample cannot have the tolerance; None: one can, or none is asked."""
-        if self.tolerance is None or one_set_suffices(design, self.samples, self.tolerance):
+        if self.tolerance is None or one_set_suffices(target.design, self.samples, self.tolerance):
             return None
-        return Repeats(design, tuple(self.loads), self.frequency, self.tolerance)
+        return Repeats(target.design, tuple(self.loads), self.frequency, self.tolerance, target.mounts)
 
     def plan(self, target: Target) -> Plan[LoadStep]:
         """All points: every load on every sample; with a tolerance of the mean, the most load sets of each sample."""
-        if repeats := self.repeats(target.design):
+        if repeats := self.repeats(target):
             return self._repeated(repeats)
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
         steps = [
-            self._step(target.design, name, load, told, first=not number)
+            self._step(target, name, load, told, first=not number)
             for name in self.samples
             for number, (load, told) in enumerate(sets)
         ]
@@ -124,7 +124,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
             dwell, most = repeats.allocation(sample).dwell, repeats.most(sample)
             for number in range(most):
                 load = self.loads[number % len(self.loads)]
-                seconds = point_seconds(self.frequency, dwell, first=not number)
+                seconds = point_seconds(self.frequency, dwell, first=not number, mounts=repeats.mounts)
                 what, group = f"sample {sample}, {load:g} N, set {number + 1}", f"mount sample {sample}"
                 scatter = repeats.design.ratio_scatter
                 steps.append(LoadStep(dwell, seconds, scatter, sample, load, what=what, group=group))
@@ -132,7 +132,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
 
     def skips(self, step: LoadStep, points: Sequence[LoadPoint], lab: Lab) -> bool:
         """Whether the sample of a step has the load sets that the tolerance of its mean needs."""
-        repeats = self.repeats(lab.design)
+        repeats = self.repeats(lab.target)
         if repeats is None:
             return False
         own = [point for point in points if point.sample == step.sample]
@@ -146,14 +146,15 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         ]
         return Expected.of(expected_mean(ratio_of(sample), design, ratio, self.loads, dwells))
 
-    def _step(self, design: Design, sample: str, load: float, told: str, first: bool) -> LoadStep:
+    def _step(self, target: Target, sample: str, load: float, told: str, first: bool) -> LoadStep:
+        design = target.design
         ratio = expected_ratio(design, sample)
         floor, noise = floor_of(design, ratio), expected_noise(design, load, ratio)
         recording, u = self.dwell, math.hypot(floor_u(floor), noise / math.sqrt(self.dwell))
         if self.tolerance is not None:
             chosen = self._chosen(design, load, ratio)
             recording, u = recording_seconds(chosen.dwell, self.frequency), chosen.u
-        seconds = point_seconds(self.frequency, recording, first=first)
+        seconds = point_seconds(self.frequency, recording, first=first, mounts=target.mounts)
         what, group = f"sample {sample}, {told}", f"mount sample {sample}"
         dwell = None if self.tolerance else self.dwell
         return LoadStep(dwell, seconds, u, sample, load, what=what, group=group)
@@ -167,7 +168,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         return Sweeping(lab, record, self)
 
     def evaluate(self, points: Sequence[LoadPoint], lab: Lab) -> SweepResult:
-        return evaluate(points, lab.design, self.repeats(lab.design), self.tolerance)
+        return evaluate(points, lab.design, self.repeats(lab.target), self.tolerance)
 
     def report(self, result: SweepResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
@@ -182,7 +183,7 @@ class Sweeping(DynamicLoadWork):
     def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep) -> None:
         super().__init__(lab, record, sweep.loads, sweep.frequency, sweep.samples, sweep.extrapolate)
         self._chosen: DwellChoice | None = None
-        if sweep.tolerance is not None and sweep.repeats(lab.design) is None:
+        if sweep.tolerance is not None and sweep.repeats(lab.target) is None:
             self._chosen = _chosen(lab.design, sweep.tolerance)
 
     def arrange(self, step: LoadStep) -> None:
@@ -206,7 +207,7 @@ def _chosen(design: Design, target: float) -> DwellChoice:
 
 
 def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, measured: FilmPoint) -> LoadPoint:
-    forces = film_forces(design, measured.fit)
+    forces = measured.forces(design)
     return LoadPoint(
         sample=step.sample,
         load_N=step.load_N,

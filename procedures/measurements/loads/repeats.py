@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
 from palpate.instrument.allocation.stopping import FIRST, Answer, answer, enough
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
@@ -20,11 +20,12 @@ from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, P
 from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.dwell import STEP, Floor, floor_u, whole_steps
-from palpate.procedures.engine.plan import MOUNTING, Predicted, expected_noise, point_seconds
+from palpate.procedures.engine.plan import Predicted, expected_noise, point_seconds
 from palpate.procedures.engine.promise import RESULTS, Expected
+from palpate.procedures.lab.mounts import BY_HAND, Mounts
 from palpate.procedures.measurements.loads.result import ratio_of
 from palpate.procedures.measurements.prospects import expected_ratio
-from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, share
+from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets, reachable, share
 from palpate.procedures.showing.plan import duration
 
 REMEDIES = {
@@ -42,12 +43,14 @@ class Repeats:
         loads: loads of one round, peak to peak [N].
         frequency: frequency of the load [Hz].
         tolerance: relative standard uncertainty of the mean ratio of each sample.
+        mounts: who mounts the samples, and how long that takes.
     """
 
     design: Design
     loads: tuple[float, ...]
     frequency: float
     tolerance: float
+    mounts: Mounts = BY_HAND
 
     def allocation(self, sample: str) -> Allocation:
         """The plan for a sample, in whole rounds and whole steps of dwell.
@@ -75,7 +78,7 @@ class Repeats:
     @property
     def costs(self) -> Costs:
         """Bench times of a sample, which is mounted once."""
-        first, later = (point_seconds(self.frequency, STEP, first=first) for first in (True, False))
+        first, later = (point_seconds(self.frequency, STEP, first=first, mounts=self.mounts) for first in (True, False))
         return Costs(first - later, 0.0, later - STEP)
 
     def most(self, sample: str) -> int:
@@ -101,7 +104,7 @@ class Repeats:
             f"wanted         {share(self.tolerance, 3)} of the mean ratio of each sample, below the "
             f"{share(self.design.ratio_scatter, 3)} that one load set scatters",
             f"plan           load sets of each sample: {sets}, of {show(dwell, 's')} at most: {duration(seconds)} "
-            f"(person {MOUNTING * len(plans):g} s)",
+            f"({self.mounts.told(len(plans))})",
             f"expected       {share(worst.u, 3)} at most",
             f"binds          {worst.binds}, {worst.shares[worst.binds]:.0%} of the variance",
         ]
@@ -139,13 +142,14 @@ def _allocation(asked: Repeats, sample: str) -> Allocation:
             f"--tolerance {share(asked.tolerance, 3)} cannot be reached for sample {sample}: {error.line} leaves "
             f"{share(error.floor, 3)} of its mean ratio, which no load set lowers",
             f"best now  {share(error.floor, 3)}",
-            f"or        {REMEDIES.get(error.line, 'lower that line')}",
+            f"or        {REMEDIES[error.line]}",
         ]
         raise RangeError("\n  ".join(told)) from None
     if found.sets > MOST_SETS:
+        best = reachable(budget(lines, 1, MOST_SETS, found.dwell).u)
         raise RangeError(
             f"--tolerance {share(asked.tolerance, 3)} takes {counted(found.sets, 'load set')} of sample {sample}, "
-            f"{duration(found.seconds)}, above the limit of {MOST_SETS} sets; ask for more"
+            f"{duration(found.seconds)}, above the limit of {MOST_SETS} sets; give --tolerance '{best}' or more"
         )
     dwell = whole_steps(max(found.dwell, shortest))
     return in_rounds(lines, asked.costs, found.sets, dwell, len(asked.loads))

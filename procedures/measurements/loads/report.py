@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult
-from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.figure import new_figure, plot_over_loads, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import new_table, number, percent, print_all, stamped, where
 
@@ -122,12 +121,9 @@ def _teeth(result: SweepResult, simulated: bool) -> Table:
 def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Path) -> Path:
     """Plot force ratios over loads, and the means beside the thesis' means. Returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2, f"force ratio, design {design.name}")
-    for marker, mean in zip(itertools.cycle(MARKERS), result.samples):
+    for which, mean in enumerate(result.samples):
         points = [p for p in result.points if p.sample == mean.sample]
-        left.errorbar(
-            [p.load_N for p in points], [p.force_ratio for p in points], [p.force_ratio_u for p in points],
-            marker=marker, ms=4, lw=1, capsize=2, label=f"sample {mean.sample}",
-        )  # fmt: skip
+        plot_over_loads(left, which, f"sample {mean.sample}", points)
     if invalid := [p for p in result.points if not p.valid]:
         left.plot([p.load_N for p in invalid], [p.force_ratio for p in invalid], "rx", ms=10, label="not valid")
     left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)", ylim=(0, None))

@@ -17,11 +17,12 @@ from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLO
 from palpate.instrument.findings.load_line import LEAST_POINTS, SURE, Series
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
-from palpate.procedures.engine.plan import MOUNTING, Plan, Step
+from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.measurements.modulus.expected import COMPLIANCE, expected_moduli
 from palpate.procedures.measurements.modulus.result import DisplaysPoint, ModulusResult
 from palpate.procedures.measurements.prospects import load_cell_of

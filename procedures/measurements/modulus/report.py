@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import show, show_with_u
 from palpate.instrument.thesis import COMPRESSION_TABLES, Table, read_table
 from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.lab.session import Outcome
@@ -94,5 +94,5 @@ def _printed(table: Table) -> RichTable:
 
 
 def _value(found: Propagated) -> str:
-    unit = found.budget.unit
-    return f"{show(found.value, unit)}, u = {show(found.u, unit, 2)}"
+    value, u = show_with_u(found.value, found.u, found.budget.unit)
+    return f"{value}, u = {u}"

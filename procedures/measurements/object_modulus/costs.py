@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from palpate.instrument.allocation.lines import Costs
-from palpate.procedures.engine.plan import MOUNTING
+from palpate.procedures.lab.mounts import BY_HAND, Mounts
 from palpate.procedures.steps.checks import preload_for
 from palpate.procedures.steps.films import settling_length
 from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
@@ -18,14 +18,18 @@ WITHDRAWAL = 2.1  # s, before each mounting but the first [M]
 SERVO_STEPS = 4  # to the load, after each mounting [M]
 
 
-def costs_of(load: float, frequency: float) -> Costs:
-    """Bench times of the measurement under a load [N, peak to peak] of a frequency [Hz]."""
+def costs_of(load: float, frequency: float, mounts: Mounts = BY_HAND) -> Costs:
+    """Bench times of the measurement under a load [N, peak to peak] of a frequency [Hz].
+
+    Each mounting is one of an object that lies there already; the first one, where none does, may be quicker.
+    """
     reading = (READINGS - 1) * READING_INTERVAL
     servo = SERVO_STEPS * (window(frequency) + READING_INTERVAL + reading) + reading
     approach = FIRST_TOUCH + PER_NEWTON * preload_for((load,))
     again = RELEASED / frequency + 2 * settling_length(frequency, shortest(frequency))
-    mounting = MOUNTING + approach + servo + WITHDRAWAL
-    return Costs(ZERO + end_seconds(load) - WITHDRAWAL, mounting, again, MOUNTING)
+    mounting = mounts.again + approach + servo + WITHDRAWAL
+    start = ZERO + end_seconds(load) - WITHDRAWAL - (mounts.again - mounts.seconds)
+    return Costs(max(start, 0.0), mounting, again, mounts.person)
 
 
 def end_seconds(load: float) -> float:

@@ -16,7 +16,7 @@ from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.plan import NOISE, expected_noise
+from palpate.procedures.engine.plan import expected_noise, noise_of
 from palpate.procedures.measurements.object_modulus.costs import costs_of, end_seconds
 from palpate.procedures.measurements.object_modulus.lines import (
     CURVE,
@@ -63,7 +63,7 @@ class Course:
     @property
     def costs(self) -> Costs:
         """Bench times, by which further mountings and sets are chosen."""
-        return costs_of(self.prospect.load, self.wanted.frequency)
+        return costs_of(self.prospect.load, self.wanted.frequency, self.wanted.mounts)
 
     def verdict(self, points: Sequence[ModulusPoint]) -> Verdict:
         """Whether the points are enough, and how many mountings and sets there will be in all."""
@@ -94,8 +94,10 @@ class Course:
         except RangeError:
             return Verdict(plan.mountings, plan.sets, "by the scatter that was found no time on the bench is enough")
         asked, each = plan.mountings, plan.sets // plan.mountings
-        if self.wanted.mountings is None or sum(len(sets) >= each for sets in ratios) >= asked:
+        missing = asked - sum(len(sets) >= each for sets in ratios)  # one that was interrupted does not count
+        if self.wanted.mountings is None or missing <= 0:
             return found
+        asked = len(ratios) + missing - (len(ratios[-1]) < each)
         if not found.why and found.mountings >= asked:
             return found
         each = each if found.why else max(each, math.ceil(found.sets / asked))
@@ -121,8 +123,8 @@ class Course:
     def _first_are_due(self, ratios: Ratios) -> bool:
         """Whether planned mountings lack sets of those that decide how many there are in all."""
         plan = self.prospect.allocation
-        full = sum(len(sets) >= first_sets(plan) for sets in ratios)
-        return full < (self.wanted.mountings or 1)
+        first = first_sets(plan)
+        return sum(min(len(sets), first) for sets in ratios) < first * (self.wanted.mountings or 1)
 
     def _seconds_after(self, points: Sequence[ModulusPoint], found: Verdict) -> float:
         """Bench time at the end of a measurement that takes another set [s]."""
@@ -184,7 +186,7 @@ class Course:
             told += f" scatter by {100 * pooled(0.0, 0.0, *ratios).u:.2g} %, and"
         told += f" were expected to by {100 * expected:.2g} %"
         if len(ratios) > plan.mountings:
-            told += f"; mountings scatter more than was known, so that {len(ratios)} were made, not {plan.mountings}"
+            told += f"; {len(ratios)} mountings were made, not {plan.mountings}"
         return told
 
     @property
@@ -203,11 +205,11 @@ class Course:
         if not parts:
             return None
         measured = math.hypot(*parts) / math.sqrt(len(parts))
-        return (self.design.noise or NOISE) * measured / self._set_noise
+        return noise_of(self.design) * measured / self._set_noise
 
     def _noisy(self, points: Sequence[ModulusPoint]) -> str:
         """That films were noisier than the plan says, where it matters; empty: they were not."""
-        density, planned = self.noise_density(points), self.design.noise or NOISE
+        density, planned = self.noise_density(points), noise_of(self.design)
         if density is None or density < NOISY * planned:
             return ""
         if self._set_noise * density / planned < MATTERS * self.design.ratio_scatter:
@@ -220,7 +222,7 @@ class Course:
 
     def _for_tolerance_ended(self, ratios: Ratios) -> bool:
         """Whether the number of sets follows from the scatter of the first ones."""
-        return len(ratios[0]) >= first_sets(self.prospect.allocation)
+        return sum(map(len, ratios)) >= first_sets(self.prospect.allocation)
 
     def too_alike(self, ratios: Ratios) -> bool:
         """Whether the sets repeat far better than gains are known to scatter from set to set.
@@ -251,8 +253,8 @@ class Course:
         if self.too_alike(ratios):
             scatter = math.hypot(self.design.ratio_scatter, self.wanted.mounted or 0.0)
             mounted = Line(MOUNTED, slope * scatter, Unit.MOUNTING, PRIOR_FREEDOM)
-        elif self.wanted.mounted is None and (own := mounting_scatter(ratios)) is not None and own[0] > 0:
-            mounted = Line(MOUNTED, slope * own[0], Unit.MOUNTING, float(own[1]), estimate=SETS)
+        elif self.wanted.mounted is None and (own := mounting_scatter(ratios)) is not None and own.u > 0:
+            mounted = Line(MOUNTED, slope * own.u, Unit.MOUNTING, float(own.degrees_of_freedom), estimate=SETS)
         else:
             return list(lines)
         kept = [line for line in lines if line.name != MOUNTED]

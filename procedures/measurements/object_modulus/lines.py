@@ -24,6 +24,7 @@ from palpate.instrument.models.validation_line import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.procedures.engine.plan import expected_noise
+from palpate.procedures.lab.mounts import BY_HAND, Mounts
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 
 MOUNTED, CURVE, VALIDATION = "mounting scatter", "discretisation", "validation"
@@ -45,6 +46,8 @@ class Wanted:
         mounted: relative standard deviation of the ratio from mounting to mounting; None: not known.
         mounted_freedom: its degrees of freedom; infinite where it is stated.
         mounted_by: where it comes from, for people; empty: it is stated, or not known.
+        mounts: who mounts the object, and how long that takes.
+        sample: name of the object, if it is one of the rubber samples; empty: it is none.
     """
 
     tolerance: float | None
@@ -55,6 +58,8 @@ class Wanted:
     mounted: float | None
     mounted_freedom: float = math.inf
     mounted_by: str = ""
+    mounts: Mounts = BY_HAND
+    sample: str = ""
 
 
 @dataclass(frozen=True, slots=True)

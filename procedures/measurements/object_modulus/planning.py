@@ -7,8 +7,6 @@ from dataclasses import replace
 from typing import Protocol
 
 from palpate.instrument.allocation.allocate import BelowFloor
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
-from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.object_modulus import ByReferences, answering
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.design import Design
@@ -33,8 +31,6 @@ class Asked(Protocol):
     @property
     def object(self) -> Sample: ...
 
-    def wanted(self, mountings: MountingScatter | None) -> Wanted: ...
-
     def model_question(self, design: Design) -> Question: ...
 
 
@@ -51,10 +47,10 @@ def prospect_of(
     design: Design,
     loads: tuple[float, ...],
     references: ByReferences | None,
-    mountings: MountingScatter | None = None,
+    wanted: Wanted,
 ) -> Prospect:
     """The plan of a procedure for one of some loads [N]; the same question comes with every set."""
-    question, wanted = procedure.model_question(design), procedure.wanted(mountings)
+    question = procedure.model_question(design)
     found, tolerance = expected(question, procedure.object.modulus, references), wanted.tolerance
     if found.sensitivity is None:
         return for_bound(found, wanted, loads[0])
@@ -66,10 +62,8 @@ def prospect_of(
         raise below_floor(wanted, question, found, design, loads, error) from None
     if tolerance is not None:
         check_mountings(wanted, found, tolerance)
-    if (sets := prospect.allocation.sets) > MOST_SETS:
-        if tolerance is not None:
-            raise too_many_sets(wanted, found, design, loads, prospect)
-        raise RangeError(f"the plan has {sets} sets, above {MOST_SETS}; give less --time")
+    if prospect.allocation.sets > MOST_SETS:
+        raise too_many_sets(wanted, found, design, loads, prospect)
     return prospect
 
 
@@ -79,8 +73,8 @@ def course_of(
     design: Design,
     loads: tuple[float, ...],
     references: ByReferences | None,
-    mountings: MountingScatter | None = None,
+    wanted: Wanted,
 ) -> Course:
     question = procedure.model_question(design)
-    prospect = prospect_of(procedure, design, loads, references, mountings)
-    return Course(design, question, curve_of(question, references), procedure.wanted(mountings), prospect)
+    prospect = prospect_of(procedure, design, loads, references, wanted)
+    return Course(design, question, curve_of(question, references), wanted, prospect)

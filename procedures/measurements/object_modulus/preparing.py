@@ -6,13 +6,15 @@ for all later runs. `prepared` finds how much of them makes the whole quickest.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from palpate.instrument.allocation.preparations import Preparation, Prepared, Way, prepare
+from palpate.instrument.allocation.preparations import Prepared, prepare
+from palpate.instrument.allocation.purchase import Preparation, Way
 from palpate.instrument.calibration.films import FEWEST
 from palpate.instrument.errors import PalpateError, RangeError
 from palpate.instrument.findings.film_forces import calibration_u, scatter_covariance
@@ -20,7 +22,8 @@ from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.plan import APPROACH, MOUNTING, point_seconds
+from palpate.procedures.engine.plan import APPROACH, point_seconds
+from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.measurements.object_modulus.lines import VALIDATION, Expected, Wanted
 from palpate.procedures.measurements.object_modulus.prospect import SHORT, fewest_of, way_of
 
@@ -43,14 +46,20 @@ def references_of(question: Question, found: Expected, design: Design) -> Prepar
             return None
         u = slope * math.sqrt(max(one.u**2 - more.u**2, 0.0))
         return Preparation(VALIDATION, u, -COMPRESSION * made, REFERENCE, made + 1, slope * more.u)
-    try:
-        spread = validate(question.design, question.parameters, found.model).ln_spread
-    except PalpateError:
-        return None
+    spread = _spread(question.design, question.parameters, found.model)
     if spread is None:
         return None
     own = slope * design.ratio_scatter / math.sqrt(REFERENCE_SETS)
     return Preparation(VALIDATION, math.hypot(slope * spread, REFERENCE_U, own), 0.0, REFERENCE, 1, slope * spread)
+
+
+@functools.lru_cache(maxsize=16)
+def _spread(design: str, parameters: str, model: str) -> float | None:
+    """How objects spread about a model's constant, by the thesis' samples; None: they do not tell."""
+    try:
+        return validate(design, parameters, model).ln_spread
+    except PalpateError:
+        return None
 
 
 def films_of(design: Design, found: Expected, frequency: float) -> Preparation | None:

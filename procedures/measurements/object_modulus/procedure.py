@@ -16,12 +16,12 @@ from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import keep, mountings_of, mountings_path
+from palpate.procedures.lab.calibrations import check_store, keep, mountings_of, mountings_path
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.probable import references_on, with_films
 from palpate.procedures.lab.session import Kept
@@ -34,10 +34,10 @@ from palpate.procedures.measurements.object_modulus.result import (
     LEAST_MOUNTINGS,
     ModulusPoint,
     ObjectModulusResult,
-    mounting_spread,
+    mounting_scatter,
     ratios_of,
 )
-from palpate.procedures.measurements.object_modulus.telling import missed_by, planned_lines
+from palpate.procedures.measurements.object_modulus.telling import missed_by, planned_lines, scatter_told
 from palpate.procedures.measurements.object_modulus.work import Measuring
 from palpate.procedures.measurements.object_modulus.worth import alternatives, worth_lines
 from palpate.procedures.measurements.settings import Frequency
@@ -106,6 +106,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
             )
         check_nodes(target.design, target.nodes, target.channels)
         check_force(self.loads_on(target), target.force_limit)
+        if self.load is not None and target.calibrated is None:  # else the plan would blame what it cannot reach
+            check_store((self.load,), False, target.scene is not None, datetime.now(UTC).date())
         check_frequency(self.frequency, target)
         check_time(shortest(self.frequency), self.frequency)
         check_simulated((self.object,), target)
@@ -118,14 +120,16 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         loads = LOADS if self.load is None else (self.load,)
         return Dwells((self.object,), (min(loads), max(loads)), self.frequency, shortest(self.frequency))
 
-    def wanted(self, mountings: MountingScatter | None = None) -> Wanted:
+    def wanted(self, target: Target) -> Wanted:
         """What is asked for, with the scatter of mountings that is stated or else stored."""
         asked = self.tolerance, self.time, self.relative_to_model, self.frequency, self.mountings
-        if self.mounting_scatter is not None or mountings is None:
-            return Wanted(*asked, self.mounting_scatter)
-        freedom = float(mountings.degrees_of_freedom)
-        told = f"{mountings.source}{mountings.marks()}, {freedom:g} degrees of freedom"
-        return Wanted(*asked, mountings.scatter_u, freedom, told)
+        stored = self.mountings_on(target)
+        sample = self.object.name if SAMPLES.get(self.object.name) == self.object else ""
+        if self.mounting_scatter is not None or stored is None:
+            return Wanted(*asked, self.mounting_scatter, mounts=target.mounts, sample=sample)
+        freedom = float(stored.degrees_of_freedom)
+        told = f"{scatter_told(stored.found)}: {stored.source}{stored.marks()}"
+        return Wanted(*asked, stored.means_u, freedom, told, target.mounts, sample)
 
     def mountings_on(self, target: Target) -> MountingScatter | None:
         """The stored scatter of mountings that the plan takes; before the bench is open, the one that it probably has.
@@ -141,9 +145,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
     def prospect(self, target: Target) -> Prospect:
         """What is planned, and what it is expected to give. Raises as `check`."""
         target = with_films(target)
-        return prospect_of(
-            self, target.design, self.loads_on(target), self.references_on(target), self.mountings_on(target)
-        )
+        references, wanted = self.references_on(target), self.wanted(target)
+        return prospect_of(self, target.design, self.loads_on(target), references, wanted)
 
     def references_on(self, target: Target) -> ByReferences | None:
         """The model's calibration by references; before the bench is open, the one that it probably has."""
@@ -163,13 +166,13 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
     def course(self, lab: Lab) -> Course:
         """The course of the measurement on an open bench."""
         target = lab.target
-        return course_of(self, lab.design, self.loads_on(target), self.references_on(target), self.mountings_on(target))
+        return course_of(self, lab.design, self.loads_on(target), self.references_on(target), self.wanted(target))
 
     def plan(self, target: Target) -> Plan[Step]:
         """The most load sets that there can be, and what is predicted."""
         prospect, target = self.prospect(target), with_films(target)
-        wanted = self.wanted(self.mountings_on(target))
-        plan, costs = prospect.allocation, costs_of(prospect.load, self.frequency)
+        wanted = self.wanted(target)
+        plan, costs = prospect.allocation, costs_of(prospect.load, self.frequency, target.mounts)
         group = f"mount {self.object.name}"
         each = costs.set + plan.dwell
         steps = [
@@ -218,13 +221,15 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def save_calibration(self, done: Finished[ObjectModulusResult]) -> Kept:
         """Store what three mountings or more of this run scattered."""
-        found, session = mounting_spread(ratios_of(done.result.points)), done.session
-        if found is None or not found[0] > 0:
+        found, session = mounting_scatter(ratios_of(done.result.points)), done.session
+        if found is None or not found.means_u > 0:
             return {}
         lab, serial = session.lab, session.bench.role(SensorNode).serial or "unknown"
         scatter = MountingScatter(
-            scatter_u=found[0],
-            degrees_of_freedom=found[1],
+            means_u=found.means_u,
+            degrees_of_freedom=found.degrees_of_freedom,
+            sets_u=found.within_u,
+            sets_freedom=found.within_freedom,
             design=lab.design.name,
             device=serial,
             scene=lab.scene,

@@ -12,7 +12,7 @@ from typing import Any
 
 from palpate.instrument.allocation.allocate import Allocation, allocate, allocate_time
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
-from palpate.instrument.allocation.preparations import Way
+from palpate.instrument.allocation.purchase import Way
 from palpate.instrument.allocation.stopping import FIRST, first_sets
 from palpate.instrument.allocation.times import Times, times
 from palpate.instrument.errors import RangeError
@@ -55,8 +55,8 @@ class Prospect:
             "mountings": plan.mountings,
             "sets": plan.sets,
             "dwell_s": plan.dwell,
-            "seconds": plan.seconds,
-            "mean_s": self.times.mean,
+            "seconds": self.times.mean,
+            "as_known_s": plan.seconds,
             "longest_s": self.times.longest,
             "scale_u": self.scale_u,
             "absolute_u": self.absolute_u,
@@ -77,6 +77,23 @@ def best_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[flo
         BelowFloor: no time on the bench reaches the tolerance.
         RangeError: not one set fits into the time.
     """
+    best = _best(design, found, wanted, loads)
+    plan, cycles = best.plan, round(best.plan.dwell * wanted.frequency)
+    scale, whole = (
+        budget(lines_of(design, found, best.load, wanted, both, cycles), plan.mountings, plan.sets, plan.dwell).u
+        for both in (False, True)
+    )
+    absolute = None if found.validation.u is None else whole
+    return Prospect(best.load, found, plan, scale, absolute, _times(best, wanted))
+
+
+def sets_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[float]) -> int:
+    """Number of load sets of that plan. Raises as `best_of`."""
+    return _best(design, found, wanted, loads).plan.sets
+
+
+def _best(design: Design, found: Expected, wanted: Wanted, loads: Sequence[float]) -> _Planned:
+    """The plan of `best_of`."""
     plans, refused = [], []
     for load in loads:
         for cycles in SHORT:
@@ -91,23 +108,26 @@ def best_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[flo
     if not plans:
         raise refused[0]
     least = min(map(price, plans))
-    best = max((each for each in plans if price(each) <= ROBUST * least), key=lambda each: (each.load, -price(each)))
-    plan, cycles = best.plan, round(best.plan.dwell * wanted.frequency)
-    scale, whole = (
-        budget(lines_of(design, found, best.load, wanted, both, cycles), plan.mountings, plan.sets, plan.dwell).u
-        for both in (False, True)
-    )
-    absolute = None if found.validation.u is None else whole
-    return Prospect(best.load, found, plan, scale, absolute, _times(best, wanted))
+    good = [each for each in plans if price(each) <= ROBUST * least]
+    # Where a time holds more sets than a run has, it is not used up: then the quickest plan is best.
+    if wanted.tolerance is None and any(has_most_sets(each.plan) for each in good):
+        return max(good, key=lambda each: (each.load, -each.plan.seconds))
+    return max(good, key=lambda each: (each.load, -price(each)))
 
 
 def for_bound(found: Expected, wanted: Wanted, load: float) -> Prospect:
     """The plan for an object of which a model expects no more than a bound: a few sets tell it."""
-    costs, dwell, mountings = costs_of(load, wanted.frequency), shortest(wanted.frequency), wanted.mountings or 1
+    costs, dwell = costs_of(load, wanted.frequency, wanted.mounts), shortest(wanted.frequency)
+    mountings = wanted.mountings or 1
     sets = BOUND_SETS * mountings
     seconds = costs.seconds(mountings, sets, dwell)
     plan = Allocation(mountings, sets, dwell, seconds, math.inf, {}, "")
     return Prospect(load, found, plan, None, None, Times(seconds, seconds))
+
+
+def has_most_sets(plan: Allocation) -> bool:
+    """Whether a run has no more load sets than those of a plan."""
+    return plan.sets + plan.mountings > MOST_SETS
 
 
 def most_sets(plan: Allocation, wanted: Wanted) -> int:
@@ -139,7 +159,7 @@ def way_of(design: Design, found: Expected, wanted: Wanted, load: float, cycles:
     """Lines and costs of runs under a load [N, peak to peak] with a dwell of some cycles or more."""
     least = max(shortest(wanted.frequency), cycles / wanted.frequency)
     lines = lines_of(design, found, load, wanted, not wanted.relative, round(least * wanted.frequency))
-    costs = costs_of(load, wanted.frequency)
+    costs = costs_of(load, wanted.frequency, wanted.mounts)
     if wanted.mountings is None:
         return Way(lines, costs, least)
     given = tuple(  # they are paid whatever the sets are, and lower their own line once
@@ -154,17 +174,30 @@ def fewest_of(wanted: Wanted) -> int:
     return FIRST * (wanted.mountings or 1)
 
 
+def _of_most_sets(way: Way, mountings: int, seconds: float) -> Allocation:
+    """The plan of as many sets as a run has, in a time [s]; it dwells no longer than lowers the uncertainty."""
+    sets = MOST_SETS // mountings * mountings
+    longest = (seconds - way.costs.seconds(mountings, sets, 0.0)) / sets
+    least = ROBUST * budget(way.lines, mountings, sets, longest).u
+    dwell = way.shortest
+    while (u := budget(way.lines, mountings, sets, dwell).u) > least:
+        dwell = min(2 * dwell, longest)
+    return Allocation(mountings, sets, dwell, way.costs.seconds(mountings, sets, dwell), u, {}, "")
+
+
 def _planned(design: Design, found: Expected, wanted: Wanted, load: float, cycles: int) -> _Planned:
     """The plan for one load, with a dwell of some cycles or more and as many sets in each mounting."""
     way = way_of(design, found, wanted, load, cycles)
     given, paid, least = tuple(way.lines), way.costs, way.shortest
     lines = lines_of(design, found, load, wanted, not wanted.relative, round(least * wanted.frequency))
-    costs, plan = costs_of(load, wanted.frequency), None
+    costs, plan = costs_of(load, wanted.frequency, wanted.mounts), None
     if wanted.tolerance is not None:
         plan = allocate(given, paid, wanted.tolerance, least, fewest_of(wanted))
     if plan is None or (wanted.time is not None and plan.seconds > wanted.time):
         assert wanted.time is not None
         plan = allocate_time(given, paid, wanted.time, least)
+        if plan.sets > MOST_SETS:
+            plan = _of_most_sets(way, wanted.mountings or plan.mountings, wanted.time)
         periods = math.floor(plan.dwell * wanted.frequency + 1e-9)
     else:
         periods = math.ceil(plan.dwell * wanted.frequency - 1e-9)

@@ -16,19 +16,14 @@ from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements.object_modulus.lines import CURVE, MOUNTED, VALIDATION, Expected, Wanted
 from palpate.procedures.measurements.object_modulus.preparing import COMPRESSION, prepared, references_of
-from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
-from palpate.procedures.measurements.object_modulus.telling import reachable
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of, sets_of
 from palpate.procedures.measurements.object_modulus.worth import command_of, quickest
-from palpate.procedures.measurements.repeated_sets import MOST_SETS
+from palpate.procedures.measurements.repeated_sets import MOST_SETS, reachable
 from palpate.procedures.measurements.repeated_sets import share as told
 from palpate.procedures.showing.plan import duration
 
 NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
 REFERENCES = 6  # as many as pay
-BY_COMPRESSION = (
-    f"2 to 4 % in {COMPRESSION:.0f} s, where the object can be taken off: palpate test modulus --sample NUMBER"
-)
-"""The compression test of this bench [M]."""
 LEAST_BY_COMPRESSION = 0.02
 LEAST_TOLERANCE = 1e-6
 CLOSE_TO = 1.002  # the ratio of two tolerances that are told alike
@@ -44,14 +39,14 @@ def below_floor(
     wanted: Wanted, question: Question, found: Expected, design: Design, loads: Sequence[float], error: BelowFloor
 ) -> RangeError:
     """The refusal of a tolerance below the floor."""
-    best = f"best now  {reachable(_least_tolerance(design, found, wanted, tuple(loads), error.floor))}"
+    best = f"best now  {reachable(_least_tolerance(design, found, _free(wanted), tuple(loads), error.floor))}"
     share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
     if error.line != VALIDATION:
         ways = _prepared(wanted, question, found, design, loads)
         if not ways and not (error.line == CURVE and found.model == answering(replace(question, model="auto"))):
             ways = [f"or        {REMEDIES[error.line]}"]
         if (wanted.tolerance or 0.0) >= LEAST_BY_COMPRESSION:
-            ways = [*ways, f"or        {BY_COMPRESSION}"]
+            ways = [*ways, _by_compression(wanted)]
         told_floor = f"{error.line} leaves {told(error.floor)}, which no time on the bench lowers"
         return RangeError("\n  ".join([f"--tolerance {share} cannot be reached: {told_floor}", best, *ways]))
     factor = math.exp((found.sensitivity or 1.0) * (found.validation.u or 0.0))
@@ -60,7 +55,7 @@ def below_floor(
         f" {told(error.floor)}, a factor of {factor:.2g} ({found.validation.source})",
         best,
         *(_prepared(wanted, question, found, design, loads) or _with_references(question, found, design)),
-        f"or        {BY_COMPRESSION}",
+        _by_compression(wanted),
         *_on_scale(wanted, found, design, loads),
     ]
     return RangeError("\n  ".join(lines))
@@ -71,11 +66,16 @@ def too_many_sets(
 ) -> RangeError:
     """The refusal of a tolerance above the floor that takes more load sets than a run has."""
     plan = prospect.allocation
-    least = _least_tolerance(design, found, wanted, tuple(loads), 0.0)
+    least = _least_tolerance(design, found, _free(wanted), tuple(loads), 0.0)
     return RangeError(
         f"--tolerance {100 * (wanted.tolerance or 0.0):.3g} % cannot be reached: {plan.binds} binds: it takes"
         f" {plan.sets:,} load sets, above the {MOST_SETS:,} of a run\n  best now  {reachable(least)}"
     )
+
+
+def _free(wanted: Wanted) -> Wanted:
+    """What is wanted, whatever the tolerance and the time."""
+    return replace(wanted, tolerance=None, time=None)
 
 
 @functools.lru_cache(maxsize=64)
@@ -85,7 +85,7 @@ def _least_tolerance(design: Design, found: Expected, wanted: Wanted, loads: tup
     while high > CLOSE_TO * low:
         middle = math.sqrt(low * high)
         try:
-            sets = best_of(design, found, replace(wanted, tolerance=middle, time=None), loads).allocation.sets
+            sets = sets_of(design, found, replace(wanted, tolerance=middle), loads)
         except RangeError:  # so little above the floor that it takes centuries
             sets = MOST_SETS + 1
         low, high = (low, middle) if sets <= MOST_SETS else (middle, high)
@@ -98,7 +98,7 @@ def not_known(wanted: Wanted, found: Expected, design: Design, loads: Sequence[f
     lines = [
         f"--tolerance {share} absolute cannot be promised: the validation error of {found.model!r} is"
         f" {found.validation.source}",
-        f"or        {BY_COMPRESSION}",
+        _by_compression(wanted),
         *_on_scale(wanted, found, design, loads),
     ]
     return RangeError("\n  ".join(lines))
@@ -116,6 +116,12 @@ def check_mountings(wanted: Wanted, found: Expected, tolerance: float) -> None:
         " the interval twice as wide\n"
         "  or      --mounting-scatter '1 %', if an earlier measurement told it; '0 %' takes none for granted"
     )
+
+
+def _by_compression(wanted: Wanted) -> str:
+    """The compression test of this bench [M]; of an object that is no rubber sample, by the name of one of its size."""
+    sample = f"--sample {wanted.sample}" if wanted.sample else "with --sample for one of its size"
+    return f"or        2 to 4 % in {COMPRESSION:.0f} s, where it can be taken off: palpate test modulus {sample}"
 
 
 def _with_references(question: Question, found: Expected, design: Design) -> list[str]:

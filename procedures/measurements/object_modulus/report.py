@@ -8,8 +8,8 @@ from pathlib import Path
 from palpate.instrument.models.validation_line import ValidationLine
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.object_modulus.result import ObjectModulusResult, ratios_of
-from palpate.procedures.measurements.object_modulus.telling import planned_lines
+from palpate.procedures.measurements.object_modulus.result import ObjectModulusResult, mounting_scatter, ratios_of
+from palpate.procedures.measurements.object_modulus.telling import planned_lines, scatter_told
 from palpate.procedures.measurements.repeated_sets import share
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.moduli import between
@@ -25,6 +25,7 @@ def print_modulus(result: ObjectModulusResult, outcome: Outcome, plot: Path) -> 
         stamped(outcome["simulated"], "Young modulus of one object"),
         *planned_lines(result.wanted, result.prospect),
         *_measured(result),
+        *([] if (found := mounting_scatter(groups)) is None else [f"mountings      {scatter_told(found)}"]),
         f"stopped        {result.stopped}; {counted(sum(map(len, groups)), 'set')} in "
         f"{counted(len(groups), 'mounting')}, {taken(outcome)}",
         *([] if not shares else [_binds(shares)]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +12,7 @@ from palpate.instrument.findings.object_modulus import COVERAGE, estimate
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation_line import ValidationLine
 from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.instrument.uncertainty.groups import Between, between_groups
 from palpate.procedures.measurements.object_modulus.lines import CURVE, EDGE, VALIDATION, Expected, Wanted
 from palpate.procedures.measurements.object_modulus.prospect import Prospect
 
@@ -68,30 +68,10 @@ def ratios_of(points: Sequence[ModulusPoint]) -> list[list[float]]:
     return list(groups.values())
 
 
-def mounting_scatter(ratios: Sequence[Sequence[float]]) -> tuple[float, int] | None:
-    """Relative standard deviation of mountings beyond that of their sets, and its degrees of freedom.
-
-    None: there are fewer than three mountings with two sets or more.
-    """
-    groups = [[math.log(ratio) for ratio in group] for group in ratios if len(group) > 1]
-    if len(groups) < LEAST_MOUNTINGS:
-        return None
-    means = [math.fsum(group) / len(group) for group in groups]
-    centre = math.fsum(means) / len(means)
-    between = math.fsum((mean - centre) ** 2 for mean in means) / (len(means) - 1)
-    within = math.fsum(
-        math.fsum((value - mean) ** 2 for value in group) / (len(group) - 1) / len(group)
-        for group, mean in zip(groups, means, strict=True)
-    ) / len(groups)
-    return math.sqrt(max(between - within, 0.0)), len(groups) - 1
-
-
-def mounting_spread(ratios: Sequence[Sequence[float]]) -> tuple[float, int] | None:
-    """As `mounting_scatter`, with what the sets add to it: so it is never 0 by chance, and a plan may rely on it."""
-    if mounting_scatter(ratios) is None:
-        return None
-    means = [math.fsum(map(math.log, group)) / len(group) for group in ratios if len(group) > 1]
-    return statistics.stdev(means), len(means) - 1
+def mounting_scatter(ratios: Sequence[Sequence[float]]) -> Between | None:
+    """How much mountings scatter beyond their sets. None: there are fewer than three with two sets or more."""
+    groups = [group for group in ratios if len(group) > 1]
+    return None if len(groups) < LEAST_MOUNTINGS else between_groups(groups)
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,9 +189,11 @@ class ObjectModulusResult:
             "sets": sum(map(len, groups)),
             "dwell_s": plan.dwell,
             "load_N": self.prospect.load,
-            "mounting_scatter": None if scattered is None else scattered[0],
             "noise_density": self.noise_density,
-            "mounting_scatter_freedom": None if scattered is None else scattered[1],
+            "mounting_scatter": None if scattered is None else scattered.u,
+            "mounting_scatter_freedom": None if scattered is None else scattered.degrees_of_freedom,
+            "mounting_scatter_bound": None if scattered is None else scattered.bound_u,
+            "mounting_scatter_told": None if scattered is None else scattered.told,
             "coverage": COVERAGE,
             **({} if answer is None else {name: value for name, value in answer.row.items() if name != "model"}),
             "answered_by": self.prospect.found.model,

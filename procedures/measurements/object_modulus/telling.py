@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping
 
 from palpate.instrument.findings.mean_ratio import CALIBRATION
-from palpate.instrument.quantity import counted, show
-from palpate.procedures.engine.plan import MOUNTING
+from palpate.instrument.quantity import as_typed, counted, show
+from palpate.instrument.uncertainty.budget import COVERAGE
+from palpate.instrument.uncertainty.groups import Between
 from palpate.procedures.measurements.object_modulus.lines import Wanted
-from palpate.procedures.measurements.object_modulus.prospect import Prospect
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, has_most_sets
 from palpate.procedures.measurements.object_modulus.result import LEAST_MOUNTINGS
-from palpate.procedures.measurements.repeated_sets import share
+from palpate.procedures.measurements.repeated_sets import MOST_SETS, share
 
 ROUNDING = 1e-9
 LEAST_SHARE = 0.005  # a smaller one is not told
@@ -21,8 +22,9 @@ def wanted_line(wanted: Wanted, model: str) -> str:
     """What was asked for, in words."""
     scale = f"on the scale of {model!r}" if wanted.relative else "absolute"
     if wanted.tolerance is None:
-        return f"as good as {wanted.time:g} s allow, {scale}"
-    return f"{share(wanted.tolerance)} {scale}" + ("" if wanted.time is None else f", within {wanted.time:g} s")
+        return f"as good as {as_typed(wanted.time or 0.0, 's')} allow, {scale}"
+    within = "" if wanted.time is None else f", within {as_typed(wanted.time, 's')}"
+    return f"{share(wanted.tolerance)} {scale}{within}"
 
 
 def missed_by(wanted: Wanted, reached: float | None) -> str:
@@ -34,12 +36,16 @@ def missed_by(wanted: Wanted, reached: float | None) -> str:
 
 def _end(wanted: Wanted, prospect: Prospect) -> str:
     """When a run ends at the latest."""
-    bound = f"{prospect.times.longest:.0f} s"
+    plan, bound = prospect.allocation, f"{prospect.times.longest:.0f} s"
+    if wanted.tolerance is None and has_most_sets(plan):
+        return f"with the {plan.sets:,} load sets that a run has at most; more time buys nothing"
     if wanted.tolerance is None or prospect.times.longest == wanted.time:
         return f"ends at {bound}"
+    runs = f"{share(prospect.times.enough)} of runs"
+    most = "" if prospect.times.enough == COVERAGE else f", as it has {MOST_SETS:,} load sets at most"
     if wanted.time is not None:
-        return f"95 % of runs need no more than {bound}"
-    return f"ends at {bound}, which are enough for 95 % of runs"
+        return f"{runs} need no more than {bound}{most}"
+    return f"ends at {bound}, which are enough for {runs}{most}"
 
 
 def _unknown_mountings(mountings: int, sensitivity: float) -> str:
@@ -50,11 +56,18 @@ def _unknown_mountings(mountings: int, sensitivity: float) -> str:
     return f"their scatter is not known and counts as 0: each 1 % adds {added}"
 
 
+def scatter_told(found: Between) -> str:
+    """What is known of the scatter of mountings beyond that of sets, to follow the word mountings."""
+    if found.told:
+        return f"scatter by {share(found.u)} of the ratio, at most {share(found.bound_u)} (95 %)"
+    return f"scatter no more than their sets let expect, at most {share(found.bound_u)} of the ratio (95 %)"
+
+
 def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     """What is planned and what is expected of it."""
     plan, found = prospect.allocation, prospect.found
     expected = prospect.scale_u if wanted.relative else prospect.absolute_u
-    person = f"person {MOUNTING * plan.mountings:g} s"
+    person = wanted.mounts.told(plan.mountings, again=True)
     counts = f"{counted(plan.mountings, 'mounting')}, {counted(plan.sets, 'set')}"
     each = f"{show(prospect.load, 'N')}, {show(wanted.frequency, 'Hz')}, {show(plan.dwell, 's')}"
     lines = [
@@ -63,7 +76,8 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
         f"lasts          {prospect.times.mean:.0f} s on average; {_end(wanted, prospect)}",
     ]
     if wanted.mounted_by:
-        lines.append(f"mountings      scatter by {share(wanted.mounted or 0.0)} of the ratio: {wanted.mounted_by}")
+        counted_as = f"{share(wanted.mounted or 0.0)}, {wanted.mounted_freedom:g} degrees of freedom"
+        lines += [f"mountings      {wanted.mounted_by}", f"               the plan counts {counted_as}"]
     if wanted.mounted is None and found.sensitivity is not None:
         lines.append(f"mountings      {_unknown_mountings(plan.mountings, found.sensitivity)}")
     if found.sensitivity is None:
@@ -74,12 +88,6 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     cancel = found.films_cancel and not wanted.relative
     uncalibrated = "" if cancel or CALIBRATION in plan.shares else ", films not calibrated"
     return [*lines, f"expected       {told}: {parts_of(plan.shares, plan.u)}{uncalibrated}"]
-
-
-def reachable(floor: float) -> str:
-    """A share a little above a floor, in percent with two digits: one that may be asked for."""
-    step = 10.0 ** (math.floor(math.log10(1.01 * floor)) - 1)
-    return share(step * math.ceil(1.01 * floor / step))
 
 
 def parts_of(shares: Mapping[str, float], u: float) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
-from palpate.instrument.findings.film_forces import film_forces
+from palpate.drivers.roles import SampleChanger
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.plan import Step
 from palpate.procedures.engine.procedure import Measurement
@@ -17,7 +17,7 @@ from palpate.procedures.measurements.object_modulus.result import ModulusPoint
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.approach import approach
 from palpate.procedures.steps.film_point import FilmPoint
-from palpate.procedures.steps.probe import mount, withdraw
+from palpate.procedures.steps.probe import mount, other_sample, withdraw
 
 T = TypeVar("T")
 
@@ -29,19 +29,20 @@ class Measuring(DynamicLoadWork):
         self._spent, self._bench = 0.0, lab.bench
         self._course, self._object = course, touched
         self._points: list[ModulusPoint] = record.finished(ModulusPoint)
-        self._mounting = self._points[-1].mounting if self._points else 1
+        self._mounting = self._points[-1].mounting if self._points else 0
         self._free, self._loaded = 0.0, False
         self._plan = self._course.prospect
+        if self._plan.allocation.mountings > 1 and (changer := lab.bench.maybe(SampleChanger)):
+            other_sample(changer, touched)
         set_up = super().__init__
         self._timed(lambda: set_up(lab, record, (self._plan.load,), course.wanted.frequency, (self._object.name,)))
 
     def arrange(self, step: Step) -> None:
-        self._timed(self._mount)
+        self._timed(partial(self._mount, anew=self._mounting > 0))  # after an interruption the object may have moved
 
     def take(self, step: Step) -> Measurement[ModulusPoint]:
         if self._loaded and self._course.remounts(self._points):
-            self._mounting += 1
-            self._timed(self._mount)
+            self._timed(partial(self._mount, anew=True))
         measured = self._timed(partial(self._set, step.what))
         self._loaded = True
         point = self._point(measured)
@@ -49,9 +50,10 @@ class Measuring(DynamicLoadWork):
         self._points.append(point)
         return Measurement(point, measured.waveforms(self.lab.design))
 
-    def _mount(self) -> None:
+    def _mount(self, anew: bool = False) -> None:
         withdraw(self.lab.bench)
-        mount(self.lab.bench, self._object)
+        mount(self.lab.bench, self._object, anew)
+        self._mounting += 1
         onto = f"sample {self._object.name}"
         found = approach(self.lab.bench, self.lab.calibration, self.preload, onto, known=self._free)
         self._free, self._loaded = found.free, False
@@ -69,7 +71,7 @@ class Measuring(DynamicLoadWork):
             self._spent += 1e-9 * (self._bench.clock.now_ns() - began)
 
     def _point(self, measured: FilmPoint) -> ModulusPoint:
-        forces = film_forces(self.lab.design, measured.fit)
+        forces = measured.forces(self.lab.design)
         return ModulusPoint(
             mounting=self._mounting,
             load_N=self._plan.load,

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from palpate.instrument.allocation.preparations import Preparation, Prepared
+from palpate.instrument.allocation.preparations import Prepared
+from palpate.instrument.allocation.purchase import Preparation
 from palpate.instrument.errors import PalpateError
 from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import counted, show
-from palpate.procedures.engine.plan import MOUNTING
 from palpate.procedures.lab.lab import Target
+from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.measurements.object_modulus.lines import VALIDATION, Wanted
 from palpate.procedures.measurements.object_modulus.preparing import films_of, prepared, references_of
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of

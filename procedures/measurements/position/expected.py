@@ -22,7 +22,7 @@ from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import Sample
-from palpate.procedures.engine.plan import APPROACH, NOISE, point_seconds
+from palpate.procedures.engine.plan import APPROACH, noise_of, point_seconds
 from palpate.procedures.engine.promise import Expected
 
 QUADRATURE = ((-math.sqrt(3), 1 / 6), (0.0, 2 / 3), (math.sqrt(3), 1 / 6))  # of a normal distribution
@@ -76,7 +76,7 @@ def share_scatter(design: Design) -> list[float]:
 
 
 def share_noise(design: Design, shares: Sequence[float], load: float) -> list[float]:
-    """Standard uncertainty of each tooth's share by the noise of usual films, after one second [√s].
+    """Standard uncertainty of each tooth's share by the noise of its films, after one second [√s].
 
     Args:
         design: design of the sensor.
@@ -86,7 +86,7 @@ def share_noise(design: Design, shares: Sequence[float], load: float) -> list[fl
     base = next(film for film in design.films if film.kind == FILM_KINDS[1])
     rigid = [film for film in design.films if film is not base]
     return [
-        2 * NOISE / load * math.hypot(1 / film.sensitivity, share / base.sensitivity)
+        2 * noise_of(design) / load * math.hypot(1 / film.sensitivity, share / base.sensitivity)
         for film, share in zip(rigid, shares, strict=True)
     ]
 

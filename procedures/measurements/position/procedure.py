@@ -8,7 +8,7 @@ from functools import partial
 from typing import Annotated
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.film_forces import film_forces, ratio_scatter
+from palpate.instrument.findings.film_forces import ratio_scatter
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import check_place, tooth_shares
 from palpate.instrument.quantity import counted, show
@@ -94,12 +94,8 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
         if (repeats := self.repeats(target.design)) is None:
             check_time(self.dwell, self.frequency)
             return
-        if self.tolerance is not None and not SMALLEST_TOLERANCE <= self.tolerance <= LARGEST_TOLERANCE:
-            raise RangeError(
-                f"--tolerance {mm(self.tolerance)} is outside {mm(SMALLEST_TOLERANCE)} to "
-                f"{mm(LARGEST_TOLERANCE)}; give one inside, such as '0.1 mm'. For less, leave it out: one load "
-                "set at each position is then enough"
-            )
+        if self.tolerance is not None:
+            _check_tolerance(self.tolerance)
         check_bench_time(self.time, "30 min")
         repeats.allocations()
 
@@ -163,8 +159,8 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     def report(self, result: PositionResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.position.report import plot_sweep, print_sweep
 
-        simulated = lab.bench.simulated
-        return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
+        plot = partial(plot_sweep, result, lab.design, get_sample(self.sample), lab.bench.simulated)
+        return Report(partial(print_sweep, result, lab.design), plot)
 
 
 class Sweeping(DynamicLoadWork):
@@ -196,12 +192,23 @@ class Sweeping(DynamicLoadWork):
         self._pressed = position_mm
 
 
+def _check_tolerance(tolerance: float) -> None:
+    """Check the standard uncertainty of a place [m] that is asked for. Raises RangeError."""
+    limits = f"is outside {mm(SMALLEST_TOLERANCE)} to {mm(LARGEST_TOLERANCE)}"
+    if not tolerance >= SMALLEST_TOLERANCE:
+        raise RangeError(f"--tolerance {mm(tolerance)} {limits}; give one inside, such as '0.1 mm'")
+    if not tolerance <= LARGEST_TOLERANCE:
+        raise RangeError(
+            f"--tolerance {mm(tolerance)} {limits}; leave it out: more than one load set at a position would not help"
+        )
+
+
 def _at(design: Design, position: float) -> tuple[float, float]:
     return position, design.cell[1] / 2
 
 
 def _point(design: Design, sample: Sample, position: float, measured: FilmPoint) -> PositionPoint:
-    forces = film_forces(design, measured.fit)
+    forces = measured.forces(design)
     left, right = forces.teeth
     base = next(film for film in design.films if film.kind == FILM_KINDS[1])
     scatter = [ratio_scatter(design, film, base) for film in design.films if film is not base]

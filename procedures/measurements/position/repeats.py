@@ -19,13 +19,14 @@ from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.position import Located, deviations, locate
-from palpate.instrument.quantity import counted, show
+from palpate.instrument.quantity import as_typed, counted, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.instrument.signals.dwell import STEP, whole_steps
 from palpate.instrument.uncertainty.budget import Budget, coverage_factor
-from palpate.procedures.engine.plan import MOUNTING, Predicted, point_seconds
+from palpate.procedures.engine.plan import Predicted, point_seconds
 from palpate.procedures.engine.promise import RESULTS, Expected
+from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.measurements.position.expected import (
     END,
     ONCE,
@@ -261,14 +262,14 @@ def _for_time(asked: PlaceRepeats, time: float, shortest: float) -> dict[float, 
         if time > least:  # it is beyond what any plan takes
             raise
         raise RangeError(
-            f"--time {time:g} s is too short: one load set at each of {places} takes {least:.0f} s; give more time, or "
-            "fewer --positions"
+            f"--time {as_typed(time, 's')} is too short: one load set at each of {places} takes {least:.0f} s; give "
+            "more time, or fewer --positions"
         ) from None
     most = max(plan.sets for plan in found.values())
     if most > MOST_SETS:
         raise RangeError(
-            f"--time {time:g} s holds {most} load sets at each of {places}, above the limit of {MOST_SETS}; give less"
-            " time"
+            f"--time {as_typed(time, 's')} holds {most} load sets at each of {places}, above the limit of "
+            f"{MOST_SETS}; give less time"
         )
     dwells = {x: max(shortest, whole_steps(plan.dwell - STEP)) for x, plan in found.items()}
     return {x: in_rounds(asked.lines(x), asked.costs, plan.sets, dwells[x]) for x, plan in found.items()}
@@ -286,7 +287,7 @@ def _for_tolerance(asked: PlaceRepeats, tolerance: float, shortest: float) -> di
         if found.sets > MOST_SETS:
             raise RangeError(
                 f"--tolerance {mm(tolerance)} takes {found.sets} load sets at {mm(x)}, above the limit"
-                f" of {MOST_SETS}; ask for more"
+                f" of {MOST_SETS}; give --tolerance '{mm(1.01 * budget(lines, 1, MOST_SETS, found.dwell).u)}' or more"
             )
         plans[x] = in_rounds(lines, asked.costs, found.sets, whole_steps(max(found.dwell, shortest)))
     if floors:

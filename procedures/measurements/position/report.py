@@ -7,18 +7,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.models.influence import ERROR
+import numpy as np
+
+from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.position.expected import name_of
 from palpate.procedures.measurements.position.result import DOUBT, FoundPlace, PositionPoint, PositionResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import new_table, number, print_all, stamped, taken, where
+from palpate.procedures.showing.text import new_table, print_all, stamped, taken, where
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+ALONG = 241  # places of the model's curve: 0.1 mm apart on the common base
 
 
 def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: Path) -> None:
@@ -31,8 +36,8 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
     for p in result.points:
         points.add_row(
             f"{p.position_mm:g}", f"{p.load_measured_N:z.2f}", f"{p.share_left:z.3f}", f"{p.share_left_u:z.3f}",
-            f"{p.model_share_left:z.3f}", number(p.thesis_share_left), f"{p.share_right:z.3f}",
-            f"{p.share_right_u:z.3f}", f"{p.model_share_right:z.3f}", number(p.thesis_share_right),
+            f"{p.model_share_left:z.3f}", _share(p.thesis_share_left), f"{p.share_right:z.3f}",
+            f"{p.share_right_u:z.3f}", f"{p.model_share_right:z.3f}", _share(p.thesis_share_right),
             f"{p.found_mm:z.2f}", f"{p.found_u:z.2f}",
             f"{p.found_low_mm:z.1f} to {p.found_high_mm:z.1f}", f"{p.found_force_N:z.2f}",
             f"{p.found_force_u:z.2f}", verdict(p.valid, p.flags),
@@ -66,25 +71,31 @@ def _places(result: PositionResult, outcome: Outcome) -> Table:
     return table
 
 
-def plot_sweep(result: PositionResult, design: Design, simulated: bool, folder: Path) -> Path:
-    """Shares along the base beside model and thesis, and the found place against the set one; returns the PNG."""
+def _share(value: float | None) -> str:
+    """A share to the digits of those that are measured; "-" for None."""
+    return "-" if value is None else f"{value:z.3f}"
+
+
+def plot_sweep(result: PositionResult, design: Design, sample: Sample, simulated: bool, folder: Path) -> Path:
+    """Shares along the base beside model and thesis, and how far found places are off; returns the PNG."""
     figure, (left, right) = new_figure(simulated, 2, f"a point load along the base, design {design.name}")
     x = [p.position_mm for p in result.points]
-    for side, color in (("left", "tab:blue"), ("right", "tab:orange")):
-        share, share_u, model, thesis = (
+    along = np.linspace(0.0, design.plate.length, ALONG)
+    models = shares_along(design, sample, along)
+    for side, model, color in zip(("left", "right"), models, ("tab:blue", "tab:orange"), strict=True):
+        share, share_u, thesis = (
             [math.nan if (value := getattr(p, name)) is None else value for p in result.points]
-            for name in (f"share_{side}", f"share_{side}_u", f"model_share_{side}", f"thesis_share_{side}")
+            for name in (f"share_{side}", f"share_{side}_u", f"thesis_share_{side}")
         )
         left.errorbar(x, share, share_u, fmt="o", ms=4, capsize=2, color=color, label=f"{side} tooth")
-        left.plot(x, model, "-", lw=1, color=color, label=f"{side}, model")
+        left.plot(1e3 * along, model, "-", lw=1, color=color, label=f"{side}, model")
         left.plot(x, thesis, "x", ms=5, color=color, label=f"{side}, thesis A2.7")
     left.set(xlabel="place of the load (mm)", ylabel="share of the force (bars: standard uncertainty)")
     left.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     places: Sequence[FoundPlace | PositionPoint] = result.places or result.points
-    at, found = [p.position_mm for p in places], [p.found_mm for p in places]
+    at, off = [p.position_mm for p in places], [p.found_mm - p.position_mm for p in places]
     spread = [[p.found_mm - p.found_low_mm for p in places], [p.found_high_mm - p.found_mm for p in places]]
-    right.errorbar(at, found, spread, fmt="o", ms=4, capsize=2, label="found (bars: 95 %)")
-    right.plot(x, x, "k-", lw=1, label="set")
-    right.set(xlabel="place of the load (mm)", ylabel="found by the films (mm)")
-    right.legend(fontsize=8)
+    right.errorbar(at, off, spread, fmt="o", ms=4, capsize=2)
+    right.axhline(0, color="k", lw=1)
+    right.set(xlabel="place of the load (mm)", ylabel="found less set place (mm; bars: 95 %)")
     return save(figure, folder)

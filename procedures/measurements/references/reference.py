@@ -97,11 +97,17 @@ def read_reference(text: str) -> Reference:
     modulus, *uncertainty = (part.strip() for part in _BETWEEN.split(rest))
     if len(uncertainty) == 1:
         return _stated(name, parse(modulus, "Pa", "48 kPa"), uncertainty[0])
-    try:
-        parse(modulus, "Pa")
-    except QuantityError:
+    if not _is_quantity(modulus, "Pa") and not _is_quantity(modulus, ""):
         return _measured(name, rest)
-    raise UsageError(f"{quoted(text)} lacks the standard uncertainty of the modulus; {EXAMPLE}")
+    raise UsageError(f"{quoted(text)} lacks the unit or the standard uncertainty of the modulus; {EXAMPLE}")
+
+
+def _is_quantity(text: str, unit: str) -> bool:
+    try:
+        parse(text, unit)
+    except QuantityError:
+        return False
+    return True
 
 
 def _stated(name: str, modulus: float, uncertainty: str) -> Reference:

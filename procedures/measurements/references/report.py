@@ -81,7 +81,7 @@ def plot_references(result: ReferencesResult, curve: RatioCurve, folder: Path) -
     left.plot(1e-3 * moduli_Pa, corrected, "k-", lw=1, label="corrected")
     if result.line.u is not None:
         reach = math.exp(result.line.u)
-        left.fill_between(1e-3 * moduli_Pa, corrected / reach, corrected * reach, color="0.85", label="objects, u")
+        left.fill_between(1e-3 * moduli_Pa, corrected / reach, corrected * reach, color="0.85", label="one object, u")
     u = [math.hypot(each.force_ratio_u, each.films_u, each.pickup_u) * each.force_ratio for each in c.references]
     left.errorbar(
         1e-3 * given, ratios, u, 1e-3 * given * [each.modulus_u for each in c.references], "o", capsize=2,

@@ -9,7 +9,6 @@ from functools import partial
 from typing import Annotated, Any
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.object_modulus import estimate
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.foundation.springs import force_ratio
@@ -97,7 +96,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
             estimate(question, [0.5], None)
         check_simulated(self.objects, target)
         if self.risk is not None:
-            self.ranking(target.design, self.risk).check()
+            self.ranking(target, self.risk).check()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads)
@@ -105,26 +104,26 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     def dwells(self) -> Dwells:
         return Dwells(self.objects, (min(self.loads), max(self.loads)), self.frequency, self.dwell)
 
-    def ranking(self, design: Design, risk: float) -> Ranking:
+    def ranking(self, target: Target, risk: float) -> Ranking:
         """The course of a test that ends when the order is known to a risk."""
-        return _ranking(design, self.objects, tuple(self.loads), self.frequency, self.dwell, risk, self.sets)
+        asked = self.objects, tuple(self.loads), self.frequency, self.dwell, risk, self.sets
+        return _ranking(target.design, *asked, target.mounts)
 
     def plan(self, target: Target) -> Plan[TouchStep]:
         """All points: every load on every object; with a risk, the most sets of each object."""
-        scatter = target.design.ratio_scatter
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
         if self.risk is not None:
             turns = range(1, self.sets + 1)
             sets = [(self.loads[(n - 1) % len(self.loads)], f"set {n} of at most {self.sets}") for n in turns]
         steps = [
-            self._step(each.name, load, told, scatter, first=not number)
+            self._step(target, each.name, load, told, first=not number)
             for each in self.objects
             for number, (load, told) in enumerate(sets)
         ]
         if self.risk is None:
             taken = {each.name: len(self.loads) for each in self.objects}
             return Plan(self.name, steps, predicted(steps, self._expected(target, taken)))
-        likely = self.ranking(target.design, self.risk).predicted()
+        likely = self.ranking(target, self.risk).predicted()
         found = self._expected(target, likely.told["planned"]["sets"])
         told = {**likely.told, RESULTS: [asdict(each) for each in found]}
         return Plan(self.name, steps, replace(likely, u=greatest(found), told=told))
@@ -138,24 +137,24 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         references = None if question is None else references_on(target, question)
         return expected_moduli(design, ratios, loads, self.dwell, question, references)
 
-    def _step(self, name: str, load: float, told: str, scatter: float, first: bool) -> TouchStep:
-        seconds = point_seconds(self.frequency, self.dwell, first=first)
+    def _step(self, target: Target, name: str, load: float, told: str, first: bool) -> TouchStep:
+        seconds = point_seconds(self.frequency, self.dwell, first=first, mounts=target.mounts)
         what, group = f"{name}, {told}", f"mount {name}"
-        return TouchStep(self.dwell, seconds, scatter, name, load, what=what, group=group)
+        return TouchStep(self.dwell, seconds, target.design.ratio_scatter, name, load, what=what, group=group)
 
     def begin(self, lab: Lab, record: Recorder) -> Touching:
         return Touching(lab, record, self)
 
     def skips(self, step: TouchStep, points: Sequence[SoftnessPoint], lab: Lab) -> bool:
         """Whether the object of a step has enough sets for the order."""
-        return self.risk is not None and self.ranking(lab.design, self.risk).skips(step.object, points)
+        return self.risk is not None and self.ranking(lab.target, self.risk).skips(step.object, points)
 
     def evaluate(self, points: Sequence[SoftnessPoint], lab: Lab) -> SoftnessResult:
         question = self.model_question(lab.design)
         found = evaluate(points, lab.design, question, lab.references, lab.same_films)
         if self.risk is None or not found.softness_order:
             return found
-        ranked = self.ranking(lab.design, self.risk).ranked(points)
+        ranked = self.ranking(lab.target, self.risk).ranked(points)
         return replace(found, alike=[each.objects for each in ranked.not_told], ranked=ranked)
 
     def model_question(self, design: Design) -> Question:
@@ -196,7 +195,7 @@ class Touching(DynamicLoadWork):
     def take(self, step: TouchStep) -> Measurement[SoftnessPoint]:
         design = self.lab.design
         measured = self.load_set(step.load_N, step.what, self._dwell)
-        forces = film_forces(design, measured.fit)
+        forces = measured.forces(design)
         point = SoftnessPoint(
             object=step.object,
             load_N=step.load_N,

@@ -23,7 +23,8 @@ from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample
-from palpate.procedures.engine.plan import MOUNTING, Predicted, expected_noise, point_seconds
+from palpate.procedures.engine.plan import Predicted, expected_noise, point_seconds
+from palpate.procedures.lab.mounts import BY_HAND, Mounts
 from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.measurements.softness.result import NotTold, Ranked, SoftnessPoint
 from palpate.procedures.showing.plan import duration
@@ -45,6 +46,7 @@ class Ranking:
         dwell: dwell of a set [s].
         risk: greatest risk of a wrong pair in the order.
         most: greatest number of sets of an object.
+        mounts: who mounts the objects, and how long that takes.
     """
 
     design: Design
@@ -54,6 +56,7 @@ class Ranking:
     dwell: float
     risk: float
     most: int
+    mounts: Mounts = BY_HAND
 
     def check(self) -> None:
         """Refuse what cannot be, before anything moves.
@@ -83,8 +86,10 @@ class Ranking:
     @property
     def costs(self) -> Costs:
         """Bench times of one object; the first of its sets takes longer, which counts for the mounting."""
-        first, later = (point_seconds(self.frequency, self.dwell, first=first) for first in (True, False))
-        return Costs(0.0, first - later, later - self.dwell, MOUNTING)
+        first, later = (
+            point_seconds(self.frequency, self.dwell, first=first, mounts=self.mounts) for first in (True, False)
+        )
+        return Costs(0.0, first - later, later - self.dwell, self.mounts.person)
 
     def skips(self, name: str, points: Sequence[SoftnessPoint]) -> bool:
         """Whether an object has enough sets: it is told from those before it, and has what those after it need."""
@@ -114,7 +119,7 @@ class Ranking:
         lines = [
             f"wanted         the order of {counted(len(self.objects), 'object')} to a risk of {100 * self.risk:.3g} %",
             f"plan           up to {counted(self.most, 'set')} of each object; it goes on as soon as it is told",
-            f"expected       sets of each: {each}: {duration(seconds)} (person {MOUNTING * len(sets):g} s)",
+            f"expected       sets of each: {each}: {duration(seconds)} ({self.mounts.told(len(sets))})",
             f"binds          {binds}, {shares[binds]:.0%} of the variance of a set",
             *([f"doubtful       {told_pairs(left)}: may need more than {self.most} sets"] if left else []),
         ]

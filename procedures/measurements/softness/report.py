@@ -10,7 +10,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.softness.ranking import ranked_lines
 from palpate.procedures.measurements.softness.result import SoftnessResult
 from palpate.procedures.showing import moduli
-from palpate.procedures.showing.figure import logarithmic, new_figure, save
+from palpate.procedures.showing.figure import logarithmic, new_figure, plot_over_loads, save
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
 
@@ -74,12 +74,9 @@ def _seconds(outcome: Outcome) -> str:
 def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path:
     """Plot ratios over loads, and the moduli with their intervals. Returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2, f"softness by model {result.model}")
-    for each in result.objects:
-        points = sorted((p for p in result.points if p.object == each.object), key=lambda p: p.load_N)
-        left.errorbar(
-            [p.load_N for p in points], [p.force_ratio for p in points], [p.force_ratio_u for p in points], fmt="o-",
-            capsize=2, label=each.object,
-        )  # fmt: skip
+    for place, each in enumerate(result.objects):
+        points = [p for p in result.points if p.object == each.object]
+        plot_over_loads(left, place, each.object, points)
     left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)")
     left.legend(fontsize=8, title="object", ncols=6, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     known = [each for each in result.objects if each.scale_low_Pa or each.scale_high_Pa]

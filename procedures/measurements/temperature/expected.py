@@ -1,8 +1,8 @@
 """What a temperature sweep is expected to give: the uncertainty of the force ratio's change with temperature.
 
 It is that of the line through the ratios over the changes of temperature, whose points scatter as the design says [M],
-with the noise of usual films [A]. What a change adds to a film's offset depends on the films' surroundings: its
-uncertainty is found by the run alone.
+with the noise of the films, which is the usual one [A] where none is stated. What a change adds to a film's offset
+depends on the films' surroundings: its uncertainty is found by the run alone.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from typing import Annotated
 import numpy as np
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
@@ -121,7 +120,7 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
         steps: list[TemperatureStep] = []
         for temperature, change in zip(self.temperatures, steps_of(self.temperatures), strict=True):
             soak = max(self.soak, BEFORE) + RESPONSE + LENGTH
-            seconds = soak + SETTING + point_seconds(self.frequency, self.dwell, first=not steps)
+            seconds = soak + SETTING + point_seconds(self.frequency, self.dwell, first=not steps, mounts=target.mounts)
             what, group = show(temperature, "K"), f"mount sample {self.sample}"
             scatter = target.design.ratio_scatter
             steps.append(TemperatureStep(self.dwell, seconds, scatter, temperature, change, what=what, group=group))
@@ -170,7 +169,7 @@ def steps_of(temperatures: Sequence[float]) -> tuple[float, ...]:
 
 
 def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPoint) -> TemperaturePoint:
-    fit, forces = measured.fit, film_forces(design, measured.fit)
+    fit, forces = measured.fit, measured.forces(design)
     good = np.isfinite(measured.record.voltage).all(axis=0)
     time, volts = measured.record.time[good], measured.record.voltage[:, good]
     amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # 0 for a film that clips all the time
