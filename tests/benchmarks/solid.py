@@ -7,7 +7,7 @@ of all meshes up to the one that is named, none of which was kept. Errors are ag
 from __future__ import annotations
 
 import resource
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
@@ -85,13 +85,14 @@ def agreement() -> Iterator[Row]:
 
 def _certified(name: str, last: int, error: float, seconds: float, memory: float) -> Row:
     sensor = solid_parameters(get_design(name), PHYSICAL.load(1e5))
-    found = [_alone(name, ladders.resolution(sensor, refinement)) for refinement in range(last + 1)]
-    curves, higher = [own.poles for own, _ in found], ladders.meshes(sensor).higher if last > 1 else None
-    found = [_alone(name, higher), *found] if higher else found
-    bounds, _ = solid.estimates(curves, sensor, RATIOS * sensor.compliant_modulus, found[0][0].poles)
-    spent, held = sum(sum(own.seconds) for own, _ in found), max(held for _, held in found)
+    known = ladders.meshes(sensor)
+    higher = known.higher if last > 1 else None
+    found, held = _alone(name, [*([higher] if higher else []), *known.resolutions[: last + 1]])
+    curves = [own.poles for own in found[-last - 1 :]]
+    bounds, _ = solid.estimates(curves, sensor, RATIOS * sensor.compliant_modulus, found[0].poles)
+    spent = sum(sum(own.seconds) for own in found)
     return Row(
-        f"solid: {name}, whole curve, certified, cold, {len(found)} meshes to {found[-1][0].unknowns} unknowns",
+        f"solid: {name}, whole curve, certified, cold, {len(found)} meshes to {found[-1].unknowns} unknowns",
         f"{spent:.1f} s, {held:.1f} GB, estimate {bounds.max():.1e} at most, {np.median(bounds):.1e} in the middle",
         f"<= {seconds:g} s, <= {memory:g} GB, to {error:g}",
         bool(spent <= seconds and held <= memory and bounds.max() <= error),
@@ -100,7 +101,7 @@ def _certified(name: str, last: int, error: float, seconds: float, memory: float
 
 def _cost(name: str, refinement: int, error: float, seconds: float, memory: float, better: int) -> Row:
     sensor = solid_parameters(get_design(name), PHYSICAL.load(1e5))
-    (own, held), (finer, _) = (_alone(name, ladders.resolution(sensor, each)) for each in (refinement, better))
+    ((own,), held), ((finer,), _) = (_alone(name, [ladders.resolution(sensor, each)]) for each in (refinement, better))
     moduli = RATIOS * sensor.compliant_modulus
     off = float(np.abs(own.poles.force_ratios(moduli) - finer.poles.force_ratios(moduli)).max())
     spent = sum(own.seconds)
@@ -112,15 +113,15 @@ def _cost(name: str, refinement: int, error: float, seconds: float, memory: floa
     )
 
 
-def _alone(name: str, mesh: Resolution) -> tuple[SolidCurve, float]:
-    """A curve that is found in a process of its own, and the memory of that [GB]."""
+def _alone(name: str, meshes: Sequence[Resolution]) -> tuple[list[SolidCurve], float]:
+    """Curves that are found in a process of their own, as a command finds them, and the memory of that [GB]."""
     with ProcessPoolExecutor(1) as pool:
-        return pool.submit(_found, name, mesh).result()
+        return pool.submit(_found, name, meshes).result()
 
 
-def _found(name: str, mesh: Resolution) -> tuple[SolidCurve, float]:
-    system = System(solid_parameters(get_design(name), PHYSICAL.load(1e5)), mesh)
-    found = system.curve([system.load(None)])
+def _found(name: str, meshes: Sequence[Resolution]) -> tuple[list[SolidCurve], float]:
+    systems = (System(solid_parameters(get_design(name), PHYSICAL.load(1e5)), mesh) for mesh in meshes)
+    found = [system.curve([system.load(None)]) for system in systems]
     return found, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
