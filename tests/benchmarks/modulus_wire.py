@@ -18,7 +18,7 @@ RUNS = (
     ("scatter x 1.5", 0.05, 500e3, 4),
     ("mounting scatter 1 %", 0.03, 60e3, 5),
     ("moving cables", 0.1, 30e3, 6),
-    ("off the model's curve", 0.1, 250e3, 7),
+    ("off the model's curve by a drawn distance", 0.1, 250e3, 7),
 )
 ALIKE, SECONDS, QUICK = (0.8, 1.25), 0.1, 85.0
 FIVE = 0.05
