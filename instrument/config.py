@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -61,8 +61,7 @@ class Hashed(Config):
 
     def sha256(self) -> str:
         """SHA-256 of the content, hexadecimal. Keys that are left out do not count."""
-        content = self.model_dump(mode="json", exclude_none=True)
-        return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+        return _sha256(self.model_dump(mode="json", exclude_none=True))
 
     def about(self) -> dict[str, Any]:
         """What the record of a run says about this file."""
@@ -73,6 +72,12 @@ class Hashed(Config):
         edited = f"edited by hand, accepted on {self.accepted}" if self.accepted else ""
         marks = ", ".join(mark for mark in ("" if self.verified else "unverified", edited) if mark)
         return f" ({marks})" if marks else ""
+
+
+def _sha256(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a file's content without its hash, hexadecimal."""
+    written = json.dumps(content, sort_keys=True, separators=(",", ":"), default=str)  # TOML may have dates
+    return hashlib.sha256(written.encode()).hexdigest()
 
 
 M = TypeVar("M", bound=Config)
@@ -97,11 +102,19 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
         edited: whether the file may have been changed since it was written.
 
     Raises:
-        ConfigError: as in `read`, or the file was changed after it was written.
+        ConfigError: as in `read`, or the file was changed after it was written, or another version wrote it.
     """
     data = read_data(path)
     told = data.pop("sha256", None)
-    found = check(data, model, str(path))
+    try:
+        found = check(data, model, str(path))
+    except ConfigError as error:
+        if told is None or told != _sha256(data):
+            raise
+        raise ConfigError(
+            f"{path}: is as another version of palpate wrote it, with other keys; remove it, and measure anew what it"
+            f" holds\n{error}"
+        ) from None
     if told is None or edited:
         found._verified = told == found.sha256()
     elif told != found.sha256():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from datetime import date
 from functools import partial
@@ -9,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
@@ -108,6 +111,21 @@ def test_no_digit_of_a_calibration_changes_unnoticed(tmp_path: Path) -> None:
         except ConfigError:
             continue
         assert found == THESIS_LOAD_CELL
+
+
+@pytest.mark.parametrize("since", ["1", "2026-11-21"])  # a bare date is no JSON
+def test_a_file_of_another_version_is_told_apart_from_one_that_was_edited(
+    palpate: Palpate, stored: Path, since: str
+) -> None:
+    of_another = THESIS_LOAD_CELL.model_dump(exclude_none=True) | {"since": 1}
+    content = json.dumps(of_another, sort_keys=True, separators=(",", ":")).encode()
+    stored.write_text(tomli_w.dumps({"sha256": hashlib.sha256(content).hexdigest(), **of_another}), encoding="utf-8")
+    edit(stored, "since = 1\n", f"since = {since}\n")
+    complaint = palpate(*SWEEP).complaint
+    assert "since: unknown key" in complaint
+    assert ("another version of palpate wrote it" in complaint and "remove it, and measure anew" in complaint) == (
+        since == "1"
+    )
 
 
 def test_an_edited_scatter_of_mountings_is_refused_with_the_way_to_do_it_and_told_once_accepted(
