@@ -189,9 +189,12 @@ class _Elimination:
         steps = np.diff(ranks)
         if not steps.all():
             # An unknown that moves several places of one element stands there several times.
-            begins = np.concatenate([[0], np.flatnonzero(steps) + 1])
-            rows = np.add.reduceat(np.add.reduceat(rows.take(columns, axis=1), begins, axis=0), begins, axis=1)
-            ranks, columns = ranks[begins], np.arange(len(begins))
+            begins = np.flatnonzero(np.append(1, steps))
+            again = np.flatnonzero(steps == 0) + 1
+            for first, place in zip(begins[np.searchsorted(begins, again) - 1].tolist(), again.tolist(), strict=True):
+                rows[first] += rows[place]
+                rows[:, columns[first]] += rows[:, columns[place]]
+            rows, ranks, columns = rows[begins], ranks[begins], columns[begins]
         count = int(np.searchsorted(ranks, self._order.inside))
         others = ranks[count:]
         # Transposed, the parts of the upper triangle are those of the lower one, as LAPACK wants them.

@@ -192,12 +192,17 @@ class Body:
             added: addition to the material's 1/λ [1/Pa].
         """
         if isinstance(self.material, FilmMaterial):
-            size = math.prod(self._of_each)
-            matrix = np.zeros((self.count if elements is None else len(elements), size, size))
-        else:
-            dilatation = self.dilatation(elements)
-            matrix = dilatation.transpose(0, 2, 1) @ (dilatation / (self.material.compliance + added))
+            return self.by_law(self.material.law, elements)
+        dilatation = self.dilatation(elements)
+        matrix: Vector = dilatation.transpose(0, 2, 1) @ (dilatation / (self.material.compliance + added))
         self.add_law(matrix, self.material.law, elements)
+        return matrix
+
+    def by_law(self, law: Vector, elements: Names | None = None) -> Vector:
+        """Stiffness as `stiffness` gives it, of a material without pressure that `add_law` takes."""
+        size = math.prod(self._of_each)
+        matrix = np.zeros((self.count if elements is None else len(elements), size, size))
+        self.add_law(matrix, law, elements)
         return matrix
 
     def add_law(self, matrix: Vector, law: Vector, elements: Names | None = None) -> None:

@@ -20,6 +20,7 @@ from palpate.instrument.models.solid.curve import Resolution
 Vector = NDArray[np.float64]
 
 TOOTH, GAP, RING, OVERHANG = range(4)
+SWAPPED = [0, 3, 2, 1, 7, 6, 5, 4, 8]  # an element's points with its two directions exchanged
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,7 @@ def plan_mesh(cell: Cell, quarters: dict[tuple[int, int], tuple[float, float, in
             names[k] = index[key]
         nine = names[blocks[0]]
         if flip.prod() < 0:
-            nine = nine[[0, 3, 2, 1, 7, 6, 5, 4, 8]]
+            nine = nine[SWAPPED]
         elements.append(nine)
         regions.append(blocks[1])
         cells.append(np.full(nine.shape[1], number, dtype=np.intp))

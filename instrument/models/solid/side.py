@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.incompressible import extrapolated
 from palpate.instrument.models.solid.body import Names
-from palpate.instrument.models.solid.parts import Part, Stack
+from palpate.instrument.models.solid.diagonal import Diagonal
+from palpate.instrument.models.solid.parts import Part
 
 Vector = NDArray[np.float64]
 
@@ -21,26 +22,27 @@ class Side:
 
     Attributes:
         parts: the parts.
-        has: (unknowns,), whether an unknown of the stack is one of these parts.
+        has: (unknowns,), whether an unknown of the stack is one of these parts'.
         keeps_volume: whether the compliance of a part is too small for its element matrices.
     """
 
-    def __init__(self, stack: Stack, parts: Sequence[Part]) -> None:
-        self.parts, self._stack = parts, stack
+    def __init__(self, diagonal: Diagonal, parts: Sequence[Part]) -> None:
+        self.parts, self._diagonal = parts, diagonal
         self.keeps_volume = any(part.step for part in parts)
-        self.has = np.zeros(stack.unknowns, dtype=bool)
+        self.has = np.zeros(diagonal.unknowns, dtype=bool)
         for part in parts:
             self.has[part.names[part.names >= 0]] = True
-        own = np.full(stack.unknowns + 1, -1)
+        own = np.full(diagonal.unknowns + 1, -1)
         own[:-1][self.has] = np.arange(np.count_nonzero(self.has))
-        local = [own[part.body.local(part.names)] for part in parts]
+        self._pieces = [(piece, part.step) for part in parts for piece in diagonal.pieces(part)]
+        local = [own[piece.unknowns] for piece, _ in self._pieces]
         most = max(names.shape[1] for names in local)
-        # Elements of a lower degree get unknowns that are fixed, so that all have the same number.
+        # Smaller elements get unknowns that are fixed, so that all have the same number.
         missing = [((0, 0), (0, most - names.shape[1])) for names in local]
         padded = [np.pad(names, pad, constant_values=-1) for names, pad in zip(local, missing, strict=True)]
         self._unknowns = np.concatenate(padded)
-        self._coordinates = np.concatenate([self._centres(part) for part in parts])
-        self._starts = np.cumsum([0, *(part.body.count for part in parts)])
+        self._coordinates = np.concatenate([piece.places for piece, _ in self._pieces])
+        self._starts = np.cumsum([0, *map(len, local)])
 
     def condensed(
         self, contact: NDArray[np.bool_], loads: Callable[[float], Vector], remembers: bool = False
@@ -66,18 +68,12 @@ class Side:
     ) -> Condensed:
         def matrices(elements: Names) -> list[Vector]:
             found: dict[int, Vector] = {}
-            for (start, stop), part in zip(pairwise(self._starts), self.parts, strict=True):
+            for (start, stop), (piece, step) in zip(pairwise(self._starts), self._pieces, strict=True):
                 own = elements[(elements >= start) & (elements < stop)]
                 if len(own):
-                    found |= zip(own.tolist(), part.body.stiffness(own - start, added * part.step), strict=True)
+                    found |= zip(own.tolist(), piece.stiffness(own - start, added * step), strict=True)
             return [found[element] for element in elements.tolist()]
 
-        mesh = Mesh(self._unknowns, self._coordinates, matrices, contact[self.has], loads(added)[self.has])
+        forces = self._diagonal.turned(loads(added))
+        mesh = Mesh(self._unknowns, self._coordinates, matrices, contact[self.has], forces[self.has])
         return condense(mesh, remembers)
-
-    def _centres(self, part: Part) -> Vector:
-        body, plan = part.body, self._stack.plan
-        x, y = plan.mesh.p[:, plan.mesh.t[:4, body.plan.elements]].mean(axis=1)
-        z = (body.height.breaks[1:] + body.height.breaks[:-1]) / 2
-        flat = np.repeat([x, y, np.hypot(*self._stack.from_axis(x, y))], len(z), axis=1)
-        return np.column_stack([*flat, np.tile(z, len(x))])

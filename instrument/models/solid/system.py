@@ -16,6 +16,7 @@ from palpate.instrument.models.finite_elements.poles import Sensor, curve
 from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
+from palpate.instrument.models.solid.diagonal import Diagonal
 from palpate.instrument.models.solid.goals import goals
 from palpate.instrument.models.solid.mesh import locate
 from palpate.instrument.models.solid.parts import Part, Stack
@@ -56,7 +57,8 @@ class System:
         volts = np.array([[e.charge(self.stack, work) for work in asked.works] for e in asked.electrodes])
         self._volts = volts.reshape(len(asked.electrodes), len(asked.works)) @ asked.shares.T
         rest = [part for part in self.stack.parts if part is not self.stack.object]
-        self._sensor, self._sensed = Side(self.stack, rest), Side(self.stack, [self.stack.object])
+        self._diagonal = Diagonal(self.stack)
+        self._sensor, self._sensed = Side(self._diagonal, rest), Side(self._diagonal, [self.stack.object])
         self.contact = self._sensor.has & self._sensed.has
 
     def load(self, load_at: tuple[float, float] | None) -> Vector:
@@ -166,7 +168,8 @@ class System:
         part = self.stack.object
         sinking = np.zeros(self.stack.unknowns + 1)
         sinking[part.names[2]] = -np.multiply.outer(part.body.height.one, self.stack.one[part.body.plan.nodes])
-        whole, forces = sinking[:-1][self.contact], self.copies * np.array([sinking[:-1] @ load for load in loads])
+        whole = self._diagonal.turned(sinking[:-1])[self.contact]
+        forces = self.copies * np.array([sinking[:-1] @ load for load in loads])
         through += (whole - through.sum(axis=1))[:, None] / asked.teeth
         offsets += (forces - offsets.sum(axis=0)) / asked.teeth
         each, together = np.eye(asked.teeth), np.ones((asked.teeth, 1))
@@ -199,7 +202,7 @@ class System:
             weights = np.zeros(of.loads.shape[1])
             weights[: len(factors)] = factors
             found[side.has] = of.inside(moved, weights)
-        return found
+        return self._diagonal.turned(found)
 
     def forces_below_object(self, moved: Vector) -> Vector:
         """Forces (elements of the plan, shapes) [N] along z on the shape functions of the object's lower side.
@@ -243,8 +246,8 @@ class System:
         # Held unknowns stay where they are, and all places of one unknown move alike.
         strained = np.where(free, moved - means[:, names], moved)
         _, sizes, kinds = np.linalg.svd(strained.T, full_matrices=False)
-        found: Vector = (kinds[sizes < RIGID] @ means)[:, self.contact].T
-        return found
+        modes = (kinds[sizes < RIGID] @ means).T
+        return self._diagonal.turned(modes)[self.contact]
 
 
 def symmetry(parameters: SolidParameters) -> tuple[bool, bool]:
