@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument import notice
-from palpate.instrument.models.finite_elements.rational import basis
+from palpate.instrument.models.finite_elements.rational import projected
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.solid.model import curve_on, solve_on
@@ -73,5 +73,6 @@ def test_the_price_of_the_poles_of_a_large_contact_is_told(monkeypatch: pytest.M
     monkeypatch.setattr(notice, "LONG", 0.0)
     said: list[str] = []
     with notice.told(said.append):
-        basis(np.eye(60), np.diag(np.arange(60.0)), np.ones((60, 1)), np.zeros((60, 0)), 1.0)
-    assert len(said) == 1 and "60 unknowns" in said[0]
+        one = np.ones((200, 1))
+        projected(np.eye(200), np.diag(np.arange(200.0)), one, one, one, np.zeros((200, 0)), 1.0)
+    assert len(said) == 1 and "200 unknowns" in said[0]

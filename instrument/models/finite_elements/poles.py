@@ -209,15 +209,18 @@ def curve(
     """
     from scipy.linalg import cholesky, solve_triangular
 
-    from palpate.instrument.models.finite_elements.rational import basis
+    from palpate.instrument.models.finite_elements.rational import projected
 
     matrices = sensor.stiffness, sensed.stiffness
     columns: tuple[Array, ...] = (modes, sensed.loads, rows, ratio[:, None], sensor.charges)
     try:
-        onto = None if middle is None else basis(*matrices, np.concatenate(columns[1:], axis=1), modes, middle)
-        if onto is not None:
-            matrices = onto.T @ matrices[0] @ onto, onto.T @ matrices[1] @ onto
-            columns = tuple(onto.T @ each for each in columns)
+        fewer = None
+        if middle is not None:
+            goals = np.concatenate([rows, sensor.charges], axis=1)
+            fewer = projected(*matrices, sensed.loads, ratio[:, None], goals, modes, middle)
+        if fewer is not None:
+            matrices = fewer.stiffness, fewer.sensed
+            columns = tuple(fewer.onto.T @ each for each in columns)
         lower = cholesky(matrices[0], lower=True, check_finite=False)
     except np.linalg.LinAlgError:
         raise EstimateError(

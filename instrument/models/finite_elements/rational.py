@@ -1,61 +1,152 @@
 """Projection of a large contact onto the few displacements that its curve is made of.
 
 Solutions for all loads and goals at some moduli of the object, and the first terms of their series around these, span
-what solutions at any modulus need (rational Krylov subspace: Ruhe 1984). With six moduli for eleven decades and four
-terms each, ratios, voltages and energies keep 1e-11. A large contact has thousands of poles; to find them all took ten
-times as long as to eliminate the rest.
+what solutions at any modulus need (rational Krylov subspace: Ruhe 1984). More moduli are taken where what is left of the
+equations may still change an answer, until it may nowhere. A large contact has thousands of poles; to find them all took
+ten times as long as to eliminate the rest.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, qr
+from scipy.linalg import cho_factor, cho_solve, qr, solve_triangular
 
 from palpate.instrument.models.finite_elements import set_up
 
 Array = NDArray[np.float64]
 
-# Moduli of the object at which solutions are taken, over the one in their middle; and terms of the series around each,
-# of which the first is the solution itself.
-PLACES = np.geomspace(1e-2, 1e7, 6)
-TERMS = 4
+# Moduli of the object at which solutions are taken first, those at which is looked what is left, over the one in their
+# middle; and the most that are taken before all poles are sought.
+FIRST = (1e-1, 1e2, 1e6)
+CHECKED = np.geomspace(1e-3, 1e8, 23)
+MOST = 9
+# Terms of the series around each, of which the first is the solution itself: of loads and the force ratio, whose energies
+# are asked as well, and of other goals. An error of a goal is a product of what both miss.
+TERMS, TERMS_OF_GOALS = 10, 3
+# Bounds on what an answer may miss; most miss a hundredth of these.
+RATIO_ERROR, GOAL_ERROR = 1e-10, 1e-8  # of the greatest force ratio, and of the greatest value of another goal
 DEPENDENT = 1e-12  # share of a column that counts as nothing new
 
 
-def basis(stiffness: Array, sensed: Array, columns: Array, modes: Array, modulus: float) -> Array | None:
-    """Orthonormal displacements (contact, fewer) to project on; None: that would hardly leave fewer.
+@dataclass(frozen=True, slots=True)
+class Projected:
+    """A contact on few displacements.
+
+    Attributes:
+        onto: (contact, fewer), these displacements, orthonormal.
+        stiffness, sensed: (fewer, fewer), of the sensor, and of the object at a modulus of 1 Pa.
+    """
+
+    onto: Array
+    stiffness: Array
+    sensed: Array
+
+
+def projected(
+    stiffness: Array, sensed: Array, loads: Array, ratio: Array, goals: Array, modes: Array, modulus: float
+) -> Projected | None:
+    """The contact on what its solutions need; None: that would hardly be less, or does not suffice.
 
     Args:
         stiffness: (contact, contact), of the sensor.
         sensed: (contact, contact), of the object at a modulus of 1 Pa.
-        columns: (contact, columns), all loads and goals.
+        loads: (contact, loads).
+        ratio: (contact, 1), the force ratio by the displacements.
+        goals: (contact, goals), all others.
         modes: (contact, modes), rigid motions of the object.
         modulus: modulus of the object in the middle of a soft and a hard object's behaviour, as that of the ring [Pa].
 
     Raises:
         LinAlgError: the sensor is not held.
     """
-    own = _independent(columns)
-    if 2 * len(PLACES) * TERMS * own.shape[1] > len(stiffness):
+    main, others = _independent(np.concatenate([loads, ratio], axis=1)), _independent(goals)
+    fewer = len(FIRST) * (TERMS * main.shape[1] + TERMS_OF_GOALS * others.shape[1]) + modes.shape[1]
+    if 2 * fewer > len(stiffness):
         return None
-    set_up.begin(len(PLACES) * len(stiffness) ** 3 / 6, len(stiffness))
-    found = [modes]
-    for place in modulus * PLACES:
-        # The matrix is symmetric, and its transpose is already as LAPACK wants it.
-        factor = cho_factor((stiffness + place * sensed).T, lower=True, overwrite_a=True, check_finite=False)
-        term = own
-        for _ in range(TERMS):
-            term = cho_solve(factor, term, check_finite=False)
-            found.append(term)
-            term = sensed @ (term / np.linalg.norm(term, axis=0))
-    return _independent(np.concatenate(found, axis=1))
+    set_up.begin(len(FIRST) * len(stiffness) ** 3 / 6, len(stiffness))
+    factors: dict[float, Array] = {}
+    onto = _independent(modes)
+    pushed = [matrix @ onto for matrix in (stiffness, sensed)]
+    wanted = [modulus * place for place in FIRST]
+    while len(factors) < MOST:
+        found = []
+        for place in wanted:
+            # The matrix is symmetric, and its transpose is already as LAPACK wants it.
+            factor = cho_factor((stiffness + place * sensed).T, lower=True, overwrite_a=True, check_finite=False)
+            factors[place] = factor[0]
+            for term, count in ((main, TERMS), (others, TERMS_OF_GOALS)):
+                for _ in range(count):
+                    term = cho_solve(factor, term, check_finite=False)
+                    found.append(term)
+                    term = sensed @ (term / np.linalg.norm(term, axis=0))
+        new = _independent(np.concatenate(found, axis=1), onto)
+        onto = np.concatenate([onto, new], axis=1)
+        pushed = [
+            np.concatenate([before, matrix @ new], axis=1)
+            for before, matrix in zip(pushed, (stiffness, sensed), strict=True)
+        ]
+        own = Projected(onto, *(onto.T @ each for each in pushed))
+        left = _left(own, pushed, factors, np.concatenate([loads, ratio, goals], axis=1), loads.shape[1], modulus)
+        if left.max() <= 1:
+            return own
+        wanted = [modulus * float(CHECKED[left.argmax()])]
+        if wanted[0] in factors:
+            return None
+    return None
 
 
-def _independent(columns: Array) -> Array:
-    """An orthonormal basis of the span of some columns."""
+def _left(
+    own: Projected, pushed: list[Array], factors: dict[float, Array], columns: Array, loads: int, modulus: float
+) -> Array:
+    """Bounds on what solutions on these displacements miss, over what they may, at the moduli that are checked.
+
+    The stiffness rises with the modulus, by no larger share than the modulus itself. So energies of what is left of the
+    equations are bounded by those with a stiffness that was factorised. By Cauchy and Schwarz a goal misses no more than
+    the root of its own energy and of the load's.
+
+    Args:
+        own: the displacements.
+        pushed: forces (contact, fewer) on the contact by them, of the sensor and of an object of 1 Pa.
+        factors: Cholesky factors of the stiffness by the modulus of the object.
+        columns: (contact, columns), the loads, the force ratio, and all other goals.
+        loads: number of loads.
+        modulus: as in `projected`.
+    """
+    moduli, held = modulus * CHECKED, own.onto.T @ columns
+    solved = np.array([np.linalg.solve(own.stiffness + each * own.sensed, held) for each in moduli])
+    values = np.einsum("dl,edc->elc", held[:, :loads], solved)
+    known = np.array(sorted(factors))
+    nearest = np.maximum(np.searchsorted(known, moduli * (1 + 1e-9)) - 1, 0)
+    energies = np.empty((len(moduli), columns.shape[1]))
+    for number, place in enumerate(known):
+        those = np.flatnonzero(nearest == number)
+        if not len(those):
+            continue
+        share = solved[those].transpose(1, 0, 2).reshape(len(held), -1)
+        scaled = (solved[those] * moduli[those, None, None]).transpose(1, 0, 2).reshape(len(held), -1)
+        rest = np.tile(columns, len(those)) - pushed[0] @ share - pushed[1] @ scaled
+        rest = solve_triangular(factors[place], rest, lower=True, check_finite=False)
+        sums = (rest**2).sum(axis=0).reshape(len(those), -1)
+        energies[those] = sums * np.maximum(place / moduli[those], 1.0)[:, None]
+    errors = np.full(columns.shape[1], GOAL_ERROR)
+    errors[loads] = RATIO_ERROR
+    allowed = errors * np.abs(values).max(axis=(0, 1))
+    missed = np.sqrt(energies[:, :loads, None] * energies[:, None, :])
+    shares: Array = (missed / np.where(allowed > 0, allowed, np.inf)).max(axis=(1, 2))
+    return shares
+
+
+def _independent(columns: Array, beside: Array | None = None) -> Array:
+    """An orthonormal basis of the span of some columns, or of what they add to that of others."""
     sizes = np.linalg.norm(columns, axis=0)
-    first, triangle, _ = qr(columns[:, sizes > 0] / sizes[sizes > 0], mode="economic", pivoting=True)
-    kept = np.abs(np.diag(triangle)) > DEPENDENT
-    found: Array = first[:, kept]
+    found = columns[:, sizes > 0] / sizes[sizes > 0]
+    if beside is not None:
+        found -= beside @ (beside.T @ found)
+    first, triangle, _ = qr(found, mode="economic", pivoting=True)
+    found = first[:, np.abs(np.diag(triangle)) > DEPENDENT]
+    if beside is not None:  # small columns have lost digits of their being independent
+        found = qr(found - beside @ (beside.T @ found), mode="economic")[0]
     return found
