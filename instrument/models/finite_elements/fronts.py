@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 # Elements whose matrices are made at once: fewer cost more calls, more cost memory.
 AT_ONCE = 16
-COPIES = 6  # of the kept unknowns' matrix, as its poles are found
+COPIES = 10  # of the kept unknowns' matrix, as its poles are found
 # Least share of the machine's memory that is left to everything else.
 LEFT = 0.1
 

@@ -1,9 +1,9 @@
 """Projection of a large contact onto the few displacements that its curve is made of.
 
 Solutions for all loads and goals at some moduli of the object, and the first terms of their series around these, span
-what solutions at any modulus need (rational Krylov subspace: Ruhe 1984). More moduli are taken where what is left of the
-equations may still change an answer, until it may nowhere. A large contact has thousands of poles; to find them all took
-ten times as long as to eliminate the rest.
+what solutions at any modulus need (rational Krylov subspace: Ruhe 1984). More moduli are taken where what is left of
+the equations may still change an answer, until it may nowhere. A large contact has thousands of poles; to find them all
+took ten times as long as to eliminate the rest.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 FIRST = (1e-1, 1e2, 1e6)
 CHECKED = np.geomspace(1e-3, 1e8, 23)
 MOST = 9
-# Terms of the series around each, of which the first is the solution itself: of loads and the force ratio, whose energies
-# are asked as well, and of other goals. An error of a goal is a product of what both miss.
+# Terms of the series around each, of which the first is the solution itself: of loads and the force ratio, whose
+# energies are asked as well, and of other goals. An error of a goal is a product of what both miss.
 TERMS, TERMS_OF_GOALS = 10, 3
 # Bounds on what an answer may miss; most miss a hundredth of these.
 RATIO_ERROR, GOAL_ERROR = 1e-10, 1e-8  # of the greatest force ratio, and of the greatest value of another goal
@@ -104,8 +104,8 @@ def _left(
     """Bounds on what solutions on these displacements miss, over what they may, at the moduli that are checked.
 
     The stiffness rises with the modulus, by no larger share than the modulus itself. So energies of what is left of the
-    equations are bounded by those with a stiffness that was factorised. By Cauchy and Schwarz a goal misses no more than
-    the root of its own energy and of the load's.
+    equations are bounded by those with a stiffness that was factorised. By Cauchy and Schwarz a goal misses no more
+    than the root of its own energy and of the load's.
 
     Args:
         own: the displacements.
@@ -149,4 +149,5 @@ def _independent(columns: Array, beside: Array | None = None) -> Array:
     found = first[:, np.abs(np.diag(triangle)) > DEPENDENT]
     if beside is not None:  # small columns have lost digits of their being independent
         found = qr(found - beside @ (beside.T @ found), mode="economic")[0]
-    return found
+    independent: Array = found
+    return independent
