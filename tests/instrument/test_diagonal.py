@@ -78,7 +78,7 @@ def test_displacements_are_those_of_the_unknowns(monkeypatch: pytest.MonkeyPatch
 def test_a_sensor_is_halved_where_it_is_its_own_mirror_image(changed: dict[str, Any], is_halved: bool) -> None:
     sensor = replace(SOFT, **changed)
     found = Diagonal(Stack(sensor, SMALLEST, symmetry(sensor)))
-    columns = np.arange(3.0 * found.unknowns).reshape(-1, 3)
+    columns = np.arange(3.0 * found.stack.unknowns).reshape(-1, 3)
     assert np.array_equal(found.turned(columns), columns) is not is_halved
     assert found.turned(found.turned(columns)) == pytest.approx(columns)
 

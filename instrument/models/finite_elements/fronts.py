@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 # Elements whose matrices are made at once: fewer cost more calls, more cost memory.
 AT_ONCE = 16
 COPIES = 10  # of the kept unknowns' matrix, as its poles are found
+BLOCK = 256  # rows
 # Least share of the machine's memory that is left to everything else.
 LEFT = 0.1
 
@@ -88,14 +89,25 @@ def condense(mesh: Mesh, remembers: bool = False) -> Condensed:
     elimination = _Elimination(mesh, order, remembers)
     stiffness, loads, work = elimination.run()
     places = order.rank[mesh.kept] - (len(mesh.kept) - np.count_nonzero(mesh.kept))
-    whole = np.tril(stiffness)
-    whole += np.tril(stiffness, -1).T
+    _mirror(stiffness)
+    _mirror(work)
     return Condensed(
-        stiffness=whole[places].take(places, axis=1, mode="clip"),
+        stiffness=stiffness[places].take(places, axis=1, mode="clip"),
         loads=loads[places],
-        work=np.tril(work) + np.tril(work, -1).T,
+        work=work,
         inside=elimination.inside if remembers else None,
     )
+
+
+def _mirror(matrix: Array) -> None:
+    """Fill the upper triangle of a symmetric matrix from its lower one, in place and by blocks that the cache holds."""
+    for row in range(0, len(matrix), BLOCK):
+        rows = slice(row, row + BLOCK)
+        for column in range(0, row, BLOCK):
+            columns = slice(column, column + BLOCK)
+            matrix[columns, rows] = matrix[rows, columns].T
+        own = matrix[rows, rows]
+        own[:] = np.tril(own) + np.tril(own, -1).T
 
 
 def _require_memory(order: Order, mesh: Mesh, remembers: bool) -> None:

@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 # Moduli of the object at which solutions are taken first, those at which is looked what is left, over the one in their
 # middle; and the most that are taken before all poles are sought.
 FIRST = (1e-1, 1e2, 1e6)
-CHECKED = np.geomspace(1e-3, 1e8, 23)
+CHECKED = np.geomspace(1e-3, 1e8, 12)
 MOST = 9
 # Terms of the series around each, of which the first is the solution itself: of loads and the force ratio, whose
 # energies are asked as well, and of other goals. An error of a goal is a product of what both miss.
-TERMS, TERMS_OF_GOALS = 10, 3
+TERMS, TERMS_OF_GOALS = 8, 3
 # Bounds on what an answer may miss; most miss a hundredth of these.
 RATIO_ERROR, GOAL_ERROR = 1e-10, 1e-8  # of the greatest force ratio, and of the greatest value of another goal
 DEPENDENT = 1e-12  # share of a column that counts as nothing new
@@ -75,13 +75,17 @@ def projected(
         found = []
         for place in wanted:
             # The matrix is symmetric, and its transpose is already as LAPACK wants it.
-            factor = cho_factor((stiffness + place * sensed).T, lower=True, overwrite_a=True, check_finite=False)
+            matrix = place * sensed
+            matrix += stiffness
+            factor = cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)
             factors[place] = factor[0]
-            for term, count in ((main, TERMS), (others, TERMS_OF_GOALS)):
-                for _ in range(count):
-                    term = cho_solve(factor, term, check_finite=False)
-                    found.append(term)
-                    term = sensed @ (term / np.linalg.norm(term, axis=0))
+            term = np.concatenate([main, others], axis=1)
+            for count in range(TERMS):
+                if count == TERMS_OF_GOALS:
+                    term = term[:, : main.shape[1]]
+                term = cho_solve(factor, term, check_finite=False)
+                found.append(term)
+                term = sensed @ (term / np.linalg.norm(term, axis=0))
         new = _independent(np.concatenate(found, axis=1), onto)
         onto = np.concatenate([onto, new], axis=1)
         pushed = [

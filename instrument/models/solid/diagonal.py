@@ -45,11 +45,12 @@ class Diagonal:
     """The mirror images of a sensor's unknowns, if it is its own.
 
     Attributes:
-        unknowns: number of unknowns.
+        stack: the sensor.
+        halves: whether it is its own mirror image.
     """
 
     def __init__(self, stack: Stack) -> None:
-        self._stack, self.unknowns = stack, stack.unknowns
+        self.stack = stack
         own = np.arange(stack.unknowns)
         self._images, partner = _elements(stack.plan), own
         if self._images is not None:
@@ -65,6 +66,7 @@ class Diagonal:
         self._is_first = before
         self._first = own[before[:-1] & (partner != own)]
         self._second = partner[self._first]
+        self.halves = bool(len(self._first))
 
     def turned(self, columns: Vector) -> Vector:
         """Forces or displacements of sums and differences from those of the unknowns, or the other way round.
@@ -79,8 +81,8 @@ class Diagonal:
 
     def pieces(self, part: Part) -> list[Piece]:
         """The elements of a part."""
-        body, places = part.body, self._places(part)
-        if not len(self._first):
+        body, places = part.body, self.stack.centres(part)
+        if not self.halves:
             return [Piece(body.local(part.names), places, body.stiffness)]
         kept, paired = self._halved(part)
         names = body.local(part.names, kept)
@@ -122,14 +124,6 @@ class Diagonal:
         own = np.flatnonzero(np.arange(len(image)) <= image)
         steps = len(body.height.local)
         return (own[:, None] * steps + np.arange(steps)).ravel(), (own != image[own]).repeat(steps)[:, None]
-
-    def _places(self, part: Part) -> Vector:
-        """Coordinates of the centres of a part's elements: along both sides of the plan, from the axis, and height."""
-        body, plan = part.body, self._stack.plan
-        x, y = plan.mesh.p[:, plan.mesh.t[:4, body.plan.elements]].mean(axis=1)
-        z = (body.height.breaks[1:] + body.height.breaks[:-1]) / 2
-        flat = np.repeat([x, y, np.hypot(*self._stack.from_axis(x, y))], len(z), axis=1)
-        return np.column_stack([*flat, np.tile(z, len(x))])
 
 
 def _scaled(matrices: Vector, weights: Vector) -> Vector:

@@ -83,6 +83,17 @@ class Stack:
         p = self._parameters
         return x % p.cell_length - p.cell_length / 2, y % p.cell_width - p.cell_width / 2
 
+    def centres(self, part: Part) -> Vector:
+        """Centres of a part's elements (elements, 4) [m]: along both sides of the plan, from the axis, and height."""
+        x, y = self.plan.mesh.p[:, self.plan.mesh.t[:4, part.body.plan.elements]].mean(axis=1)
+        z = (part.body.height.breaks[1:] + part.body.height.breaks[:-1]) / 2
+        flat = np.repeat([x, y, np.hypot(*self.from_axis(x, y))], len(z), axis=1)
+        return np.column_stack([*flat, np.tile(z, len(x))])
+
+    def cells(self, part: Part) -> Names:
+        """Cell of each of a part's elements."""
+        return self.plan.cell[part.body.plan.elements].repeat(len(part.body.height.local))
+
     def _quarters(self) -> dict[tuple[int, int], tuple[float, float, int]]:
         p = self._parameters
         return {

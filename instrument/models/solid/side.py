@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.incompressible import extrapolated
 from palpate.instrument.models.solid.body import Names
+from palpate.instrument.models.solid.cells import Alike, alike, condensed
 from palpate.instrument.models.solid.diagonal import Diagonal
 from palpate.instrument.models.solid.parts import Part
 
 Vector = NDArray[np.float64]
+
+SAME = 1e-6  # of the length: elements at places that differ by less are translations of each other
 
 
 class Side:
@@ -29,20 +32,33 @@ class Side:
     def __init__(self, diagonal: Diagonal, parts: Sequence[Part]) -> None:
         self.parts, self._diagonal = parts, diagonal
         self.keeps_volume = any(part.step for part in parts)
-        self.has = np.zeros(diagonal.unknowns, dtype=bool)
+        self.has = np.zeros(diagonal.stack.unknowns, dtype=bool)
         for part in parts:
             self.has[part.names[part.names >= 0]] = True
-        own = np.full(diagonal.unknowns + 1, -1)
+        own = np.full(diagonal.stack.unknowns + 1, -1)
         own[:-1][self.has] = np.arange(np.count_nonzero(self.has))
-        self._pieces = [(piece, part.step) for part in parts for piece in diagonal.pieces(part)]
-        local = [own[piece.unknowns] for piece, _ in self._pieces]
+        pieces = [(piece, part) for part in parts for piece in diagonal.pieces(part)]
+        self._pieces = [(piece, part.step) for piece, part in pieces]
+        local = [own[piece.unknowns] for piece, _ in pieces]
         most = max(names.shape[1] for names in local)
         # Smaller elements get unknowns that are fixed, so that all have the same number.
         missing = [((0, 0), (0, most - names.shape[1])) for names in local]
         padded = [np.pad(names, pad, constant_values=-1) for names, pad in zip(local, missing, strict=True)]
         self._unknowns = np.concatenate(padded)
-        self._coordinates = np.concatenate([piece.places for piece, _ in self._pieces])
+        self._coordinates = np.concatenate([piece.places for piece, _ in pieces])
         self._starts = np.cumsum([0, *map(len, local)])
+        self._alike = None if diagonal.halves else self._cells()
+
+    def _cells(self) -> Alike | None:
+        """Cells of these parts that are alike."""
+        stack, kinds = self._diagonal.stack, sorted({part.name for part in self.parts})
+        x, y, _, z = self._coordinates.T
+        places = np.stack([*stack.from_axis(x, y), z], axis=1)
+        parts = np.concatenate([np.full(part.body.count, kinds.index(part.name)) for part in self.parts])
+        cells = np.concatenate([stack.cells(part) for part in self.parts])
+        return alike(
+            self._unknowns, cells, np.column_stack([parts, np.round(places / (SAME * np.ptp(x))).astype(np.intp)])
+        )
 
     def condensed(
         self, contact: NDArray[np.bool_], loads: Callable[[float], Vector], remembers: bool = False
@@ -76,4 +92,4 @@ class Side:
 
         forces = self._diagonal.turned(loads(added))
         mesh = Mesh(self._unknowns, self._coordinates, matrices, contact[self.has], forces[self.has])
-        return condense(mesh, remembers)
+        return condense(mesh, remembers) if remembers or self._alike is None else condensed(mesh, self._alike)
