@@ -120,11 +120,10 @@ def _estimates(found: Sequence[Curve | None], parameters: Parameters) -> Interva
 
 
 def _beside(parameters: Parameters, meshes: int) -> float:
-    """Processor time of the mesh that an estimate needs beside those that answer [s]; 0 where it needs none."""
+    """Processor time of the meshes that an estimate needs beside those that answer [s]; 0 where it needs none."""
     if isinstance(parameters, RoundParameters):
         return 0.0
-    beside = solid.mesh_beside(parameters, meshes)
-    return 0.0 if beside is None else sum(beside.seconds)
+    return sum((sum(solid.curve_on(*each).seconds) for each in solid.beside(parameters, meshes)), 0.0)
 
 
 def _ratios(mesh: Mesh, solved: Results, moduli: Sequence[float]) -> Values:

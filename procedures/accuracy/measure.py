@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.errors import RangeError
+from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models.foundation import beam
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from palpate.instrument.models.parameters import Parameters
-from palpate.instrument.models.prices.price import Price
-from palpate.instrument.models.prices.price_list import PriceList
+from palpate.instrument.models.prices.price import Price, Reference
+from palpate.instrument.models.prices.price_list import PriceList, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.stored import surface
 from palpate.instrument.models.stored.surface import Surface
@@ -31,9 +31,7 @@ from palpate.procedures.console.progress import Progress
 
 Array = NDArray[np.float64]
 
-DESIGNS = ("single_round", "single", "common_base", "different_base", "array")
-# With shipped curves; references for prices of more teeth would take hours.
-SHIPPED = (*DESIGNS, "array_16")
+DESIGNS = ("single_round", "single", "common_base", "different_base", "array", "array_16")
 BEAM_ELEMENTS = (1, 2, 4, 8, 16)
 
 
@@ -77,26 +75,39 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 
 
-def expected_seconds(prices: PriceList) -> float:
-    """Processor time that `measure` takes for a list [s], by the list's own prices.
+def expected_seconds(designs: Sequence[str]) -> float:
+    """Processor time that `measure` takes for some designs [s], by the stored prices of those that it has.
 
     Each process eliminates a mesh of the solid model once for all moduli. The axisymmetric model solves each anew.
     """
+    priced, references = _stored(designs)
     times = {"solid": PROCESSES, "axisymmetric": len(MODULI) + len(MIDDLES)}
-    meshes = math.fsum(times.get(each.model, 1) * (each.seconds or 0.0) for each in prices.prices)
-    return meshes + math.fsum(each.seconds for each in prices.references)
+    meshes = math.fsum(times.get(each.model, 1) * (each.seconds or 0.0) for each in priced)
+    return meshes + math.fsum(each.seconds for each in references)
 
 
-def expected_curve_seconds(name: str, prices: PriceList) -> float:
+def expected_curve_seconds(name: str) -> float:
     """Processor time that finding a design's curves takes [s], by the shipped ones.
 
-    Where those do not fit the design's sensors any more, it is the build time of the list; 0: not priced there either.
+    Where those do not fit the design's sensors any more, or a file of them is missing or damaged, it is the build time
+    of the stored prices; 0: not priced there either.
     """
     try:
         sensors = [(get_parameter_set(each, "surface"), get_design(name)) for each in sets_of(name)]
         return math.fsum(surface.find(own.design(design), own.load(TIMED)).seconds for own, design in sensors)
-    except RangeError:
-        return math.fsum(p.build_s or 0.0 for p in prices.prices if (p.design, p.model) == (name, "surface"))
+    except (RangeError, ConfigError):
+        return math.fsum(price.build_s or 0.0 for price in _stored([name])[0] if price.model == "surface")
+
+
+def _stored(designs: Sequence[str]) -> tuple[list[Price], list[Reference]]:
+    """Stored prices and references of some designs; none where the list is missing or damaged: it is made anew then."""
+    try:
+        known = stored()
+    except ConfigError:
+        return [], []
+    return [each for each in known.prices if each.design in designs], [
+        each for each in known.references if each.design in designs
+    ]
 
 
 def sets_of(name: str) -> tuple[str, ...]:

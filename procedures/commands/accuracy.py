@@ -45,8 +45,8 @@ accuracy.add_command(validation)
     epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
     "\n\n  palpate accuracy models --store\n\n  palpate accuracy models --design single --store"
 )
-@option("--design", help="single_round, single, common_base, different_base or array (default: all).")
-@option("--measure", "anew", is_flag=True, help="Measure on this machine: seven minutes for all designs.")
+@option("--design", help="single_round, single, common_base, different_base, array or array_16 (default: all).")
+@option("--measure", "anew", is_flag=True, help="Measure on this machine: five minutes for all designs.")
 @option("--store", is_flag=True, help="Measure, and store the result in the list by which models are chosen.")
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot models.png (default: no plot).")
 @output_options
@@ -78,7 +78,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     make_folder(out)
     if anew or store:
         with output.prices(), output.progress() as progress:
-            price("measuring the models", expected_seconds(price_list.stored().of(asked)))
+            price("measuring the models", expected_seconds(asked))
             prices = measure(asked, progress)
         if store:
             kept = prices if design is None else price_list.stored().replaced(prices)
@@ -113,24 +113,23 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
 @option("--store", is_flag=True, help='Find the curves anew, and store them for model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
-    """Show the curves from which model "surface" answers, with their bounds. Finding all takes about ten minutes."""
+    """Show the curves from which model "surface" answers, with their bounds. Finding all takes four minutes."""
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.curve import ratio_curve
     from palpate.instrument.models.parameter_sets import get_parameter_set
-    from palpate.instrument.models.prices.price_list import stored
     from palpate.instrument.models.stored import surface
     from palpate.instrument.notice import price
     from palpate.instrument.sensor.designs import get_design
-    from palpate.procedures.accuracy.measure import SHIPPED, expected_curve_seconds, sensor_of, sets_of
+    from palpate.procedures.accuracy.measure import DESIGNS, expected_curve_seconds, sensor_of, sets_of
     from palpate.procedures.records.run import storing
 
     output = Output(as_json, quiet)
-    if design is not None and design not in SHIPPED:
-        raise UnknownName("design with a surface", design, SHIPPED)
-    asked = list(SHIPPED) if design is None else [design]
+    if design is not None and design not in DESIGNS:
+        raise UnknownName("design with a surface", design, DESIGNS)
+    asked = list(DESIGNS) if design is None else [design]
     if store:
         with output.prices(), output.progress() as progress:
-            price("finding the curves", sum(expected_curve_seconds(each, stored()) for each in asked))
+            price("finding the curves", sum(map(expected_curve_seconds, asked)))
             for done, name in enumerate(asked):
                 sensors = [sensor_of(name, parameters) for parameters in sets_of(name)]
                 with storing(surface.STORED):

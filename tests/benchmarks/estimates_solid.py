@@ -2,7 +2,8 @@
 
 Half of the sensors are discs, which the round model knows better; what that may be off by is no error of theirs. Others
 are square cells, some under a load in one point, pairs on one base or two, and arrays of four: these are judged by
-their finest mesh. A seventh of all have capped rings. `claims` tells how such a campaign is gone on with.
+their finest mesh, arrays of eight by the second mesh of few teeth. A seventh of all have capped rings. `claims` tells
+how such a campaign is gone on with.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.ladders import refinements
+from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, has_many_teeth, refinements
 from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks.claims import RATIOS, Claim, Tried, Truth, campaign, changes, claim, errors, is_closed, left_over
 from tests.benchmarks.row import Row
@@ -24,12 +25,13 @@ from tests.settings import disc, solid_sensors
 SENSORS, SEED = 1000, 91_000_000
 EVERY_CAPPED = 7
 ROUND_REFINEMENTS = axisymmetric.REFINEMENTS[:4]
-# What the change to the finest mesh leaves.
-LEFT, LEFT_CLOSED = 0.6, 1.5
+# What the change to the finest mesh leaves; for many teeth, that of few teeth from their first mesh to their second.
+LEFT, LEFT_CLOSED, LEFT_OF_MANY = 0.6, 1.5, 0.1
+MANY_REFINEMENTS = (0, 1)
 
 
 def sensor(number: int) -> SolidParameters:
-    """The sensor of that number: of ten numbers five are discs, two squares, one a point load, two pairs or arrays."""
+    """The sensor of that number: of ten five are discs, two squares, one a point load, a pair and an array."""
     seed, kind = SEED + number, number % 10
     if kind < 5:
         drawn = replace(solid_sensors(1, 0, 0, seed)[0], film=PVDF.round())
@@ -37,8 +39,8 @@ def sensor(number: int) -> SolidParameters:
         drawn = next(found for found in _squares(seed) if (found.load_at is None) == (kind < 7))
     else:
         drawn = solid_sensors(0, 0, 2, seed)[number // 20 % 2]
-        if number % 20 == 9:
-            drawn = replace(drawn, rows=2)
+        if number % 10 == 9:
+            drawn = replace(drawn, rows=2, columns=2 if number % 20 == 9 else 4)
     return replace(drawn, interface="capped") if number % EVERY_CAPPED == 0 and not is_closed(drawn) else drawn
 
 
@@ -52,7 +54,8 @@ def tried(number: int) -> Tried:
     """Judge all meshes of a sensor but the first, and but the finest where that is the judge."""
     drawn = sensor(number)
     try:
-        curves = [solid.curve(drawn, refinement).poles for refinement in refinements(drawn)]
+        several = MANY_REFINEMENTS if has_many_teeth(drawn) else refinements(drawn)
+        curves = [solid.curve(drawn, refinement).poles for refinement in several]
         found = claims(number, drawn, curves)
         return Tried(number, [asdict(each) for each in found])
     except EstimateError as error:
@@ -66,6 +69,9 @@ def claims(number: int, drawn: SolidParameters, curves: Sequence[Curve]) -> Iter
         around = disc(drawn)
         known = [axisymmetric.curve(around, refinement) for refinement in ROUND_REFINEMENTS]
         doubts, left, last = axisymmetric.estimates(known, around, moduli), 0.0, len(curves)
+    elif has_many_teeth(drawn):
+        known = [solid.curve_on(drawn, finer).poles for finer in OF_FEW_TEETH.resolutions[:2]]
+        doubts, left, last = (0.0 * moduli, 0.0 * moduli), LEFT_OF_MANY, len(curves)
     else:
         known, doubts = list(curves), (0.0 * moduli, 0.0 * moduli)
         left, last = LEFT_CLOSED if is_closed(drawn) else LEFT, len(curves) - 1

@@ -10,6 +10,7 @@ import resource
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -85,14 +86,13 @@ def agreement() -> Iterator[Row]:
 
 def _certified(name: str, last: int, error: float, seconds: float, memory: float) -> Row:
     sensor = solid_parameters(get_design(name), PHYSICAL.load(1e5))
-    known = ladders.meshes(sensor)
-    higher = known.higher if last > 1 else None
-    found, held = _alone(name, [*([higher] if higher else []), *known.resolutions[: last + 1]])
-    curves = [own.poles for own in found[-last - 1 :]]
-    bounds, _ = solid.estimates(curves, sensor, RATIOS * sensor.compliant_modulus, found[0].poles)
-    spent = sum(sum(own.seconds) for own in found)
+    own = [(sensor, each) for each in ladders.meshes(sensor).resolutions[: last + 1]]
+    found, held = _alone([*own, *solid.beside(sensor, len(own))])
+    curves = [each.poles for each in found]
+    bounds, _ = solid.estimates(curves[: len(own)], sensor, RATIOS * sensor.compliant_modulus, curves[len(own) :])
+    spent = sum(sum(each.seconds) for each in found)
     return Row(
-        f"solid: {name}, whole curve, certified, cold, {len(found)} meshes to {found[-1].unknowns} unknowns",
+        f"solid: {name}, whole curve, certified, cold, {len(found)} meshes to {found[last].unknowns} unknowns",
         f"{spent:.1f} s, {held:.1f} GB, estimate {bounds.max():.1e} at most, {np.median(bounds):.1e} in the middle",
         f"<= {seconds:g} s, <= {memory:g} GB, to {error:g}",
         bool(spent <= seconds and held <= memory and bounds.max() <= error),
@@ -101,7 +101,9 @@ def _certified(name: str, last: int, error: float, seconds: float, memory: float
 
 def _cost(name: str, refinement: int, error: float, seconds: float, memory: float, better: int) -> Row:
     sensor = solid_parameters(get_design(name), PHYSICAL.load(1e5))
-    ((own,), held), ((finer,), _) = (_alone(name, [ladders.resolution(sensor, each)]) for each in (refinement, better))
+    ((own,), held), ((finer,), _) = (
+        _alone([(sensor, ladders.resolution(sensor, each))]) for each in (refinement, better)
+    )
     moduli = RATIOS * sensor.compliant_modulus
     off = float(np.abs(own.poles.force_ratios(moduli) - finer.poles.force_ratios(moduli)).max())
     spent = sum(own.seconds)
@@ -113,14 +115,15 @@ def _cost(name: str, refinement: int, error: float, seconds: float, memory: floa
     )
 
 
-def _alone(name: str, meshes: Sequence[Resolution]) -> tuple[list[SolidCurve], float]:
+def _alone(meshes: Sequence[tuple[SolidParameters, Resolution]]) -> tuple[list[SolidCurve], float]:
     """Curves that are found in a process of their own, as a command finds them, and the memory of that [GB]."""
-    with ProcessPoolExecutor(1) as pool:
-        return pool.submit(_found, name, meshes).result()
+    # A copy of this process would pay for each page of memory that it shares.
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(_found, meshes).result()
 
 
-def _found(name: str, meshes: Sequence[Resolution]) -> tuple[list[SolidCurve], float]:
-    systems = (System(solid_parameters(get_design(name), PHYSICAL.load(1e5)), mesh) for mesh in meshes)
+def _found(meshes: Sequence[tuple[SolidParameters, Resolution]]) -> tuple[list[SolidCurve], float]:
+    systems = (System(sensor, mesh) for sensor, mesh in meshes)
     found = [system.curve([system.load(None)]) for system in systems]
     return found, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 

@@ -62,4 +62,4 @@ def test_cells_are_alike_where_places_and_joints_are() -> None:
     assert found.places.tolist() == [[0, 1], [1, 2]]
     assert alike(unknowns[:2], cells[:2], relative[:2]) is None
     assert alike(unknowns, cells, np.arange(8)[:, None]) is None  # no element is another's translation
-    assert alike(unknowns, np.full(8, -1), relative) is None
+    assert alike(unknowns, np.zeros(8, dtype=int), relative) is None

@@ -111,7 +111,8 @@ def test_two_meshes_of_the_round_model_that_agree_by_luck_leave_a_share_of_what_
     monkeypatch.setattr(axisymmetric, "_curve_on", lambda *_: COARSE)
     at, sensor = np.array([1e5]), RoundParameters()
     (found,), _ = axisymmetric.estimates([FINE, FINE], sensor, at)
-    assert found == pytest.approx(0.05 * estimates([COARSE, FINE], at, OPEN)[0][0])
+    whole = Manner(0.25, (1.0,), (1.0,), luck=0.0, far=0.3)
+    assert found == pytest.approx(0.05 * 0.3 * estimates([COARSE, FINE], at, whole)[0][0])
     assert axisymmetric.estimates([FINE, FINE, FINE], sensor, at)[0] == 0
 
 
@@ -129,6 +130,21 @@ def test_what_rounding_may_change_is_added_to_the_bounds(monkeypatch: pytest.Mon
         monkeypatch.setattr(axisymmetric, "rounding", lambda *_, rounded=rounded: rounded)
         bounds.append(np.array(axisymmetric.estimates([COARSE, FINE], RoundParameters(), np.array([1e5]))).ravel())
     assert bounds[1] - bounds[0] == pytest.approx([0.5, 3.0])
+
+
+def test_a_mesh_and_its_twin_that_agree_by_luck_are_rounded_no_less_than_those_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The twin of the last mesh is the mesh itself; that of the one before differs."""
+    flat = replace(RoundParameters(), sensed_thickness=1e-4)
+    assert axisymmetric.may_round(flat)
+    monkeypatch.setattr(axisymmetric, "curve", lambda _, number: {2: FINE, 3: FINE}[number])
+    at = np.array([1e5])
+    apart = np.abs(COARSE.force_ratios(at * 10**0.5) - FINE.force_ratios(at * 10**0.5))
+    (told,), _ = axisymmetric.rounding([FINE, COARSE, FINE], flat, at)
+    assert told >= axisymmetric.ROUNDING * apart.max() > 0
+    (told,), _ = axisymmetric.rounding([COARSE, FINE, FINE], flat, at)
+    assert told == axisymmetric.ROUND_OFF
 
 
 def test_bounds_are_several_times_as_wide_where_a_gap_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,6 +165,14 @@ SEALED, MANY_NARROW = (
     replace(FEW, ring_inner_radius=FEW.tooth_radius),
     replace(MANY, ring_inner_radius=1.04 * MANY.tooth_radius),
 )
+POINT, POINT_NARROW = (replace(each, load_at=(6e-3, 5e-3)) for each in (MANY, MANY_NARROW))
+
+
+def known_of(sensor: SolidParameters, count: int, curve: Curve) -> list[Curve]:
+    """One curve for all meshes that an estimate for the last of so many meshes asks."""
+    return [curve] * len(solid.beside(sensor, count))
+
+
 # Gap and thickness over the tooth's radius, Poisson ratio; whether few and many teeth are hard.
 HARDNESS = (
     (0.06, 0.11, 0.5, False, False),
@@ -165,8 +189,8 @@ HARDNESS = (
         (FEW, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3), (0.5, 0.9), (8.0, 6.0)),
         (THIN_RUBBER, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=1.0), (6.0, 5.6), (32.0, 24.0)),
         (SEALED, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=1.0), (6.0, 5.6), (32.0, 24.0)),
-        (MANY, Manner(0.15, (1.0,), (1.0,), luck=0.0, far=1.0), (2.0, 1.0, 0.5), (12.0, 8.0, 4.0)),
-        (MANY_NARROW, Manner(0.15, (1.0,), (1.0,), luck=0.0, far=1.0), (8.0, 4.0, 2.0), (48.0, 32.0, 16.0)),
+        (POINT, Manner(0.15, (1.0,), (1.0,), luck=0.0, far=1.0), (2.0, 1.0, 0.5), (12.0, 8.0, 4.0)),
+        (POINT_NARROW, Manner(0.15, (1.0,), (1.0,), luck=0.0, far=1.0), (8.0, 4.0, 2.0), (48.0, 32.0, 16.0)),
     ],
 )
 def test_the_solid_model_believes_its_meshes_as_its_decisions_say(
@@ -174,9 +198,12 @@ def test_the_solid_model_believes_its_meshes_as_its_decisions_say(
 ) -> None:
     """By their number and that of the teeth, and less where coarse meshes see too little."""
     at = np.array([1e5])
-    ratio, voltage = estimates([COARSE, FINE], at, of)
+    meshes = [COARSE, FINE, COARSE, FINE]
+    if sensor.load_at is not None:
+        meshes = [replace(each, clamped=np.zeros(1)) for each in meshes]
+    ratio, voltage = estimates(meshes[:2], at, of)
     for count in range(2, len(factors) + 2):
-        found = solid.estimates([COARSE, FINE, COARSE, FINE][-count:], sensor, at, higher=COARSE)
+        found = solid.estimates(meshes[-count:], sensor, at, known_of(sensor, count, COARSE))
         assert found[0] - 1e-8 == pytest.approx(factors[count - 2] * ratio)
         assert found[1] == pytest.approx(of_voltages[count - 2] * voltage)
 
@@ -191,19 +218,46 @@ def test_what_coarse_meshes_see_too_little_of(gap: float, thick: float, poisson:
         assert ladders.is_hard(shaped) == hard
 
 
-@pytest.mark.parametrize(("sensor", "luck"), [(FEW, 0.05), (MANY, 0.12)])
+@pytest.mark.parametrize(("sensor", "luck"), [(FEW, 0.05), (POINT, 0.12)])
 def test_the_solid_model_does_not_trust_meshes_that_hardly_differ(sensor: SolidParameters, luck: float) -> None:
     at = np.array([1e5])
     before, after = (
-        np.array(solid.estimates([COARSE, *meshes], sensor, at, higher=COARSE)) for meshes in ([FINE], [FINE, FINE])
+        np.array(solid.estimates([COARSE, *meshes], sensor, at, known_of(sensor, 1 + len(meshes), COARSE)))
+        for meshes in ([FINE], [FINE, FINE])
     )
     assert after - [[1e-8], [0.0]] == pytest.approx(luck * (before - [[1e-8], [0.0]]))
 
 
 def test_the_solid_model_asks_what_the_degree_along_the_height_leaves() -> None:
     at = np.array([1e5])
-    plain, asked = (np.array(solid.estimates([FINE, FINE, FINE], FEW, at, higher=each)) for each in (FINE, COARSE))
+    plain, asked = (np.array(solid.estimates([FINE, FINE, FINE], FEW, at, [each])) for each in (FINE, COARSE))
     once = Manner(0.0, (1.0,), (1.0,), luck=0.0, far=0.3)
     (ratio, voltage), none = estimates([FINE, COARSE], at, once), [[1e-8], [0.0]]
     assert asked - none == pytest.approx(0.4 * np.array([ratio, voltage]))
     assert plain == pytest.approx(np.array(none))
+
+
+def test_many_teeth_err_as_one_cell_does_and_more_by_what_their_meshes_differ_more() -> None:
+    at = np.array([1e5])
+    assert [each for each, _ in solid.beside(MANY, 2)] == [replace(MANY, rows=1, columns=1)] * 6
+    assert [mesh for _, mesh in solid.beside(MANY, 3)][:2] == list(ladders.OF_MANY_TEETH.resolutions[1:3])
+    cell = [_constant(ratio) for ratio in (0.5, 0.48)]
+    best = [_constant(0.471)] * 3 + [_constant(0.471)]
+    for sensor, change, times in (
+        (MANY, 0.02, 1.5),
+        (MANY, 0.04, 2.0),
+        (MANY, 0.0, 1.5),
+        (MANY_NARROW, 0.04, 3.0),
+        (MANY_NARROW, 0.08, 4.0),
+    ):
+        (found,), _ = solid.estimates([_constant(0.3), _constant(0.3 + change)], sensor, at, [*cell, *best])
+        assert found - 1e-8 == pytest.approx(times * (0.009 + 1e-8))
+
+
+def test_many_teeth_doubt_their_cells_best_mesh_by_its_own_estimate() -> None:
+    at, cell = np.array([1e5]), replace(MANY, rows=1, columns=1)
+    meshes, higher = [_constant(ratio) for ratio in (0.5, 0.48, 0.47)], _constant(0.501)
+    own, _ = solid.estimates(meshes, cell, at, [higher])
+    alike = [_constant(0.6), _constant(0.45)]
+    (found,), _ = solid.estimates(alike, MANY, at, [*alike, *meshes, higher])
+    assert found - 1e-8 == pytest.approx(1.5 * (0.02 + own[0]))

@@ -16,14 +16,14 @@ from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.stored import surface
 from palpate.instrument.models.table import MODELS
-from palpate.instrument.sensor.designs import DESIGNS, get_design
+from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.meshes import BETWEEN
 
 ROUND = get_design("single_round")
 LOAD = PHYSICAL.load(50e3)
-PRICED = ("single_round", "single", "common_base", "different_base", "array")
+PRICED = ("single_round", "single", "common_base", "different_base", "array", "array_16")
 
 
 def test_the_stored_list_prices_every_model_of_every_priced_design() -> None:
@@ -40,7 +40,7 @@ def test_the_stored_list_prices_every_model_of_every_priced_design() -> None:
 @pytest.mark.parametrize("design", PRICED)
 def test_the_stored_list_was_measured_with_the_designs_as_they_are(design: str) -> None:
     loads = [PHYSICAL.load(sample.modulus) for sample in SAMPLES.values()]
-    assert stored().vouches(DESIGNS[design], loads)
+    assert stored().vouches(get_design(design), loads)
 
 
 def test_estimates_in_the_stored_list_are_not_optimistic() -> None:
@@ -114,7 +114,7 @@ def test_stored_estimates_are_the_greatest_of_each_interval_that_the_models_give
 
 @pytest.mark.parametrize("design", PRICED)
 def test_closed_forms_are_as_far_from_the_surface_as_their_price_says(design: str) -> None:
-    checked = DESIGNS[design]
+    checked = get_design(design)
     for sample in SAMPLES.values():
         load = Load(1.0, sample)
         true = response(checked, load, "surface")

@@ -86,7 +86,7 @@ def rising_estimates(curves: Sequence[Curve], parameters: RoundParameters, modul
 
 def solid_estimates(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
     """The model's own, where a higher degree along the height changes nothing."""
-    return solid.estimates(curves, parameters, moduli, higher=curves[0])
+    return solid.estimates(curves, parameters, moduli, [curves[0]] * (len(curves) - 2))
 
 
 @contextmanager
@@ -94,9 +94,15 @@ def in_this_process() -> Iterator[Any]:
     yield map
 
 
-def beside(_: SolidParameters, meshes: int) -> SimpleNamespace | None:
-    """The mesh that the estimate of a third mesh asks for, 0.5 s."""
-    return SimpleNamespace(seconds=(0.1, 0.4)) if meshes > 2 else None
+def beside(sensor: SolidParameters, meshes: int) -> list[tuple[SolidParameters, str]]:
+    """The mesh that the estimate of a third mesh asks for."""
+    return [(sensor, "a mesh")] if meshes > 2 else []
+
+
+def beside_on(_: SolidParameters, mesh: str) -> SimpleNamespace:
+    """That mesh, of 0.5 s."""
+    assert mesh == "a mesh"
+    return SimpleNamespace(seconds=(0.1, 0.4))
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +114,7 @@ def measured() -> PriceList:
         patch.setattr(measuring, "BETWEEN", 12)
         patch.setattr(elements, "BETWEEN", 12)
         patch.setattr(elements, "axisymmetric", SimpleNamespace(estimates=rising_estimates))
-        patch.setattr(elements, "solid", SimpleNamespace(estimates=solid_estimates, mesh_beside=beside))
+        patch.setattr(elements, "solid", SimpleNamespace(estimates=solid_estimates, beside=beside, curve_on=beside_on))
         patch.setattr(measuring, "seconds_of", lambda call: (call(), 1e-6)[1])
         prices = measure(
             ["single_round", "single", "common_base"], lambda done, total, what: seen.append((done, total))
@@ -179,11 +185,32 @@ def test_a_certified_answer_costs_all_the_meshes_that_its_estimate_needs(measure
     assert [price.seconds for price in rows(measured, "single_round", "solid")] == [0.0, 1.0, 2.0, 3.0]
 
 
-def test_measuring_is_told_to_take_the_seconds_of_all_its_meshes_and_references(measured: PriceList) -> None:
+def test_measuring_is_told_to_take_the_seconds_of_all_its_meshes_and_references(
+    measured: PriceList, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Prices made up here: the stored ones are those of the machine that measured them last, and change with it."""
     axisymmetric, solid, references = 9 * (1 + 2 + 3 + 4 + 5), 2 * (0 + 1 + 2 + 3), 84  # nine moduli, two processes
-    expected = measuring.expected_seconds(measured.of(["single_round"]))
+    monkeypatch.setattr(measuring, "stored", lambda: measured)
+    expected = measuring.expected_seconds(["single_round"])
     assert expected == pytest.approx(axisymmetric + solid + references, rel=1e-6)
+    assert measuring.expected_seconds(["single_round", "array_16"]) == expected  # which the list does not have yet
+
+
+@pytest.mark.parametrize("damaged", [True, False])
+def test_prices_are_measured_anew_where_the_list_is_damaged_or_missing(
+    damaged: bool, measured: PriceList, palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "prices.json"
+    if damaged:
+        path.write_text("{")
+    monkeypatch.setattr(price_list, "STORED", path)
+    monkeypatch.setattr(measuring, "measure", lambda *_: measured)
+    stored.cache_clear()
+    assert "measure all designs anew: palpate accuracy models --store" in palpate(*MODELS_COMMAND).err
+    said = palpate(*MODELS_COMMAND, "--store", "--quiet")
+    stored.cache_clear()
+    assert (said.status, said.err) == (0, "")
+    assert stored.__wrapped__() == measured
 
 
 def test_estimates_are_the_greatest_that_the_models_give_in_each_interval(measured: PriceList) -> None:
@@ -369,16 +396,40 @@ def test_what_cannot_be_asked_is_refused(palpate: Palpate, options: tuple[str, .
 
 def test_stored_surfaces_are_listed_with_their_bounds(palpate: Palpate) -> None:
     found = palpate("accuracy", "surfaces", "--json").object["surfaces"]
-    listed = [(design, parameters) for design in measuring.SHIPPED for parameters in measuring.sets_of(design)]
+    listed = [(design, parameters) for design in measuring.DESIGNS for parameters in measuring.sets_of(design)]
     assert [(row["design"], row["parameters"]) for row in found] == listed
     assert ("single", "identified") in listed and ("single_round", "identified") not in listed
     for row in found:
         assert set(row) == {"design", "parameters", "model", "meshes", "poles", "discretisation", "build_s"}
         chosen = get_parameter_set(row["parameters"], "surface")
         sensor = chosen.design(get_design(row["design"]))
-        assert row["discretisation"] >= response(sensor, chosen.load(1e5), "surface").error_estimate > 0
+        estimate = response(sensor, chosen.load(1e5), "surface").error_estimate
+        assert estimate is not None and row["discretisation"] * (1 + 1e-12) >= estimate > 0  # rounded otherwise
         assert row["meshes"] > 1 and row["poles"] > 10 and row["build_s"] > 0
     assert "error of the model" in palpate("accuracy", "surfaces", "--design", "single").out
+
+
+@pytest.mark.parametrize("damaged", [True, False])
+def test_the_command_that_builds_curves_again_does_so_where_one_is_damaged_or_missing(
+    damaged: bool, palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(surface, "STORED", tmp_path)
+    monkeypatch.setattr(surface, "ROUND_REFINEMENTS", (1, 2))
+    surface._find.cache_clear()
+    build = ("accuracy", "surfaces", "--design", "single_round", "--store", "--quiet")
+    palpate(*build)
+    files = sorted(tmp_path.glob("*.curve"))
+    whole = [file.read_bytes() for file in files]
+    if damaged:
+        files[1].write_bytes(whole[1][:-8])
+    else:
+        files[1].unlink()
+    surface._find.cache_clear()
+    assert "palpate accuracy surfaces --store" in palpate(*build[:-2]).err
+    assert palpate(*build).status == 0
+    assert len(sorted(tmp_path.glob("*.curve"))) == len(files) == 2
+    assert palpate(*build[:-2]).status == 0
+    surface._find.cache_clear()
 
 
 def test_curves_are_found_and_stored_in_place_of_what_the_design_had(

@@ -93,7 +93,7 @@ def test_prices_come_with_the_distance_of_each_model_from_the_experiments(palpat
     priced = {(price["design"], price["model"]) for price in found["prices"]}
     assert {(each["design"], each["model"]) for each in found["validation"]} == priced
     said = palpate("accuracy", "models", "--design", "single").out
-    assert re.search(r"surface +143 poles of solid .* 28 % ", said) and re.search(r"experiment .* input ", said)
+    assert re.search(r"surface +\d+ poles of solid .* 28 % ", said) and re.search(r"experiment .* input ", said)
 
 
 # --- what if -------------------------------------------------------------------------------------------

@@ -93,6 +93,34 @@ def estimates(
     return ratio, voltage
 
 
+def by_likeness(
+    curves: Sequence[Curve], likes: Sequence[Curve], best: Curve, doubt: Array, moduli: Array, least: float
+) -> Array:
+    """Bounds on the error of the force ratio on a mesh, from that of a smaller sensor on the same mesh.
+
+    Errors arise at the edges of teeth, rings and gaps, which both sensors have. How much larger they are here than
+    there, the change from the mesh before tells; they are always taken for somewhat larger.
+
+    Args:
+        curves: curves of the meshes; only the last two count.
+        likes: curves of the smaller sensor on these two.
+        best: its curve on a mesh that knows better.
+        doubt: (moduli,), bound on the error of that.
+        moduli: moduli of the object [Pa].
+        least: by how much they are taken for larger at least.
+    """
+    around = _around(moduli, HALF_DECADE)
+
+    def greatest(one: Curve, other: Curve) -> Array:
+        apart = np.abs(one.force_ratios(around.grid) - other.force_ratios(around.grid)).max(axis=1)
+        return _greatest(apart, around)
+
+    own, there = greatest(*curves[-2:]), greatest(*likes)
+    larger = np.maximum(own / np.where(there > 0, there, np.inf), least)
+    found: Array = larger * (greatest(likes[-1], best) + doubt)
+    return found
+
+
 def _of_step(factors: Sequence[float], step: int) -> float:
     return factors[min(step, len(factors) - 1)]
 

@@ -18,10 +18,10 @@ from palpate.instrument.models.finite_elements import set_up
 
 Array = NDArray[np.float64]
 
-# Moduli of the object at which solutions are taken first, those at which is looked what is left, over the one in their
-# middle; and the most that are taken before all poles are sought.
-FIRST = (1e-1, 1e2, 1e6)
+# Moduli of the object at which is looked what is left, over the one in their middle; those at which solutions are taken
+# first; and the most at which they are before all poles are sought.
 CHECKED = np.geomspace(1e-3, 1e8, 12)
+FIRST = CHECKED[[2, 5, 9]]
 MOST = 9
 # Terms of the series around each, of which the first is the solution itself: of loads and the force ratio, whose
 # energies are asked as well, and of other goals. An error of a goal is a product of what both miss.
@@ -70,7 +70,7 @@ def projected(
     factors: dict[float, Array] = {}
     onto = _independent(modes)
     pushed = [matrix @ onto for matrix in (stiffness, sensed)]
-    wanted = [modulus * place for place in FIRST]
+    wanted = (modulus * FIRST).tolist()
     while len(factors) < MOST:
         found = []
         for place in wanted:
@@ -87,6 +87,8 @@ def projected(
                 found.append(term)
                 term = sensed @ (term / np.linalg.norm(term, axis=0))
         new = _independent(np.concatenate(found, axis=1), onto)
+        if not new.shape[1]:
+            return None
         onto = np.concatenate([onto, new], axis=1)
         pushed = [
             np.concatenate([before, matrix @ new], axis=1)
@@ -151,7 +153,7 @@ def _independent(columns: Array, beside: Array | None = None) -> Array:
         found -= beside @ (beside.T @ found)
     first, triangle, _ = qr(found, mode="economic", pivoting=True)
     found = first[:, np.abs(np.diag(triangle)) > DEPENDENT]
-    if beside is not None:  # small columns have lost digits of their being independent
+    if beside is not None and found.shape[1]:  # small columns have lost digits of their being independent
         found = qr(found - beside @ (beside.T @ found), mode="economic")[0]
     independent: Array = found
     return independent

@@ -37,11 +37,11 @@ def alike(unknowns: Names, cells: Names, relative: Vector) -> Alike | None:
 
     Args:
         unknowns: (elements, n), numbers of each element's unknowns; -1 for those that are fixed.
-        cells: (elements,), number of each element's cell; negative for elements of several cells.
+        cells: (elements,), number of each element's cell.
         relative: (elements, m), integers that only elements share which are each other's translations.
     """
     groups = []
-    for cell in np.unique(cells[cells >= 0]):
+    for cell in np.unique(cells):
         own = np.flatnonzero(cells == cell)
         groups.append(own[np.lexsort(relative[own].T)])
     if len(groups) < 2:

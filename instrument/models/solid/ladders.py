@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements.error_estimate import Manner
@@ -11,6 +11,8 @@ from palpate.instrument.models.solid.curve import Resolution
 
 MANY = 4  # teeth; more have coarser meshes
 NARROW, THIN, INCOMPRESSIBLE = 0.05, 0.1, 0.49  # gap and object over the tooth's radius; Poisson ratio
+# Many teeth err at least so many times as one cell of them; where meshes are hard, too.
+LARGER, LARGER_IN_HARD = 1.5, 3.0
 IN_NARROW = 4.0  # what is left there is more than what changes: it counts so many times
 
 
@@ -62,6 +64,21 @@ OF_MANY_TEETH = Meshes(
 def has_many_teeth(parameters: SolidParameters) -> bool:
     """Whether meshes are those of many teeth."""
     return parameters.columns * parameters.rows > MANY
+
+
+def is_judged_by_cell(parameters: SolidParameters) -> bool:
+    """Whether errors are known from those of one cell: those of many teeth that share an even load."""
+    return has_many_teeth(parameters) and parameters.load_at is None
+
+
+def cell_of(parameters: SolidParameters) -> SolidParameters:
+    """One cell of a sensor, as a sensor of its own."""
+    return replace(parameters, rows=1, columns=1)
+
+
+def larger(parameters: SolidParameters) -> float:
+    """By how much errors of many teeth are taken for larger than those of one cell, at least."""
+    return LARGER_IN_HARD if is_hard(parameters) else LARGER
 
 
 def meshes(parameters: SolidParameters) -> Meshes:

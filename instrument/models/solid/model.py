@@ -211,17 +211,23 @@ def curve(parameters: SolidParameters, refinement: int) -> SolidCurve:
     return curve_on(parameters, ladders.resolution(parameters, refinement))
 
 
-def mesh_beside(parameters: SolidParameters, meshes: int) -> SolidCurve | None:
-    """The mesh `Meshes.higher`, where an estimate for the last of so many meshes asks it; None: it asks none.
+def beside(parameters: SolidParameters, meshes: int) -> list[tuple[SolidParameters, Resolution]]:
+    """Sensors and meshes that an estimate for the last of so many meshes asks besides these.
 
-    The second mesh has a higher degree along the height than the first, which tells enough of what that leaves.
+    Few teeth: the mesh `Meshes.higher`; the second mesh has a higher degree along the height than the first, which
+    tells enough of what that leaves. Many teeth: one cell of them, on the last two meshes, on those of few teeth, and
+    on what these ask.
     """
-    resolution = ladders.meshes(parameters).higher
-    return None if resolution is None or meshes == 2 else curve_on(parameters, resolution)
+    known = ladders.meshes(parameters)
+    if not ladders.is_judged_by_cell(parameters):
+        return [] if known.higher is None or meshes == 2 else [(parameters, known.higher)]
+    cell = ladders.cell_of(parameters)
+    own = ladders.meshes(cell).resolutions
+    return [(cell, each) for each in (*known.resolutions[meshes - 2 : meshes], *own)] + beside(cell, len(own))
 
 
 def estimates(
-    curves: Sequence[Curve], parameters: SolidParameters, moduli: Array, higher: Curve | None = None
+    curves: Sequence[Curve], parameters: SolidParameters, moduli: Array, known: Sequence[Curve] | None = None
 ) -> tuple[Array, Array]:
     """Bounds on the errors of force ratio and voltages under 1 N [V] of the last of some meshes, at each modulus.
 
@@ -229,13 +235,19 @@ def estimates(
         curves: all refinements from the first on, two or more.
         parameters: the sensor; its modulus of the object has no effect.
         moduli: moduli of the object [Pa].
-        higher: the curve of the mesh `Meshes.higher`; None: it is found if it is needed.
+        known: curves of what is asked `beside` these; None: they are found.
     """
     if parameters.load_at is not None:
         # Beneath a point load the energy has no end. What of it passes through the contact has one.
         curves = [replace(each, clamped=np.zeros_like(each.clamped)) for each in curves]
-    if higher is None and (beside := mesh_beside(parameters, len(curves))) is not None:
-        higher = beside.poles
-    heights = [] if higher is None or len(curves) == 2 else [curves[0], higher]
+    if known is None:
+        known = [curve_on(*each).poles for each in beside(parameters, len(curves))]
+    by_cell = ladders.is_judged_by_cell(parameters)
+    heights = [curves[0], *known] if known and not by_cell else []
     ratio, voltage = between.estimates(curves, moduli, ladders.manner(parameters), heights)
+    if by_cell:
+        cell = ladders.cell_of(parameters)
+        alike, of_cell = known[:2], known[2 : 2 + len(ladders.refinements(cell))]
+        own, _ = estimates(of_cell, cell, moduli, known[2 + len(of_cell) :])
+        ratio = between.by_likeness(curves, alike, of_cell[-1], own, moduli, ladders.larger(parameters))
     return ratio + ROUND_OFF, voltage

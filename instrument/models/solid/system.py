@@ -44,6 +44,7 @@ class System:
             allows.
     """
 
+    @single()
     def __init__(
         self, parameters: SolidParameters, resolution: Resolution, mirrored: tuple[bool, bool] | None = None
     ) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -49,7 +50,7 @@ STORED = Path(__file__).with_name("curves")
 SETS = ("physical", "identified")
 # Poles are left out that all together change goals and energies by no more than this share, far below the estimates.
 NEGLIGIBLE = 1e-10
-HIGHER = "higher"  # in place of a refinement: the mesh with a higher degree along the height
+BESIDE = "beside"  # and a number, in place of a refinement: a mesh that the estimate asks beside these
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +86,12 @@ class Surface:
     Attributes:
         parameters: the sensor; neither the modulus of the object nor the force count.
         meshes: its meshes, each finer than the one before.
-        higher: the mesh that tells what the degree along the height leaves, of sensors that need one.
+        beside: the meshes that the estimate of the last one asks (`solid.model.beside`); None: they are found.
     """
 
     parameters: Parameters
     meshes: tuple[RoundMesh, ...] | tuple[SolidMesh, ...]
-    higher: SolidMesh | None = None
+    beside: tuple[SolidMesh, ...] | None = None
 
     @property
     def model(self) -> str:
@@ -104,8 +105,8 @@ class Surface:
 
     @property
     def seconds(self) -> float:
-        """Processor time in which all meshes were found [s]."""
-        return sum(mesh.seconds for mesh in self.meshes)
+        """Processor time in which all meshes were found, with those beside [s]."""
+        return math.fsum(mesh.seconds for mesh in (*self.meshes, *(self.beside or ())))
 
     def force_ratios(self, moduli: Array) -> Array:
         """Tooth force over total force at moduli of the object [Pa]."""
@@ -116,8 +117,8 @@ class Surface:
         curves = [mesh.poles for mesh in self.meshes]
         if isinstance(self.parameters, RoundParameters):
             return axisymmetric.estimates(curves, self.parameters, moduli)
-        higher = None if self.higher is None else self.higher.poles
-        return solid.estimates(curves, self.parameters, moduli, higher)
+        known = None if self.beside is None else [mesh.poles for mesh in self.beside]
+        return solid.estimates(curves, self.parameters, moduli, known)
 
     def solve_at(self, moduli: Array) -> list[tuple[Solution, float]]:
         """Solutions under 1 N and their error estimates, at moduli of the object [Pa]."""
@@ -165,19 +166,25 @@ def _find(design: Design, load: Load) -> Surface:
         )
     if isinstance(parameters, RoundParameters):
         return Surface(parameters, tuple(read(path, RoundMesh, key) for path, key in files.values()))
-    found = {refinement: read(path, SolidMesh, key) for refinement, (path, key) in files.items()}
-    higher = found.pop(HIGHER, None)
-    return Surface(parameters, tuple(found.values()), higher)
+    found = tuple(read(path, SolidMesh, key) for path, key in files.values())
+    count = len(refinements_of(parameters))
+    return Surface(parameters, found[:count], found[count:])
 
 
 def places(design: str, parameters: Parameters) -> Iterator[tuple[int | str, Path, str]]:
-    """Refinements of a sensor's surface, and HIGHER if it has such a mesh, with their files and hashes."""
-    named: list[int | str] = [*refinements_of(parameters)]
-    if isinstance(parameters, SolidParameters) and ladders.meshes(parameters).higher:
-        named.append(HIGHER)
+    """Refinements of a sensor's surface, and names of the meshes beside them, with their files and hashes."""
+    named: list[int | str] = [*refinements_of(parameters), *_beside(parameters)]
     for refinement in named:
         key = curve_hash(parameters, refinement)
         yield refinement, STORED / f"{design}.{refinement}.{key[:8]}{SUFFIX}", key
+
+
+def _beside(parameters: Parameters) -> dict[str, tuple[SolidParameters, Resolution]]:
+    """Names of the meshes that the estimate asks beside those that are shipped, with their sensors and resolutions."""
+    if isinstance(parameters, RoundParameters):
+        return {}
+    asked = solid.beside(parameters, len(refinements_of(parameters)))
+    return {f"{BESIDE}{number}": each for number, each in enumerate(asked)}
 
 
 def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
@@ -192,6 +199,7 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
     written = []
     for sensor in sensors:
         sensor = replace(sensor, sensed_modulus=1.0)
+        asked = _beside(sensor)
         for refinement, path, key in places(design, sensor):
             start = time.process_time()
             mesh: RoundMesh | SolidMesh
@@ -199,7 +207,8 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
                 found = curves.found_on(sensor, *axisymmetric.resolution_of(int(refinement)))
                 mesh = RoundMesh(found.without(NEGLIGIBLE), time.process_time() - start)
             else:
-                known = solid.found_on(sensor, _resolution(sensor, refinement))
+                of, resolution = asked.get(str(refinement)) or (sensor, ladders.resolution(sensor, int(refinement)))
+                known = solid.found_on(of, resolution)
                 mesh = SolidMesh(replace(known, poles=known.poles.without(NEGLIGIBLE)), time.process_time() - start)
             write(path, mesh, key)
             written.append(path)
@@ -207,12 +216,6 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
     for old in set(STORED.glob(f"{design}.*{SUFFIX}")).difference(written):
         old.unlink()
     _find.cache_clear()
-
-
-def _resolution(sensor: SolidParameters, refinement: int | str) -> Resolution:
-    """Resolution of a shipped mesh."""
-    higher = ladders.meshes(sensor).higher
-    return higher if refinement == HIGHER and higher else ladders.resolution(sensor, int(refinement))
 
 
 def model_of(parameters: Parameters) -> str:
