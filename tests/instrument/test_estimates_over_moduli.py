@@ -175,18 +175,18 @@ def known_of(sensor: SolidParameters, count: int, curve: Curve) -> list[Curve]:
 
 # Gap and thickness over the tooth's radius, Poisson ratio; whether few and many teeth are hard.
 HARDNESS = (
-    (0.06, 0.11, 0.5, False, False),
-    (0.06, 0.09, 0.5, True, True),
-    (0.06, 0.09, 0.48, False, True),
-    (0.04, 0.11, 0.5, False, True),
-    (0.0, 0.11, 0.3, True, True),
+    (0.06, 0.95, 0.5, False, False),
+    (0.06, 0.85, 0.5, True, False),
+    (0.06, 0.09, 0.44, False, True),
+    (0.04, 0.95, 0.5, False, True),
+    (0.0, 0.95, 0.3, True, True),
 )
 
 
 @pytest.mark.parametrize(
     ("sensor", "of", "factors", "of_voltages"),
     [
-        (FEW, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3), (0.5, 0.9), (8.0, 6.0)),
+        (FEW, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3), (0.5, 0.9), (16.0, 6.0)),
         (THIN_RUBBER, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=1.0), (6.0, 5.6), (32.0, 24.0)),
         (SEALED, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=1.0), (6.0, 5.6), (32.0, 24.0)),
         (POINT, Manner(0.15, (1.0,), (1.0,), luck=0.0, far=1.0), (2.0, 1.0, 0.5), (12.0, 8.0, 4.0)),
@@ -210,7 +210,7 @@ def test_the_solid_model_believes_its_meshes_as_its_decisions_say(
 
 @pytest.mark.parametrize(("gap", "thick", "poisson", "few", "many"), HARDNESS)
 def test_what_coarse_meshes_see_too_little_of(gap: float, thick: float, poisson: float, few: bool, many: bool) -> None:
-    """A narrow gap and a thin object on many teeth; on few ones a closed gap, and a thin object of rubber."""
+    """A narrow gap and a thin object on many teeth; on few ones a closed gap, and a flat object of rubber."""
     for sensor, hard in ((FEW, few), (MANY, many)):
         radius = sensor.tooth_radius
         inner, thickness = (1 + gap) * radius, thick * radius

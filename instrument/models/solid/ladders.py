@@ -10,7 +10,8 @@ from palpate.instrument.models.parameters import CLOSED, SolidParameters
 from palpate.instrument.models.solid.curve import Resolution
 
 MANY = 4  # teeth; more have coarser meshes
-NARROW, THIN, INCOMPRESSIBLE = 0.05, 0.1, 0.49  # gap and object over the tooth's radius; Poisson ratio
+NARROW, THIN = 0.05, 0.1  # gap and object over the tooth's radius
+FLAT, INCOMPRESSIBLE = 0.125, 0.45  # object over the length of a cell; Poisson ratio
 # Many teeth err at least so many times as one cell of them; where meshes are hard, too.
 LARGER, LARGER_IN_HARD = 1.5, 3.0
 IN_NARROW = 4.0  # what is left there is more than what changes: it counts so many times
@@ -41,7 +42,7 @@ OF_FEW_TEETH = Meshes(
         Resolution(layers=3, ratio=0.15, sectors=1, degree=3, rubber=4),
         Resolution(layers=4, ratio=0.15, sectors=1, degree=4, stiff=3),
     ),
-    manner=Manner(product=0.05, factors=(0.5, 0.9), voltages=(8.0, 6.0), luck=0.05, height=0.4, far=0.3),
+    manner=Manner(product=0.05, factors=(0.5, 0.9), voltages=(16.0, 6.0), luck=0.05, height=0.4, far=0.3),
     hard=Manner(product=0.05, factors=(6.0, 5.6), voltages=(32.0, 24.0), luck=0.06, height=1.0, far=1.0),
     # The third mesh has the degrees of the second along the height. Where these leave most, both err alike.
     higher=Resolution(layers=2, ratio=0.15, sectors=1, degree=2, rubber=5, stiff=4),
@@ -96,13 +97,14 @@ def is_hard(parameters: SolidParameters) -> bool:
     """Whether meshes hardly differ in what they see too little of: how force passes across a narrow gap, or how a thin
     object bends.
 
-    With few teeth, meshes are fine enough for gaps that are open, and for objects that do not keep their volume.
+    With few teeth, meshes are fine enough for gaps that are open, and for objects that do not keep their volume. One
+    that does, and is flat beside its width, is squeezed out sideways, of which the first two meshes see too little.
     """
     gap, radius = parameters.ring_inner_radius - parameters.tooth_radius, parameters.tooth_radius
-    thin = parameters.sensed_thickness < THIN * radius
     if has_many_teeth(parameters):
-        return thin or gap < NARROW * radius
-    return gap < CLOSED * radius or (thin and parameters.sensed_poisson > INCOMPRESSIBLE)
+        return parameters.sensed_thickness < THIN * radius or gap < NARROW * radius
+    flat = parameters.sensed_thickness < FLAT * min(parameters.cell_length, parameters.cell_width)
+    return gap < CLOSED * radius or (flat and parameters.sensed_poisson > INCOMPRESSIBLE)
 
 
 def refinements(parameters: SolidParameters) -> tuple[int, ...]:
