@@ -33,6 +33,7 @@ _WHOSE = (
     "with it. The others describe devices of makers or of packages."
 )
 _COLUMNS = ("address", "name", "type", "unit", "scale", "access", "limits", "default", "choices or bits", "meaning")
+_RATE = "BaudRate_"  # [kbit/s]
 # CiA 306 requires dates. All are 1970-01-01, so that two exports are equal to the byte.
 _EDS_FILE = {
     "FileName": "sensor_node.eds",
@@ -192,7 +193,13 @@ def node_eds(contract: Contract) -> str:
     with warnings.catch_warnings():  # the library's own dates warn from Python 3.12 on; they are not used
         warnings.filterwarnings("ignore", r"datetime\.datetime\.utcnow", DeprecationWarning)
         export_eds(dictionary, text, dict(_EDS_FILE))  # type: ignore[no-untyped-call]
-    return text.getvalue()
+    # The library takes the bit rates from a set, whose order depends on whether Python has compiled the library before.
+    lines = text.getvalue().splitlines(keepends=True)
+    places = [place for place, line in enumerate(lines) if line.startswith(_RATE)]
+    rates = sorted((lines[place] for place in places), key=lambda line: int(line.removeprefix(_RATE).split("=")[0]))
+    for place, line in zip(places, rates, strict=True):
+        lines[place] = line
+    return "".join(lines)
 
 
 # --- for loggers ---------------------------------------------------------------------------------------

@@ -68,6 +68,14 @@ def test_two_exports_are_the_same_bytes_in_another_process_on_another_day(folder
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
 
 
+def test_bit_rates_are_in_the_order_of_their_size(folder: Path) -> None:
+    """The library has them in the order of a set, which differs between a first import and a later one."""
+    lines = (folder / "sensor_node.eds").read_text(encoding="utf-8").splitlines()
+    rates = [int(line.split("_")[1].split("=")[0]) for line in lines if line.startswith("BaudRate_")]
+    assert rates == sorted(rates)
+    assert {10, 125, 1000} <= set(rates)
+
+
 def test_an_export_writes_over_its_own_files_and_touches_no_other(folder: Path, tmp_path: Path) -> None:
     for name in (*NAMES, "notes.txt"):
         (tmp_path / name).write_text("before")
