@@ -1,9 +1,9 @@
 """Random sensors: is any error estimate of the solid model below the error, and how wide are they?
 
 Half of the sensors are discs, which the round model knows better; what that may be off by is no error of theirs. Others
-are square cells, some under a load in one point, pairs on one base or two, and arrays of four: these are judged by
-their finest mesh, arrays of eight by the second mesh of few teeth. A seventh of all have capped rings. `claims` tells
-how such a campaign is gone on with.
+are square cells, some under a load in one point, pairs on one base or two, and arrays of four. A square cell under an
+even load is judged by a mesh that is finer than all of its own, others by the finest of theirs, arrays of eight by the
+second mesh of few teeth. A seventh of all have capped rings. `claims` tells how such a campaign is gone on with.
 """
 
 from __future__ import annotations
@@ -13,20 +13,36 @@ from dataclasses import asdict, replace
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.finite_elements.error_estimate import differences
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, has_many_teeth, refinements
 from palpate.instrument.sensor.film_material import PVDF
-from tests.benchmarks.claims import RATIOS, Claim, Tried, Truth, campaign, changes, claim, errors, is_closed, left_over
+from tests.benchmarks.claims import (
+    RATIOS,
+    Array,
+    Claim,
+    Tried,
+    Truth,
+    campaign,
+    changes,
+    claim,
+    errors,
+    is_closed,
+    left_over,
+)
 from tests.benchmarks.row import Row
 from tests.settings import disc, solid_sensors
 
 SENSORS, SEED = 1000, 91_000_000
 EVERY_CAPPED = 7
 ROUND_REFINEMENTS = axisymmetric.REFINEMENTS[:4]
-# What the change to the finest mesh leaves; for many teeth, that of few teeth from their first mesh to their second.
-LEFT, LEFT_CLOSED, LEFT_OF_MANY = 0.6, 1.5, 0.1
+FINER = Resolution(layers=5, ratio=0.15, sectors=1, degree=5, stiff=4)
+# What the last change to the judge leaves: to the finest mesh, to a finer one, and for many teeth from the first mesh
+# of few teeth to the second.
+LEFT, LEFT_CLOSED, LEFT_OF_FINER, LEFT_OF_MANY = 0.6, 1.5, 0.3, 0.1
 MANY_REFINEMENTS = (0, 1)
 
 
@@ -51,7 +67,7 @@ def _squares(seed: int) -> Iterator[SolidParameters]:
 
 
 def tried(number: int) -> Tried:
-    """Judge all meshes of a sensor but the first, and but the finest where that is the judge."""
+    """Judge all meshes of a sensor but the first, and but the finest where that judges."""
     drawn = sensor(number)
     try:
         several = MANY_REFINEMENTS if has_many_teeth(drawn) else refinements(drawn)
@@ -72,6 +88,10 @@ def claims(number: int, drawn: SolidParameters, curves: Sequence[Curve]) -> Iter
     elif has_many_teeth(drawn):
         known = [solid.curve_on(drawn, finer).poles for finer in OF_FEW_TEETH.resolutions[:2]]
         doubts, left, last = (0.0 * moduli, 0.0 * moduli), LEFT_OF_MANY, len(curves)
+    elif drawn.columns * drawn.rows == 1 and drawn.load_at is None:
+        known = [*curves, solid.curve_on(drawn, FINER).poles]
+        doubts = _rounded(drawn, known[-1], moduli)
+        left, last = LEFT_CLOSED if is_closed(drawn) else LEFT_OF_FINER, len(curves)
     else:
         known, doubts = list(curves), (0.0 * moduli, 0.0 * moduli)
         left, last = LEFT_CLOSED if is_closed(drawn) else LEFT, len(curves) - 1
@@ -82,6 +102,15 @@ def claims(number: int, drawn: SolidParameters, curves: Sequence[Curve]) -> Iter
         bounds = solid.estimates(curves[:count], drawn, moduli)
         found = errors(curves[count - 1], best, moduli, still)
         yield claim(drawn, number, count - 1, found, bounds, truth)
+
+
+def _rounded(drawn: SolidParameters, judge: Curve, moduli: Array) -> tuple[Array, Array]:
+    """What the judge of a square is off by through rounding, as the model tells it of its own meshes."""
+    if drawn.sensed_thickness > solid.SHEET * drawn.cell_length:
+        return 0.0 * moduli, 0.0 * moduli
+    twin = solid.curve_on(solid.in_other_units(drawn), FINER).poles
+    ratio, voltage = differences(judge, twin, moduli, solid.UNIT)
+    return solid.ROUNDING * ratio, solid.ROUNDING * voltage
 
 
 def measure() -> Iterator[Row]:

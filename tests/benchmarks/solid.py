@@ -1,19 +1,23 @@
 """The solid model: what whole curves cost cold, and whether estimates hold.
 
 Curves are of all moduli of the object at once, from a tenth of the ring's modulus to 1e5 times. Times are of processor,
-of all meshes up to the one that is named, none of which was kept. Errors are against a finer mesh.
+of all meshes up to the one that is named, none of which was kept. A script has the processor's own kernels of linear
+algebra, a command those that every processor has (`palpate.instrument.arithmetic`). Errors are against a finer mesh.
 """
 
 from __future__ import annotations
 
+import os
 import resource
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
+from unittest import mock
 
 import numpy as np
 
+from palpate.instrument.arithmetic import KERNELS
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
@@ -55,8 +59,9 @@ WITH_DIRECT = {
 
 
 def measure() -> Iterator[Row]:
-    for goal in CERTIFIED:
-        yield _certified(*goal)
+    for kernels, of in (({}, "a script"), (KERNELS, "a command")):
+        for goal in CERTIFIED:
+            yield _certified(*goal, kernels, of)
     yield _cost(*ALONE)
     with ProcessPoolExecutor(CORES) as pool:
         shares = [
@@ -84,15 +89,17 @@ def agreement() -> Iterator[Row]:
         )
 
 
-def _certified(name: str, last: int, error: float, seconds: float, memory: float) -> Row:
+def _certified(
+    name: str, last: int, error: float, seconds: float, memory: float, kernels: Mapping[str, str], of: str
+) -> Row:
     sensor = solid_parameters(get_design(name), PHYSICAL.load(1e5))
     own = [(sensor, each) for each in ladders.meshes(sensor).resolutions[: last + 1]]
-    found, held = _alone([*own, *solid.beside(sensor, len(own))])
+    found, held = _alone([*own, *solid.beside(sensor, len(own))], kernels)
     curves = [each.poles for each in found]
     bounds, _ = solid.estimates(curves[: len(own)], sensor, RATIOS * sensor.compliant_modulus, curves[len(own) :])
     spent = sum(sum(each.seconds) for each in found)
     return Row(
-        f"solid: {name}, whole curve, certified, cold, {len(found)} meshes to {found[last].unknowns} unknowns",
+        f"solid: {name}, whole curve, certified, cold, by {of}, {len(found)} meshes to {found[last].unknowns} unknowns",
         f"{spent:.1f} s, {held:.1f} GB, estimate {bounds.max():.1e} at most, {np.median(bounds):.1e} in the middle",
         f"<= {seconds:g} s, <= {memory:g} GB, to {error:g}",
         bool(spent <= seconds and held <= memory and bounds.max() <= error),
@@ -102,7 +109,7 @@ def _certified(name: str, last: int, error: float, seconds: float, memory: float
 def _cost(name: str, refinement: int, error: float, seconds: float, memory: float, better: int) -> Row:
     sensor = solid_parameters(get_design(name), PHYSICAL.load(1e5))
     ((own,), held), ((finer,), _) = (
-        _alone([(sensor, ladders.resolution(sensor, each))]) for each in (refinement, better)
+        _alone([(sensor, ladders.resolution(sensor, each))], {}) for each in (refinement, better)
     )
     moduli = RATIOS * sensor.compliant_modulus
     off = float(np.abs(own.poles.force_ratios(moduli) - finer.poles.force_ratios(moduli)).max())
@@ -115,10 +122,12 @@ def _cost(name: str, refinement: int, error: float, seconds: float, memory: floa
     )
 
 
-def _alone(meshes: Sequence[tuple[SolidParameters, Resolution]]) -> tuple[list[SolidCurve], float]:
-    """Curves that are found in a process of their own, as a command finds them, and the memory of that [GB]."""
+def _alone(
+    meshes: Sequence[tuple[SolidParameters, Resolution]], kernels: Mapping[str, str]
+) -> tuple[list[SolidCurve], float]:
+    """Curves that are found in a process of their own, with these kernels, and the memory of that [GB]."""
     # A copy of this process would pay for each page of memory that it shares.
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+    with mock.patch.dict(os.environ, kernels), ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(_found, meshes).result()
 
 

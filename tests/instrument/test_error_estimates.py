@@ -115,9 +115,11 @@ def test_a_step_that_leaves_the_degree_along_the_height_is_not_trusted() -> None
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("number", [3158, 3167])
-def test_flat_objects_that_are_squeezed_out_sideways_are_not_trusted(number: int) -> None:
-    """The second mesh of these random squares errs by six times an earlier estimate, where discs as flat are held."""
+@pytest.mark.parametrize("number", [3158, 3167, 3231])
+def test_second_meshes_that_err_almost_as_the_first_are_not_trusted(number: int) -> None:
+    """Two flat objects of rubber that are squeezed out sideways, and a disc whose first two meshes agree by luck: their
+    errors were up to six times an earlier estimate.
+    """
     assert all(claim["ratio"] <= 1 for claim in estimates_solid.tried(number).claims)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -42,6 +43,7 @@ def _ratio_bound(curves: Sequence[Curve], modulus: float, manner: Manner = PLAIN
     return float(ratio[0])
 
 
+GRID = 10.0 ** (np.arange(8 * 3, 8 * 7) / 8)
 COARSE, FINE = _one_pole(1.2e-5, 1.02), _one_pole(1e-5, 1.0)
 
 
@@ -69,6 +71,14 @@ def test_moduli_more_than_half_a_decade_away_count_by_a_share() -> None:
     near, wide, part = (_ratio_bound([COARSE, FINE], 1e8, replace(PLAIN, product=0.0, far=k)) for k in (0.0, 1.0, 0.5))
     assert wide > 2.5 * near > 0
     assert part == pytest.approx(wide / 2)
+
+
+def test_moduli_up_to_four_decades_away_count_by_a_smaller_share() -> None:
+    """The change falls as 1/E on the hard side, and is greatest near 1e5 Pa."""
+    apart = np.abs(COARSE.force_ratios(GRID) - FINE.force_ratios(GRID)).max()
+    bounds = [_ratio_bound([COARSE, FINE], at, replace(PLAIN, product=0.0, distant=0.01)) for at in (2e8, 3e10)]
+    assert bounds[0] == pytest.approx(0.01 * apart, rel=1e-3)
+    assert bounds[1] < 0.005 * apart
 
 
 def test_the_bound_of_voltages_is_of_the_greatest_change_nearby() -> None:
@@ -160,7 +170,7 @@ def test_bounds_are_several_times_as_wide_where_a_gap_is_closed(monkeypatch: pyt
 
 FEW = SolidParameters()
 MANY = SolidParameters(cell_length=12e-3, cell_width=12e-3, columns=3, rows=2)
-THIN_RUBBER = replace(FEW, sensed_thickness=0.09 * FEW.tooth_radius, sensed_poisson=0.4999)
+THIN_RUBBER = replace(FEW, sensed_thickness=0.06 * FEW.cell_length, sensed_poisson=0.4999)
 SEALED, MANY_NARROW = (
     replace(FEW, ring_inner_radius=FEW.tooth_radius),
     replace(MANY, ring_inner_radius=1.04 * MANY.tooth_radius),
@@ -175,10 +185,10 @@ def known_of(sensor: SolidParameters, count: int, curve: Curve) -> list[Curve]:
 
 # Gap and thickness over the tooth's radius, Poisson ratio; whether few and many teeth are hard.
 HARDNESS = (
-    (0.06, 0.95, 0.5, False, False),
-    (0.06, 0.85, 0.5, True, False),
+    (0.06, 3.6, 0.5, False, False),
+    (0.06, 3.5, 0.5, True, False),
     (0.06, 0.09, 0.44, False, True),
-    (0.04, 0.95, 0.5, False, True),
+    (0.04, 0.95, 0.44, False, True),
     (0.0, 0.95, 0.3, True, True),
 )
 
@@ -186,9 +196,9 @@ HARDNESS = (
 @pytest.mark.parametrize(
     ("sensor", "of", "factors", "of_voltages"),
     [
-        (FEW, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3), (0.5, 0.9), (16.0, 6.0)),
-        (THIN_RUBBER, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=1.0), (6.0, 5.6), (32.0, 24.0)),
-        (SEALED, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=1.0), (6.0, 5.6), (32.0, 24.0)),
+        (FEW, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3), (0.95, 0.9), (20.0, 6.0)),
+        (THIN_RUBBER, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3), (4.5, 3.0), (16.0, 12.0)),
+        (SEALED, Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3), (4.5, 3.0), (16.0, 12.0)),
         (POINT, Manner(0.15, (1.0,), (1.0,), luck=0.0, far=1.0), (2.0, 1.0, 0.5), (12.0, 8.0, 4.0)),
         (POINT_NARROW, Manner(0.15, (1.0,), (1.0,), luck=0.0, far=1.0), (8.0, 4.0, 2.0), (48.0, 32.0, 16.0)),
     ],
@@ -218,6 +228,13 @@ def test_what_coarse_meshes_see_too_little_of(gap: float, thick: float, poisson:
         assert ladders.is_hard(shaped) == hard
 
 
+@pytest.mark.parametrize(("thickness", "hard"), [(0.24, True), (0.26, False)])
+def test_meshes_see_too_little_of_a_load_in_one_point_on_a_flat_object(thickness: float, hard: bool) -> None:
+    shaped = replace(FEW, sensed_thickness=thickness * FEW.cell_length)
+    assert not ladders.is_hard(shaped)
+    assert ladders.is_hard(replace(shaped, load_at=(5e-3, 4e-3))) == hard
+
+
 @pytest.mark.parametrize(("sensor", "luck"), [(FEW, 0.05), (POINT, 0.12)])
 def test_the_solid_model_does_not_trust_meshes_that_hardly_differ(sensor: SolidParameters, luck: float) -> None:
     at = np.array([1e5])
@@ -230,19 +247,49 @@ def test_the_solid_model_does_not_trust_meshes_that_hardly_differ(sensor: SolidP
 
 def test_the_solid_model_asks_what_the_degree_along_the_height_leaves() -> None:
     at = np.array([1e5])
-    plain, asked = (np.array(solid.estimates([FINE, FINE, FINE], FEW, at, [each])) for each in (FINE, COARSE))
+    plain, asked = (np.array(solid.estimates([FINE] * 3, FEW, at, [FINE, each])) for each in (FINE, COARSE))
     once = Manner(0.0, (1.0,), (1.0,), luck=0.0, far=0.3)
     (ratio, voltage), none = estimates([FINE, COARSE], at, once), [[1e-8], [0.0]]
     assert asked - none == pytest.approx(0.4 * np.array([ratio, voltage]))
     assert plain == pytest.approx(np.array(none))
 
 
+@pytest.mark.parametrize(("sensor", "share"), [(FEW, 0.05 * 1.2), (THIN_RUBBER, 0.3 * 0.2)])
+def test_two_meshes_of_the_solid_model_that_agree_by_luck_leave_a_share_of_what_a_sketch_was_off_by(
+    sensor: SolidParameters, share: float
+) -> None:
+    assert [mesh for _, mesh in solid.beside(sensor, 2)] == [ladders.OF_FEW_TEETH.sketch]
+    at = np.array([1e5])
+    (found,), _ = solid.estimates([FINE, FINE], sensor, at, [COARSE])
+    whole = Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3)
+    assert found - 1e-8 == pytest.approx(share * estimates([COARSE, FINE], at, whole)[0][0])
+
+
+@pytest.mark.parametrize(("thickness", "told"), [(0.04, True), (0.06, False)])
+def test_the_solid_model_tells_what_the_mesh_of_a_sheet_may_be_rounded_by(
+    thickness: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From its twin in another unit of length, which here differs."""
+    asked = []
+
+    def twin(of: SolidParameters, refinement: int) -> SimpleNamespace:
+        asked.append((of.sensed_thickness, refinement))
+        return SimpleNamespace(poles=_constant(0.5001))
+
+    monkeypatch.setattr(solid, "curve", twin)
+    sheet = replace(FEW, sensed_thickness=thickness * FEW.cell_length)
+    meshes = [_constant(0.5)] * 3
+    (found,), _ = solid.estimates(meshes, sheet, np.array([1e5]), [meshes[0], meshes[0]])
+    assert asked == ([(pytest.approx(1.37 * sheet.sensed_thickness), 2)] if told else [])
+    assert found == pytest.approx(1e-8 + (20 * 1e-4 if told else 0))
+
+
 def test_many_teeth_err_as_one_cell_does_and_more_by_what_their_meshes_differ_more() -> None:
     at = np.array([1e5])
-    assert [each for each, _ in solid.beside(MANY, 2)] == [replace(MANY, rows=1, columns=1)] * 6
+    assert [each for each, _ in solid.beside(MANY, 2)] == [replace(MANY, rows=1, columns=1)] * 7
     assert [mesh for _, mesh in solid.beside(MANY, 3)][:2] == list(ladders.OF_MANY_TEETH.resolutions[1:3])
     cell = [_constant(ratio) for ratio in (0.5, 0.48)]
-    best = [_constant(0.471)] * 3 + [_constant(0.471)]
+    best = [_constant(0.471)] * 5
     for sensor, change, times in (
         (MANY, 0.02, 1.5),
         (MANY, 0.04, 2.0),
@@ -256,8 +303,8 @@ def test_many_teeth_err_as_one_cell_does_and_more_by_what_their_meshes_differ_mo
 
 def test_many_teeth_doubt_their_cells_best_mesh_by_its_own_estimate() -> None:
     at, cell = np.array([1e5]), replace(MANY, rows=1, columns=1)
-    meshes, higher = [_constant(ratio) for ratio in (0.5, 0.48, 0.47)], _constant(0.501)
-    own, _ = solid.estimates(meshes, cell, at, [higher])
+    meshes, asked = [_constant(ratio) for ratio in (0.5, 0.48, 0.47)], [_constant(0.55), _constant(0.501)]
+    own, _ = solid.estimates(meshes, cell, at, asked)
     alike = [_constant(0.6), _constant(0.45)]
-    (found,), _ = solid.estimates(alike, MANY, at, [*alike, *meshes, higher])
+    (found,), _ = solid.estimates(alike, MANY, at, [*alike, *meshes, *asked])
     assert found - 1e-8 == pytest.approx(1.5 * (0.02 + own[0]))

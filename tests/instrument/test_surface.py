@@ -196,3 +196,14 @@ def test_a_surface_does_not_depend_on_modulus_or_force() -> None:
     other = replace(sensor, sensed_modulus=7.0, force=4.0)
     assert isinstance(other, SolidParameters)
     assert surface.curve_hash(sensor, 1) == surface.curve_hash(other, 1) != surface.curve_hash(sensor, 2)
+
+
+def test_meshes_that_an_estimate_asks_beside_are_known_by_what_they_are_of() -> None:
+    """Not by their place among these: what was another sensor's or mesh's is not taken for it."""
+    sensor = solid_parameters(get_design("array"), LOAD)
+    keys = [key for refinement, _, key in surface.places("array", sensor) if isinstance(refinement, str)]
+    asked = solid.beside(sensor, len(surface.refinements_of(sensor)))
+    assert keys == [surface.curve_hash(*each) for each in asked]
+    assert len(set(keys)) == len(asked) > 2
+    of, mesh = asked[0]
+    assert surface.curve_hash(replace(of, sensed_thickness=1e-3), mesh) not in keys

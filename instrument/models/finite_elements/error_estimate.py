@@ -28,9 +28,10 @@ from palpate.instrument.models.finite_elements.poles import Curve
 
 Array = NDArray[np.float64]
 
-# Meshes are compared at moduli of a fixed grid: so many in a decade, as far as half a decade or a decade from the one
-# that is asked, and next to these. Where two meshes cross at one modulus, they do not at all of these.
+# Meshes are compared at moduli of a fixed grid: so many in a decade, as far as half a decade, a decade or four decades
+# from the one that is asked, and next to these. Where two meshes cross at one modulus, they do not at all of these.
 STEPS, HALF_DECADE = 8, 4
+DECADE, FOUR_DECADES = 2 * HALF_DECADE, 8 * HALF_DECADE
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,7 @@ class Manner:
             in what does not matter.
         height: factor on the change by a higher degree along the height.
         far: share with which moduli count that are more than half a decade away, up to a decade.
+        distant: the same of those that are up to four decades away: meshes may agree on all moduli nearby.
     """
 
     product: float
@@ -53,6 +55,7 @@ class Manner:
     luck: float
     height: float = 0.0
     far: float = 0.0
+    distant: float = 0.0
 
     def widened(self, times: float) -> Manner:
         """The same with bounds several times as wide."""
@@ -76,12 +79,17 @@ def estimates(
         manner: how errors fall.
         heights: curves of two coarse meshes that differ by the degree along the height, if that is to count.
     """
-    around = _around(moduli, 2 * HALF_DECADE)
+    shares = {HALF_DECADE: 1.0, DECADE: manner.far, FOUR_DECADES: manner.distant}
+    farthest = max(reach for reach, share in shares.items() if share)
+    around = _around(moduli, farthest)
     ratio, voltage = np.zeros(len(moduli)), np.zeros(len(moduli))
 
     def greatest_of(values: Array) -> Array:
-        near = _greatest(values, around.narrowed(HALF_DECADE))
-        return np.maximum(near, manner.far * _greatest(values, around))
+        counted = [
+            share * _greatest(values, around.narrowed(farthest - reach)) for reach, share in shares.items() if share
+        ]
+        found: Array = np.max(counted, axis=0)
+        return found
 
     for step, (coarse, fine) in enumerate(pairwise(curves)):
         greatest, volts = (greatest_of(each) for each in _changes(coarse, fine, around.grid, manner.product))

@@ -11,7 +11,8 @@ from palpate.instrument.models.solid.curve import Resolution
 
 MANY = 4  # teeth; more have coarser meshes
 NARROW, THIN = 0.05, 0.1  # gap and object over the tooth's radius
-FLAT, INCOMPRESSIBLE = 0.125, 0.45  # object over the length of a cell; Poisson ratio
+# Object over the length of a cell, if it keeps its volume and beneath a load in one point; Poisson ratio.
+SQUEEZED, POINTED, INCOMPRESSIBLE = 0.5, 0.25, 0.45
 # Many teeth err at least so many times as one cell of them; where meshes are hard, too.
 LARGER, LARGER_IN_HARD = 1.5, 3.0
 IN_NARROW = 4.0  # what is left there is more than what changes: it counts so many times
@@ -23,14 +24,16 @@ class Meshes:
 
     Attributes:
         resolutions: resolutions by refinement.
-        manner: how errors fall.
+        manner: how errors fall, from the sketch on if there is one.
         hard: the same where coarse meshes see too little.
+        sketch: a mesh before the first, by which two that agree by luck are told; None: there is none.
         higher: the first mesh with a higher degree along the height than any has; None: all have different ones.
     """
 
     resolutions: tuple[Resolution, ...]
     manner: Manner
     hard: Manner
+    sketch: Resolution | None = None
     higher: Resolution | None = None
 
 
@@ -42,8 +45,9 @@ OF_FEW_TEETH = Meshes(
         Resolution(layers=3, ratio=0.15, sectors=1, degree=3, rubber=4),
         Resolution(layers=4, ratio=0.15, sectors=1, degree=4, stiff=3),
     ),
-    manner=Manner(product=0.05, factors=(0.5, 0.9), voltages=(16.0, 6.0), luck=0.05, height=0.4, far=0.3),
-    hard=Manner(product=0.05, factors=(6.0, 5.6), voltages=(32.0, 24.0), luck=0.06, height=1.0, far=1.0),
+    manner=Manner(0.05, factors=(1.2, 0.95, 0.9), voltages=(16, 20, 6), luck=0.05, height=0.4, far=0.3, distant=0.003),
+    hard=Manner(0.05, factors=(0.2, 4.5, 3.0), voltages=(5, 16, 12), luck=0.3, height=0.6, far=0.3, distant=0.003),
+    sketch=Resolution(layers=1, ratio=0.15, sectors=1, degree=2),
     # The third mesh has the degrees of the second along the height. Where these leave most, both err alike.
     higher=Resolution(layers=2, ratio=0.15, sectors=1, degree=2, rubber=5, stiff=4),
 )
@@ -97,14 +101,17 @@ def is_hard(parameters: SolidParameters) -> bool:
     """Whether meshes hardly differ in what they see too little of: how force passes across a narrow gap, or how a thin
     object bends.
 
-    With few teeth, meshes are fine enough for gaps that are open, and for objects that do not keep their volume. One
-    that does, and is flat beside its width, is squeezed out sideways, of which the first two meshes see too little.
+    With few teeth, meshes are fine enough for gaps that are open. A flat object that keeps its volume is squeezed out
+    sideways, and what a load in one point does to a flat object depends on where it stands in an element: the first two
+    meshes see too little of both.
     """
     gap, radius = parameters.ring_inner_radius - parameters.tooth_radius, parameters.tooth_radius
     if has_many_teeth(parameters):
         return parameters.sensed_thickness < THIN * radius or gap < NARROW * radius
-    flat = parameters.sensed_thickness < FLAT * min(parameters.cell_length, parameters.cell_width)
-    return gap < CLOSED * radius or (flat and parameters.sensed_poisson > INCOMPRESSIBLE)
+    thickness = parameters.sensed_thickness / min(parameters.cell_length, parameters.cell_width)
+    squeezed = thickness < SQUEEZED and parameters.sensed_poisson > INCOMPRESSIBLE
+    pointed = thickness < POINTED and parameters.load_at is not None
+    return gap < CLOSED * radius or squeezed or pointed
 
 
 def refinements(parameters: SolidParameters) -> tuple[int, ...]:

@@ -21,11 +21,15 @@ from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.ladder import Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.finite_elements.threads import single
-from palpate.instrument.models.parameters import SolidParameters
+from palpate.instrument.models.parameters import SHARED_LENGTHS, SolidParameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 
-ROUND_OFF = 1e-8  # of the force ratio, with a foil of rubber for an object; a thousand times less with others
+ROUND_OFF = 1e-8  # of the force ratio of most sensors
+# Object over the length of a cell: meshes of thinner ones may lose digits. In another unit of length a mesh is rounded
+# otherwise. What its answers differ by, times this, bounds their rounding.
+SHEET, UNIT, ROUNDING = 0.05, 1.37, 20.0
+LENGTHS = (*SHARED_LENGTHS, "cell_length", "cell_width")
 
 Array = NDArray[np.float64]
 PlaneStress = tuple[float, float]
@@ -214,13 +218,14 @@ def curve(parameters: SolidParameters, refinement: int) -> SolidCurve:
 def beside(parameters: SolidParameters, meshes: int) -> list[tuple[SolidParameters, Resolution]]:
     """Sensors and meshes that an estimate for the last of so many meshes asks besides these.
 
-    Few teeth: the mesh `Meshes.higher`; the second mesh has a higher degree along the height than the first, which
-    tells enough of what that leaves. Many teeth: one cell of them, on the last two meshes, on those of few teeth, and
-    on what these ask.
+    Few teeth: the meshes `Meshes.sketch` and `Meshes.higher`; the second mesh has a higher degree along the height than
+    the first, which tells enough of what that leaves. Many teeth: one cell of them, on the last two meshes, on those of
+    few teeth, and on what these ask.
     """
     known = ladders.meshes(parameters)
     if not ladders.is_judged_by_cell(parameters):
-        return [] if known.higher is None or meshes == 2 else [(parameters, known.higher)]
+        asked = [known.sketch, known.higher if meshes > 2 else None]
+        return [(parameters, each) for each in asked if each is not None]
     cell = ladders.cell_of(parameters)
     own = ladders.meshes(cell).resolutions
     return [(cell, each) for each in (*known.resolutions[meshes - 2 : meshes], *own)] + beside(cell, len(own))
@@ -237,17 +242,35 @@ def estimates(
         moduli: moduli of the object [Pa].
         known: curves of what is asked `beside` these; None: they are found.
     """
-    if parameters.load_at is not None:
-        # Beneath a point load the energy has no end. What of it passes through the contact has one.
-        curves = [replace(each, clamped=np.zeros_like(each.clamped)) for each in curves]
     if known is None:
         known = [curve_on(*each).poles for each in beside(parameters, len(curves))]
     by_cell = ladders.is_judged_by_cell(parameters)
-    heights = [curves[0], *known] if known and not by_cell else []
-    ratio, voltage = between.estimates(curves, moduli, ladders.manner(parameters), heights)
+    before, higher = ([], []) if by_cell else (known[:1], known[1:])
+    compared, heights = [*before, *curves], [curves[0], *higher]
+    if parameters.load_at is not None:
+        # Beneath a point load the energy has no end. What of it passes through the contact has one.
+        compared = [replace(each, clamped=np.zeros_like(each.clamped)) for each in compared]
+    ratio, voltage = between.estimates(compared, moduli, ladders.manner(parameters), heights)
     if by_cell:
         cell = ladders.cell_of(parameters)
         alike, of_cell = known[:2], known[2 : 2 + len(ladders.refinements(cell))]
         own, _ = estimates(of_cell, cell, moduli, known[2 + len(of_cell) :])
         ratio = between.by_likeness(curves, alike, of_cell[-1], own, moduli, ladders.larger(parameters))
-    return ratio + ROUND_OFF, voltage
+    rounded, rounded_voltage = _rounding(curves, parameters, moduli)
+    return ratio + rounded, voltage + rounded_voltage
+
+
+def in_other_units(parameters: SolidParameters) -> SolidParameters:
+    """The same sensor in another unit of length."""
+    place = None if parameters.load_at is None else (UNIT * parameters.load_at[0], UNIT * parameters.load_at[1])
+    return replace(parameters, load_at=place, **{name: UNIT * getattr(parameters, name) for name in LENGTHS})
+
+
+def _rounding(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
+    """Bounds on the rounding errors of the last of some meshes; as `estimates`."""
+    if parameters.sensed_thickness > SHEET * min(parameters.cell_length, parameters.cell_width):
+        return np.full(len(moduli), ROUND_OFF), np.zeros(len(moduli))
+    twin = curve(in_other_units(parameters), len(curves) - 1).poles
+    # In a larger unit of length, films of 1 N have a smaller stress by its square, and are thicker by itself.
+    ratio, voltage = between.differences(curves[-1], twin, moduli, UNIT)
+    return ROUNDING * ratio + ROUND_OFF, ROUNDING * voltage

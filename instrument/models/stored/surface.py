@@ -131,9 +131,9 @@ class Surface:
         return list(zip(found, ratio.tolist(), strict=True))
 
 
-def curve_hash(parameters: Parameters, refinement: int | str) -> str:
-    """SHA-256 of everything on which a shipped curve depends."""
-    text = f"curve {CODE_VERSION};{model_of(parameters)};refinement={refinement};{fixed(parameters)}"
+def curve_hash(parameters: Parameters, mesh: int | Resolution) -> str:
+    """SHA-256 of all on which a shipped curve depends; mesh: its refinement, or its resolution if it has none."""
+    text = f"curve {CODE_VERSION};{model_of(parameters)};refinement={mesh};{fixed(parameters)}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -173,9 +173,9 @@ def _find(design: Design, load: Load) -> Surface:
 
 def places(design: str, parameters: Parameters) -> Iterator[tuple[int | str, Path, str]]:
     """Refinements of a sensor's surface, and names of the meshes beside them, with their files and hashes."""
-    named: list[int | str] = [*refinements_of(parameters), *_beside(parameters)]
-    for refinement in named:
-        key = curve_hash(parameters, refinement)
+    keys: dict[int | str, str] = {each: curve_hash(parameters, each) for each in refinements_of(parameters)}
+    keys |= {name: curve_hash(*asked) for name, asked in _beside(parameters).items()}
+    for refinement, key in keys.items():
         yield refinement, STORED / f"{design}.{refinement}.{key[:8]}{SUFFIX}", key
 
 
