@@ -265,6 +265,18 @@ def test_two_meshes_of_the_solid_model_that_agree_by_luck_leave_a_share_of_what_
     assert found - 1e-8 == pytest.approx(share * estimates([COARSE, FINE], at, whole)[0][0])
 
 
+@pytest.mark.parametrize(("sensor", "factor"), [(FEW, 0.95), (THIN_RUBBER, 4.5)])
+def test_the_solid_model_counts_what_its_meshes_differ_by_four_decades_away(
+    sensor: SolidParameters, factor: float
+) -> None:
+    at, by_change = np.array([3e9]), Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3)
+    (near,), _ = estimates([COARSE, FINE], at, by_change)
+    (whole,), _ = estimates([COARSE, FINE], at, replace(by_change, distant=0.003))
+    (found,), _ = solid.estimates([COARSE, FINE], sensor, at, [COARSE])
+    assert found - 1e-8 == pytest.approx(factor * whole)
+    assert whole > 1.5 * near
+
+
 @pytest.mark.parametrize(("thickness", "told"), [(0.04, True), (0.06, False)])
 def test_the_solid_model_tells_what_the_mesh_of_a_sheet_may_be_rounded_by(
     thickness: float, told: bool, monkeypatch: pytest.MonkeyPatch
