@@ -28,7 +28,7 @@ from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 ROUND_OFF = 1e-8  # of the force ratio of most sensors
 # Object over the length of a cell: meshes of thinner ones may lose digits. In another unit of length a mesh is rounded
 # otherwise. What its answers differ by, times this, bounds their rounding.
-SHEET, UNIT, ROUNDING = 0.05, 1.37, 20.0
+SHEET, UNIT, ROUNDING = 0.1, 1.37, 20.0
 LENGTHS = (*SHARED_LENGTHS, "cell_length", "cell_width")
 
 Array = NDArray[np.float64]
