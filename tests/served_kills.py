@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.bench.can_ends import MULTICAST
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.records.check import check
 from palpate.procedures.records.run import Run, is_run

@@ -19,7 +19,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from palpate.drivers.links.cyclic import Cyclic
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group, leave
 from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout, UnknownName
@@ -143,7 +143,7 @@ class CanLink:
                 with suppress(can.CanError, OSError):  # whether or not the bus has failed, it is left
                     if cyclic is not None:
                         cyclic.end_all()
-                network.disconnect()
+                leave(network)
             except (can.CanError, OSError) as error:
                 raise LinkError(f"CAN bus {self.name} failed: {error}; check adapter and cable") from error
 

@@ -9,8 +9,8 @@ import can
 
 from palpate.drivers.clock import WallClock
 from palpate.drivers.links.can import has_wire
+from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
 from palpate.instrument.bench.links import CanLink
-from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
 from palpate.instrument.errors import LinkError
 
 # how python-can's interfaces are told only to listen, by their own arguments (their documentation, python-can 4)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import can
 
-from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.bench.can_ends import MULTICAST
 from palpate.instrument.contracts.cyclic import hand_over
 from palpate.instrument.errors import LinkError
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.bench.can_ends import MULTICAST, leave
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
@@ -71,7 +71,7 @@ class CanSegment:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._network.disconnect()
+        leave(self._network)
 
     def send_by(self, instead: Callable[[Send], Send]) -> None:
         """Replace the bus' `send` by what `instead` returns for it; call it under the clock's lock."""

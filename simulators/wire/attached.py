@@ -9,6 +9,7 @@ from typing import Any
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError
 
+from palpate.instrument.bench.can_ends import leave
 from palpate.instrument.contracts.contract import Field, Pdo
 from palpate.instrument.contracts.object_dictionary import object_dictionary
 from palpate.simulators.wire.can_bus import LockedNetwork, open_bus
@@ -74,7 +75,7 @@ def serve(device: CanopenDevice, interface: str, channel: str) -> Iterator[None]
         attach(network, local_node(device), device)
         yield
     finally:
-        network.disconnect()
+        leave(network)
 
 
 def _field(device: CanopenDevice, index: int, subindex: int) -> Field | None:

@@ -16,7 +16,7 @@ import canopen
 from can.interfaces.virtual import VirtualBus
 from canopen.network import MessageListener
 
-from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
 from palpate.instrument.contracts.cyclic import Receiver
 from palpate.instrument.errors import BenchError
 from palpate.simulators.clock import VirtualClock

@@ -25,7 +25,7 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.links.requests import read_registers
 from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.logs.pcapng import Link, read_pcapng
-from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.errors import BenchError

@@ -15,8 +15,8 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.links.can import CanLink, _Listener, _Tapped
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
+from palpate.instrument.bench.can_ends import MULTICAST
 from palpate.instrument.bench.description import CanBus
-from palpate.instrument.bench.multicast import MULTICAST
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
 
@@ -214,6 +214,20 @@ def test_a_closed_link_is_not_open(link: CanLink, monkeypatch: pytest.MonkeyPatc
     assert gone == ["disconnected"]
     with pytest.raises(LinkError, match=r"^CAN bus pcan:USB1 is not open; open the bench first$"):
         link.subscribe(0x181, lambda *_: None)
+
+
+def test_closing_a_bus_within_this_process_wakes_the_thread_that_listens(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(canopen.Network, "NOTIFIER_CYCLE", 300.0)  # without being woken it would listen for so long
+    heard: list[tuple[bool, can.Message]] = []
+    link = CanLink(CanBus(interface="virtual", channel="woken", nodes=(1,)))
+    link.tap(lambda sent, message: heard.append((sent, message)))
+    before = set(threading.enumerate())
+    link.open()
+    listening = set(threading.enumerate()) - before
+    link.close()
+    assert len(listening) == 1
+    assert not any(thread.is_alive() for thread in listening)
+    assert heard == []
 
 
 @pytest.mark.parametrize("error", [can.CanOperationError("pulled out"), OSError("pulled out")])

@@ -11,7 +11,7 @@ import can
 import pytest
 
 from palpate.drivers.links.can import CanLink
-from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
 from palpate.instrument.contracts.contract import PROBE
 from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import Place
