@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from functools import partial
 from types import FrameType, TracebackType
 from typing import Any, Self
@@ -24,6 +25,7 @@ from palpate.drivers.safe_end import held, taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.errors import BenchError, DeviceError, LinkError, SettingsLost
+from palpate.instrument.own_process import Ends
 
 RECOVERY = 1.0  # s that devices get to come back
 TERMINATIONS = (signal.SIGTERM, signal.SIGHUP)  # SIGHUP: the terminal was closed
@@ -52,7 +54,7 @@ class Bench(Fitted):
             if device not in self._guarding:
                 device.afterwards = self.clock.feed_in_time
         self.is_open = False
-        self._stack = ExitStack()
+        self._stack = Ends()
 
     @property
     def _guard(self) -> Guard | None:
@@ -69,7 +71,7 @@ class Bench(Fitted):
         return self.description.simulated or any(device.simulated for device in self.devices)
 
     def __enter__(self) -> Self:
-        with ExitStack() as stack:
+        with Ends() as stack:
             stack.enter_context(BenchLock(self.description))
             self._confirm_devices()
             stack.enter_context(taken(TERMINATIONS, _terminate))
@@ -98,6 +100,14 @@ class Bench(Fitted):
             self._stack = stack.pop_all()
         self.is_open = True
         return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle it as `ClosedBench`, because nobody else can use its links."""
+        return ClosedBench, (self.description, self.simulated)
+
+    def check_process(self) -> None:
+        """Raises BenchError: this process is a child that was forked from the one that opened the bench."""
+        self._stack.check()
 
     def _confirm_devices(self) -> None:
         """Let a person confirm each device that tells nothing by which it is known. Raises BenchError: nobody does."""
@@ -281,6 +291,15 @@ class Bench(Fitted):
 
     def _switch_off(self) -> list[str]:
         return self._exciter.switch_off() if self._exciter else []
+
+
+@dataclass(frozen=True)
+class ClosedBench:
+    """What a pickled result keeps of the bench on which it was measured."""
+
+    description: BenchDescription
+    simulated: bool
+    is_open = False
 
 
 def _tell(message: str, error: BaseException | None) -> None:

@@ -20,6 +20,7 @@ from typing import Protocol, Self
 
 from palpate.instrument.bench.links import Link, SerialLine, TcpLink
 from palpate.instrument.errors import BenchError, BenchInUse
+from palpate.instrument.own_process import Ends
 
 FOLDER = Path("/tmp/palpate-benches")  # the same for all users, independently of $TMPDIR
 FOR_ALL = 0o666  # so that a lock file of one user does not keep out another
@@ -45,10 +46,10 @@ class BenchLock:
     def __init__(self, description: Linked, folder: Path = FOLDER) -> None:
         self._addresses = addresses(description)
         self._folder = folder
-        self._stack = ExitStack()
+        self._stack = Ends()
 
     def __enter__(self) -> Self:
-        with ExitStack() as stack:
+        with Ends() as stack:
             for address in self._addresses:
                 _take(self._folder, address, stack)
             self._stack = stack.pop_all()
@@ -83,7 +84,7 @@ def _numbers(host: str) -> set[str]:
         return {host.lower()}
 
 
-def _take(folder: Path, address: str, stack: ExitStack) -> None:
+def _take(folder: Path, address: str, stack: Ends) -> None:
     """Lock an address until the end of `stack`."""
     path = folder / f"{hashlib.sha256(address.encode()).hexdigest()[:32]}.lock"
     try:
@@ -105,6 +106,7 @@ def _take(folder: Path, address: str, stack: ExitStack) -> None:
             f"{path}: the bench cannot be locked: {error.strerror or error}; remove what stands there, and see that "
             f"{folder} is a folder in which all who use the bench can write"
         ) from None
+    stack.close_in_child(file)
     stack.callback(_give_back, file, path)
     with suppress(OSError):  # on a full disk the lock holds without the name of its holder
         os.ftruncate(file, 0)

@@ -12,12 +12,13 @@ Handler = Callable[[int, FrameType | None], object]
 
 
 @contextmanager
-def taken(numbers: Iterable[signal.Signals], handler: Handler) -> Iterator[None]:
-    """Inside, `handler` gets these signals, except those that the program was started to ignore, as by nohup.
+def taken(numbers: Iterable[signal.Signals], handler: Handler, *, ignored: bool = False) -> Iterator[None]:
+    """Inside, `handler` gets these signals; those that the program was started to ignore only with `ignored`.
 
-    Only the main thread of Python may set handlers; elsewhere signals stay as they are.
+    nohup starts a program so, and the `&` of a shell's script. Only the main thread of Python may set handlers;
+    elsewhere signals stay as they are.
     """
-    with _as(numbers, handler):
+    with _as(numbers, handler, ignored):
         yield
 
 
@@ -29,11 +30,12 @@ def held(numbers: Iterable[signal.Signals]) -> Iterator[None]:
 
 
 @contextmanager
-def _as(numbers: Iterable[signal.Signals], handler: Handler | signal.Handlers) -> Iterator[None]:
+def _as(numbers: Iterable[signal.Signals], handler: Handler | signal.Handlers, ignored: bool = False) -> Iterator[None]:
     before = {}
     if threading.current_thread() is threading.main_thread():
         for number in numbers:
-            if signal.getsignal(number) not in (signal.SIG_IGN, None):  # None: set by a C library, cannot be restored
+            found = signal.getsignal(number)
+            if found is not None and (ignored or found != signal.SIG_IGN):  # None: set by C, cannot be restored
                 before[number] = signal.signal(number, handler)
     try:
         yield

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from palpate.drivers.clock import BenchClock
 from palpate.drivers.devices.heartbeat import Heartbeat
+from palpate.instrument.own_process import Own
 
 LOOKS = 1.0  # s between two checks of an exciter without a watchdog
 
@@ -46,6 +47,7 @@ class WatchedClock:
         self._heartbeat: Heartbeat | None = None
         self._heard: Callable[[int], object] = lambda _now_ns: None
         self._watching = False
+        self._own = Own()
 
     def look_after(self, exciter: Watched, watchdog: float) -> None:
         """Watch this exciter whenever it drives; `watchdog`: time-out of its watchdog, if it has one [s]."""
@@ -85,9 +87,11 @@ class WatchedClock:
         """Wait for `duration` [s].
 
         Raises:
+            BenchError: this process is a child that was forked from that of the bench.
             SafetyError: the exciter trips meanwhile.
             BenchInUse, SettingsLost: the exciter no longer knows this program as its owner.
         """
+        self._own.check()
         while self.watching and duration > self._longest:
             self._pass(self._longest)
             duration -= self._longest

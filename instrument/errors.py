@@ -27,7 +27,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -36,6 +36,16 @@ class PalpateError(Exception):
     """The base of all errors that palpate raises on purpose; `exit_code` is the exit status of the command line."""
 
     exit_code = 1
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle it without its constructor, whose arguments may be others than the message."""
+        return _remade, (type(self), self.args), self.__dict__
+
+
+def _remade(kind: type[PalpateError], args: tuple[Any, ...]) -> PalpateError:
+    error = kind.__new__(kind)
+    error.args = args
+    return error
 
 
 class UsageError(PalpateError):

@@ -172,10 +172,10 @@ __all__ = [
     "unknown_object",
 ]
 
-if (_LINK := Path(__file__).parent / "procedures").is_file():
+if not (_LINK := Path(__file__).parent / "procedures").is_dir():
     raise ImportError(
-        f"{_LINK} is a file, not a symbolic link: this checkout was made without links; "
-        "clone with `git clone -c core.symlinks=true`, or install a wheel"
+        f"{_LINK} is no symbolic link to a folder: this checkout was made without links, as from a zip; "
+        "clone with `git clone -c core.symlinks=true`, or install a wheel, as `pip install .` does"
     )
 
 if not TYPE_CHECKING:  # with `__getattr__` a type checker would accept any name

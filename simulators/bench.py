@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
@@ -14,9 +13,11 @@ from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
 from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.bench.this_machine import LOOPBACK
 from palpate.instrument.bench.usual import CAN, LINE, ON_LINE, Amplifier, CanBus, Indicator, RtuAddress, TcpAddress
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError
+from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.design import USUAL_NOISE
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
@@ -27,7 +28,7 @@ from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import device as wire
 from palpate.simulators.wire.can_bus import own_channel
-from palpate.simulators.wire.modbus import LOOPBACK, ServerThread
+from palpate.simulators.wire.modbus import ServerThread
 
 if TYPE_CHECKING:
     from palpate.simulators.devices.positioner import Positioner
@@ -108,7 +109,7 @@ class SimulatedBench:
         for guest in scene.devices:
             self._add(guest.name, guest.kind, guest.settings)
         self.operator = SimulatedOperator(self.rig, self.clock)
-        self._stack = ExitStack()
+        self._stack = Ends()
 
     def _add(self, name: str, kind: DeviceKind, settings: Any) -> None:
         count = Counter(each.name for each in self._kinds.values())[kind.name] + 1
@@ -136,7 +137,7 @@ class SimulatedBench:
         raise BenchError(f"the simulated bench has no {role}; list a device of such a kind in the scene")
 
     def __enter__(self) -> Self:
-        with ExitStack() as stack:
+        with Ends() as stack:
             stack.callback(self.can.close)
             self.servers = stack.enter_context(ServerThread())
             timeouts = _timeouts(self.scene)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Self
 
 from palpate.instrument.errors import LinkError
+from palpate.instrument.own_process import Ends
 
 PATIENCE = 20.0  # s that the driving thread may spend on computing, on the disk, or without a processor
 
@@ -27,15 +28,17 @@ class Heartbeat:
         self._until = math.inf
         self._failure: Exception | None = None
         self._end = threading.Event()
+        self._ends = Ends()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
 
     def __enter__(self) -> Self:
         self._thread.start()
+        self._ends.callback(self._thread.join)
+        self._ends.callback(self._end.set)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end.set()
-        self._thread.join()
+        self._ends.close()
 
     def expect(self, within: float) -> None:
         """Called by the driving thread: its next call comes within this time [s]; infinity: it drives nothing."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import queue
-import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -19,10 +18,11 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from palpate.drivers.links.cyclic import Cyclic
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group, leave
+from palpate.instrument.bench.can_ends import MULTICAST, close_bus_in_child, keep_to_group, leave
 from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout, UnknownName
+from palpate.instrument.own_process import OwnLock
 
 for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever fails is raised
     logging.getLogger(_name).addHandler(logging.NullHandler())
@@ -104,7 +104,7 @@ class CanLink:
         if bus.interface not in can.VALID_INTERFACES:
             raise ConfigError(f"CAN bus {self.name}: {UnknownName('interface', bus.interface, can.VALID_INTERFACES)}")
         self._description = bus
-        self._lock = threading.Lock()
+        self._lock = OwnLock()
         self._network: canopen.Network | None = None
         self._cyclic: Cyclic | None = None
         self._listener = _Listener({})  # until the bus is open; that of an absent optional device stays closed
@@ -126,6 +126,7 @@ class CanLink:
             ) from error
         if d.interface == MULTICAST:
             keep_to_group(bus.fileno())
+        close_bus_in_child(bus)
         self._network = canopen.Network(bus)
         self._cyclic = Cyclic(bus, d.interface, self.name)
         self._listener = _Listener(self._network.subscribers)
@@ -149,6 +150,7 @@ class CanLink:
 
     @property
     def network(self) -> canopen.Network:
+        self._lock.check()
         if self._network is None:
             raise LinkError(f"CAN bus {self.name} is not open; open the bench first")
         return self._network

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import struct
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -21,6 +20,7 @@ from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.instrument.own_process import OwnLock, close_in_child
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
 
@@ -70,7 +70,8 @@ class ModbusLink:
         self.name = name
         self._client = client
         self._clock = clock or WallClock()
-        self._lock = threading.Lock()
+        self._lock = OwnLock()
+        close_in_child(client, lambda found: [found.socket.fileno()] if found.socket else [])
         self._reply_due = False
         self._heard: Callable[[bool, bytes], object] = lambda _sent, _data: None
         self._came = b""

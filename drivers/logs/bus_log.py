@@ -7,7 +7,6 @@ import struct
 import threading
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -25,6 +24,7 @@ from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
 from palpate.instrument.bench.listed import Listed
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.errors import RecordError, UsageError, check_path
+from palpate.instrument.own_process import Ends
 
 CAN_FORMATS: dict[str, tuple[Any, str]] = {".blf": (can.BLFReader, "rb"), ".asc": (can.ASCReader, "r")}
 WHOLE_FORMAT = ".pcapng"
@@ -159,16 +159,19 @@ class BusLog:
         self._clock = clock
         self._begun_ns = round(started.timestamp()) * 1_000_000_000
         self._lock = threading.RLock()  # held from the time stamp to the write: both files are in the order of time
-        self._stack = ExitStack()
+        self._stack = Ends()
         self._failure: Exception | None = None
 
     def __enter__(self) -> Self:
         whole, *frames = log_files(self._path)
         try:
-            with ExitStack() as stack:
-                self._whole = PcapngWriter(stack.enter_context(whole.open("wb")))
+            with Ends() as stack:
+                file = stack.enter_context(whole.open("wb"))
+                stack.close_in_child(file.fileno())
+                self._whole = PcapngWriter(file)
                 self._frames: list[Any] = [can.Logger(file) for file in frames]
                 for log in self._frames:
+                    stack.close_in_child(log.file.fileno())
                     stack.callback(log.stop)
                 self._stack = stack.pop_all()
         except OSError as error:
@@ -182,6 +185,8 @@ class BusLog:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """End the log. Raises RecordError: it could not be written completely, so it ends before the run does."""
+        if self._stack.elsewhere:
+            return
         with self._lock:
             try:
                 with self._stack:

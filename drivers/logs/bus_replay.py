@@ -11,7 +11,6 @@ import json
 import os
 import struct
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -35,13 +34,15 @@ from palpate.drivers.logs.bus_log import (
     unpacked,
 )
 from palpate.drivers.logs.pcapng import Link, Packet, is_hashed, read_pcapng
-from palpate.drivers.logs.replay_wire import LOOPBACK, ReplayWire
+from palpate.drivers.logs.replay_wire import ReplayWire
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.bench.this_machine import LOOPBACK
 from palpate.instrument.config import parse
 from palpate.instrument.contracts import shaker_amplifier
 from palpate.instrument.errors import ConfigError, LinkError, UsageError
+from palpate.instrument.own_process import Ends
 
 CHUNK = 4096  # bytes read at once
 TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its transaction number; the whole MBAP header
@@ -98,7 +99,7 @@ class BusReplay:
         self._packets = list(_without_heartbeats(packet for packet in packets if packet.who != RUN))
         self._at = 0
         self.description = parse(bench.encode(), BenchDescription, str(self.path))
-        self._stack = ExitStack()
+        self._stack = Ends()
 
     def _read(self) -> list[Packet]:
         try:
@@ -113,7 +114,7 @@ class BusReplay:
 
     def __enter__(self) -> Self:
         recorded = self.description
-        with ExitStack() as stack:
+        with Ends() as stack:
             channel = f"replay-{os.getpid()}-{id(self)}"
             self._bus = can.Bus(interface="virtual", channel=channel)
             stack.callback(self._bus.shutdown)

@@ -6,15 +6,15 @@ import os
 import selectors
 import socket
 import threading
-import tty
 from collections import deque
 from contextlib import ExitStack
 from typing import Self
 
 from palpate.drivers.clock import WallClock
 from palpate.instrument.bench.serial_line import FASTEST, character_bits, reply_begins
+from palpate.instrument.bench.this_machine import LOOPBACK, check_loopback, pseudo_terminal
+from palpate.instrument.own_process import Ends, close_in_child, watched
 
-LOOPBACK = "127.0.0.1"
 CHUNK = 4096  # bytes read at once
 BITS = character_bits(parity=True, stop_bits=2)  # bits of the longest character
 
@@ -24,10 +24,12 @@ class ReplayWire:
 
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
+        close_in_child(self._selector, watched)
         self._due: dict[str, deque[tuple[int, bytes]]] = {}
         self._got: dict[str, int] = {}
         self._lines: set[str] = set()
         self._stack = ExitStack()
+        self._ends = Ends()
         self._thread = threading.Thread(target=self._run, name="bus replay", daemon=True)
 
     def __enter__(self) -> Self:
@@ -36,9 +38,13 @@ class ReplayWire:
             self._stack.enter_context(end)
         self._selector.register(ours, selectors.EVENT_READ, None)
         self._thread.start()
+        self._ends.callback(self._end)
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._ends.close()
+
+    def _end(self) -> None:
         self._stop.send(b".")
         self._thread.join()
         for key in list(self._selector.get_map().values()):
@@ -49,6 +55,7 @@ class ReplayWire:
 
     def listen(self, name: str) -> int:
         """Listen on a new TCP port for a link; returns the port."""
+        check_loopback(LOOPBACK)
         server = socket.create_server((LOOPBACK, 0))
         self._add(server, name)
         port: int = server.getsockname()[1]
@@ -56,13 +63,12 @@ class ReplayWire:
 
     def line(self, name: str) -> str:
         """Make a serial line; returns the path of the client's end."""
-        master, slave = os.openpty()
-        tty.setraw(slave)
+        master, slave, path = pseudo_terminal()
         for descriptor in (master, slave):
             self._stack.callback(os.close, descriptor)
         self._add(master, name)
         self._lines.add(name)
-        return os.ttyname(slave)
+        return path
 
     def _add(self, end: socket.socket | int, name: str) -> None:
         self._due[name], self._got[name] = deque(), 0

@@ -6,6 +6,8 @@ import os
 import socket
 from typing import Any
 
+from palpate.instrument.own_process import close_in_child
+
 MULTICAST = "udp_multicast"  # name of python-can's interface; each bus on it also receives its own frames
 RECEIVE_BUFFER = 4 << 20  # bytes; the system's default size holds only 256 frames
 IP_MULTICAST_ALL = 49  # Linux' option; Python's `socket` has no name for it
@@ -21,6 +23,17 @@ def keep_to_group(descriptor: int) -> None:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         if end.family == socket.AF_INET:
             end.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+
+
+def close_bus_in_child(bus: Any) -> None:
+    """Let a fork close python-can's bus in the child, where nothing is sent at its end."""
+    close_in_child(bus, _left_to_parent)
+
+
+def _left_to_parent(bus: Any) -> list[int]:
+    bus._is_shutdown = True  # else python-can would stop the cyclic frames of the kernel, which are the parent's
+    ends = [*getattr(bus, "_bcm_sockets", {}).values()]
+    return [end.fileno() for end in (ends if hasattr(bus, "queue") else [bus, *ends])]
 
 
 def leave(network: Any) -> None:

@@ -28,8 +28,10 @@ from palpate.procedures.commands.softness import softness
 from palpate.procedures.commands.study import study
 from palpate.procedures.commands.sweep import sweep
 from palpate.procedures.commands.test import test
+from palpate.procedures.console.drawing import draw_as_shipped
 from palpate.procedures.console.terminal import fill_streams, give_up, say
 
+UNREAD = 128 + signal.SIGPIPE  # exit status: nobody reads the output any more, as behind `| head`
 ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # exit status: message
 MOST_FILES = 128  # files that may have to be open at once; a served bench with all its clients has about 100
 
@@ -46,7 +48,7 @@ def palpate() -> None:
     Without --bench the bench is simulated: no hardware is needed. Results are stored in runs/, marked SIMULATED.
 
     Exit status: 0 done; 1 the bench or the disk failed, or no point is valid; 2 wrong or impossible arguments; 129 the
-    terminal was closed; 130 interrupted by Ctrl-C; 143 terminated.
+    terminal was closed; 130 interrupted by Ctrl-C; 141 nobody reads the output any more; 143 terminated.
     """
 
 
@@ -63,21 +65,28 @@ def run() -> None:
 
     fill_streams()
     same_everywhere()
+    draw_as_shipped()
+    unread = False
     try:
         _run()
     finally:
         for stream in (sys.stdout, sys.stderr):
             try:
                 stream.flush()
-            except OSError:
+            except OSError as error:
+                unread |= stream is sys.stdout and isinstance(error, BrokenPipeError)
                 give_up(stream)
+        if unread:
+            sys.exit(UNREAD)
 
 
 def _run() -> None:
     from palpate.instrument.errors import PalpateError
 
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-        sys.stdout.reconfigure(errors="backslashreplace")  # file names can contain bytes that are no text
+    stdout = sys.stdout
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in ("strict", "surrogateescape"):
+        # file names can contain bytes that are no text, and with LANG=C the stream takes ASCII alone
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         _check_files()
         status = palpate.main(prog_name="palpate", standalone_mode=False)
@@ -92,6 +101,8 @@ def _run() -> None:
     except SystemExit as error:
         if error.code in ENDED:
             _complain(ENDED[error.code], error)
+        if sys.stdout is not stdout:  # click has met a broken pipe: it puts another stream there, and exits with 1
+            sys.exit(UNREAD)
         raise
     except PalpateError as error:
         _complain(f"error: {error}", error)

@@ -65,6 +65,8 @@ def serve(
 ) -> None:
     """Serve a whole simulated bench on the wire until Ctrl-C, for palpate in another process or any other client.
 
+    A script ends it by SIGINT or SIGTERM, also where it was started with &.
+
     Prints the bench file with which clients find it. With --samples it has a sample changer, which clients command.
 
     Type what a person does at the bench: mount SAMPLE, lay SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES,

@@ -6,6 +6,7 @@ colour, move or overwrite other text in the terminal.
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import sys
@@ -109,5 +110,9 @@ def _console_class() -> type[Console]:
             for segment in super().render(renderable, options):
                 cleaned = segment.text if segment.control else clean(segment.text)
                 yield segment if cleaned == segment.text else Segment(cleaned, segment.style)
+
+        def on_broken_pipe(self) -> None:
+            """Raise it, as all other output does; rich itself would end the program with exit status 1."""
+            raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
 
     return Cleaning

@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVa
 
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
+from palpate.procedures.console.drawing import load_matplotlib
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.result import Result
 from palpate.procedures.lab.lab import Lab, Target
@@ -121,7 +122,7 @@ class Finished(Generic[R]):
     Attributes:
         procedure: the procedure.
         result: its result.
-        session: the recorded run on the open bench.
+        session: the recorded run on the open bench; of a pickled result, what is left of it.
         outcome: the keys that every result has in JSON.
     """
 
@@ -133,12 +134,12 @@ class Finished(Generic[R]):
     @property
     def folder(self) -> Path:
         """The run's folder."""
-        return self.session.record.folder
+        return self.session.folder
 
     @property
     def replayed(self) -> bool:
         """Whether the run was replayed from a bus log; then no calibration is stored for later runs."""
-        return self.session.opened.chosen.logged is not None
+        return self.session.replayed
 
     @property
     def run(self) -> Run:
@@ -148,7 +149,10 @@ class Finished(Generic[R]):
     def plot(self) -> Path | None:
         """Draw the result into the run's folder; returns the file, or None: the procedure draws nothing."""
         report = self.procedure.report(self.result, self.session.lab)
-        return None if report is None else report.draw(self.folder)
+        if report is None:
+            return None
+        load_matplotlib()
+        return report.draw(self.folder)
 
 
 @dataclass(frozen=True)

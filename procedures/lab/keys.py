@@ -9,7 +9,9 @@ import termios
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
+from palpate.instrument.own_process import Ends
 from palpate.procedures.console.terminal import say
 from palpate.procedures.steps.pause import NOBODY, Pause
 
@@ -56,9 +58,12 @@ def keyboard() -> Iterator[Pause]:
         return
     terminal = sys.stdin.fileno()
     before = termios.tcgetattr(terminal)
-    try:
+    with Ends() as ends:
+        ends.callback(_restore, terminal, before)
         tty.setcbreak(terminal)
         yield Keyboard(terminal)
-    finally:
-        with suppress(termios.error):  # the terminal has been closed
-            termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def _restore(terminal: int, before: list[Any]) -> None:
+    with suppress(termios.error):  # the terminal has been closed
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)

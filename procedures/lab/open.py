@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NoReturn
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
@@ -63,6 +63,11 @@ class OpenBench:
     runs: list[Path] = field(default_factory=list)
     _taking: Lock = field(default_factory=Lock, init=False, repr=False)
 
+    def __reduce__(self) -> NoReturn:
+        raise UsageError(
+            "an open bench cannot be pickled, as for another process; open one there, or pickle results and runs"
+        )
+
     @property
     def scene(self) -> Scene | None:
         """The simulated scene; None: nothing is simulated in this process."""
@@ -113,7 +118,11 @@ class OpenBench:
 
 @contextmanager
 def one_run(bench: OpenBench) -> Iterator[None]:
-    """While this context lasts, no other run can begin on the bench. Raises UsageError: a run is being taken on it."""
+    """While this context lasts, no other run can begin on the bench.
+
+    Raises UsageError: a run is being taken on it. BenchError: another process has opened it.
+    """
+    bench.bench.check_process()
     if not bench._taking.acquire(blocking=False):
         raise UsageError("no other run can begin on this bench before the one that it takes now has ended")
     try:

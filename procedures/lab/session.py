@@ -107,6 +107,20 @@ class Session:
     record: Recorder
     mounting: Mounting
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle it as `PastSession`, because nobody else can go on with it."""
+        return PastSession, (self.folder, self.replayed, self.lab, self.mounting)
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        return self.record.folder
+
+    @property
+    def replayed(self) -> bool:
+        """Whether the run is replayed from a bus log."""
+        return self.opened.chosen.logged is not None
+
     @property
     def bench(self) -> Bench:
         """The open bench."""
@@ -157,6 +171,16 @@ def _calibration_files(lab: Lab) -> dict[str, object]:
     films = None if lab.films is None else lab.films.about()
     used: dict[str, object] = {"load_cell": lab.calibration.about(), "films": films}
     return used if lab.references is None else {**used, "model": lab.references.about()}
+
+
+@dataclass(frozen=True, slots=True)
+class PastSession:
+    """What a pickled result keeps of its `Session`. Its bench is closed."""
+
+    folder: Path
+    replayed: bool
+    lab: Lab
+    mounting: Mounting
 
 
 @contextmanager
@@ -286,6 +310,8 @@ def _kept(record: Recorder, bench: Bench, remedy: str) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
+        if record.elsewhere:
+            raise
         if isinstance(error, Exception) and not isinstance(error, PalpateError):  # a defect, also of a package
             with suppress(RecordError):  # the exception that is being raised says more
                 record.event("traceback", "".join(format_exception(error)), bench.clock.now_ns())

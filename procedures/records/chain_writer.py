@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from palpate.instrument.own_process import Ends
 from palpate.procedures.records.chain import AROUND, FRAME, LAST, MAGIC, NOTHING, SECTOR, Bytes, Head
 
 AHEAD = 1_000_000  # bytes of zeros that are written at a time
@@ -29,9 +30,10 @@ class ChainWriter:
         self.head = head
         self._flags = flags
         self._broken = False
-        with contextlib.ExitStack() as undo:
+        with Ends() as undo:
             self._file = undo.enter_context(_opened(path))
             self._head_file = undo.enter_context(_opened(head_path))
+            undo.close_in_child(self._file, self._head_file)
             self._size = os.fstat(self._file).st_size
             self._open = undo.pop_all()
 
@@ -40,6 +42,8 @@ class ChainWriter:
 
     def append(self, frames: Sequence[Content], *, points: int = 0, events: int = 0) -> None:
         """Add frames, each of a kind, an id and the parts of its content. They complete so many points and events."""
+        if self._open.elsewhere:
+            raise OSError(0, "it belongs to the process that this one was forked from; write it there")
         if self._broken:
             raise OSError(0, "an earlier write or sync failed, so nothing is written after it")
         parts, head = packed(self.head, frames, self._flags, points, events)

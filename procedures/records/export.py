@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.instrument.errors import UnknownName, UsageError, check_path
 from palpate.instrument.extras import library
-from palpate.procedures.records.run import Run, storing
+from palpate.procedures.records.run import Run, frame_of, storing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,8 +35,8 @@ def check_format(to: str) -> None:
 def export(run: Run, to: str, folder: Path) -> list[Path]:
     """Writes the points, and the waveforms if the run has any, and returns the files.
 
-    `points.<to>` has the columns of `Run.table`. `waveforms.<to>` has a row for each sample: `point`,
-    `name`, `time_s` (from the waveform's first sample), `value_V` and `simulated`.
+    `points.<to>` has the columns of `Run.table`, with lists as lists. `waveforms.<to>` has a row for each sample:
+    `point`, `name`, `time_s` (from the waveform's first sample), `value_V` and `simulated`.
 
     Args:
         to: "csv" or "parquet".
@@ -53,7 +53,7 @@ def export(run: Run, to: str, folder: Path) -> list[Path]:
     for path in (points, waveforms):
         if path.exists():
             raise UsageError(f"{path} exists and is not overwritten; choose another --out")
-    table = run.table()
+    table = frame_of(run, run.points())
     frames = _waveform_frames(run)
     first = next(frames, None)
     with storing(folder, "a writable folder with --out"):
@@ -80,7 +80,7 @@ def as_dataset(run: Run) -> xr.Dataset:
     xarray = library("xarray", "xarray")
     table = run.table()
     table = table.set_index("id") if len(table) else table
-    plain = [name for name in table if not table[name].map(lambda value: isinstance(value, (list, dict))).any()]
+    plain = [name for name in table if not table[name].map(lambda value: isinstance(value, tuple)).any()]
     columns: dict[str, tuple[object, ...]] = {
         str(name): ("point", table[name].to_numpy()) for name in plain if name != "simulated"
     }

@@ -21,6 +21,7 @@ from types import TracebackType
 from typing import Literal, Self, TypeVar
 
 from palpate.instrument.errors import RecordError, UsageError
+from palpate.instrument.own_process import Ends
 from palpate.procedures.records.chain_writer import ChainWriter, Content, create, sync
 from palpate.procedures.records.encoding import Waveforms
 from palpate.procedures.records.record_file import (
@@ -64,9 +65,9 @@ class Recorder:
         self._inodes: dict[Path, int] = {}
         self._writer: ChainWriter | None = None
         self._closed = False
-        with contextlib.ExitStack() as undo:
+        with Ends() as undo:
             with storing(folder, running=True):
-                undo.enter_context(_locked(folder))
+                undo.close_in_child(undo.enter_context(_locked(folder)))
                 if header is not None:
                     if is_run(folder):
                         raise UsageError(f"{folder} already holds a run; choose another --out")
@@ -143,6 +144,11 @@ class Recorder:
         return point_id
 
     @property
+    def elsewhere(self) -> bool:
+        """Whether this process is a child that was forked from the one that writes the run."""
+        return self._open.elsewhere
+
+    @property
     def points(self) -> int:
         """Number of stored points."""
         return self._points
@@ -215,7 +221,7 @@ class Recorder:
     ) -> None:
         if self._writer is None:  # nothing was written yet
             self.close()
-        if self._closed:
+        if self._closed or self.elsewhere:
             return
         if error is None:
             self.finish("stopped", {}, "the procedure ended without a result")
@@ -257,15 +263,18 @@ def put_file(path: Path, text: str) -> None:
 
 
 @contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Lock a folder against other writers. The system releases the lock when the process ends, even if it is killed."""
+def _locked(folder: Path) -> Iterator[int]:
+    """Lock a folder against other writers, and give the lock's descriptor.
+
+    The system releases the lock when the process ends, even if it is killed.
+    """
     handle = os.open(folder, os.O_RDONLY)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise UsageError(f"{folder} is being written by another process; let that end first") from None
-        yield
+        yield handle
     finally:
         os.close(handle)
 

@@ -12,7 +12,7 @@ import errno
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -123,12 +123,31 @@ class Run:
         return total.hexdigest()
 
     def table(self) -> pd.DataFrame:
-        """The points, one a row: `id`, `bench_ns`, `simulated` (the same in each row), then their values."""
-        import pandas as pd
+        """The points, one a row: `id`, `bench_ns`, `simulated` (the same in each row), then their values.
 
-        frame = pd.DataFrame(self.points())
-        frame.insert(min(2, len(frame.columns)), "simulated", self.simulated)
-        return frame
+        Lists, as flags, are tuples, by which pandas can group.
+        """
+        return frame_of(self, map(hashable, self.points()))
+
+
+def frame_of(run: Run, points: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+    """Points of a run as a table, which says whether they are simulated."""
+    import pandas as pd
+
+    frame = pd.DataFrame(list(points))
+    frame.insert(min(2, len(frame.columns)), "simulated", run.simulated)
+    return frame
+
+
+def hashable(point: Mapping[str, Any]) -> dict[str, Any]:
+    """A point whose lists are tuples, and whose objects are tuples of names and values, also within each other."""
+    return {name: _hashable(value) for name, value in point.items()}
+
+
+def _hashable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return tuple((name, _hashable(each)) for name, each in value.items())
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 
 def read(folder: str | Path) -> Run:

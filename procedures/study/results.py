@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,7 @@ from palpate.instrument.quantity import parse
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.export import check_format
 from palpate.procedures.records.holes import check_holes
-from palpate.procedures.records.run import storing
+from palpate.procedures.records.run import hashable, storing
 from palpate.procedures.study.description import Study, StudyFile, Value, parted, study_of
 from palpate.procedures.study.store import RECORD, Outcome, stored
 
@@ -122,10 +122,15 @@ class Results:
         """One row for each load set of each cell that did not fail.
 
         Columns are `cell`, `simulated`, one for each axis (quantities have their unit in the name), then the values.
+        Lists, as flags, are tuples, by which pandas can group.
         """
+        return self._frame(hashable)
+
+    def _frame(self, put: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> pd.DataFrame:
+        """The table, with each point as `put` gives it."""
         import pandas as pd
 
-        points = [(outcome.cell, point) for outcome in self.outcomes for point in outcome.points]
+        points = [(outcome.cell, put(point)) for outcome in self.outcomes for point in outcome.points]
         cells = [cell for cell, _ in points]
         axes = {f"{name}_{unit}" if unit else name: values for name, values, unit in self.coordinates(cells)}
         head = pd.DataFrame({"cell": cells, "simulated": [True] * len(cells), **axes})
@@ -179,7 +184,7 @@ class Results:
     def export(self, to: str, folder: Path) -> Path:
         """Write the table to `points.<to>`, replacing an older one. Raises RecordError, or as `check_format` does."""
         check_format(to)
-        path, frame = folder / f"{POINTS}.{to}", self.table()
+        path, frame = folder / f"{POINTS}.{to}", self._frame(dict)
         with storing(path):
             if to == "csv":
                 frame.to_csv(path, index=False)

@@ -22,6 +22,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from palpate.instrument.errors import RecordError, UsageError
+from palpate.instrument.own_process import Ends
 from palpate.procedures.records import chain
 from palpate.procedures.records.chain import Chain, Frame
 from palpate.procedures.records.chain_writer import ChainWriter, create
@@ -64,13 +65,14 @@ class Store:
         """
         self.folder = folder
         path, head_path = folder / RECORD, folder / HEAD_FILE
-        with contextlib.ExitStack() as undo:
+        with Ends() as undo:
             with storing(path):
                 folder.mkdir(parents=True, exist_ok=True)
                 if (folder / OLD).exists():
                     raise UsageError(f"{folder} holds a study of an earlier version of palpate; choose another --out")
                 lock = os.open(folder, os.O_RDONLY)
                 undo.callback(os.close, lock)
+                undo.close_in_child(lock)
                 try:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # it ends with the process
                 except BlockingIOError:

@@ -7,10 +7,11 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 
 from palpate.instrument.extras import library
+from palpate.procedures.console.terminal import say
 
 
 @contextmanager
@@ -18,7 +19,7 @@ def executor_of(workers: int | None, dask: str | None) -> Iterator[tuple[Executo
     """An executor, and the number of its workers.
 
     Args:
-        workers: number of processes; None: one for each core.
+        workers: number of processes; None: one for each core. Where there can be none, a thread computes the cells.
         dask: address of a dask scheduler to use instead of processes; None: processes.
 
     Raises:
@@ -33,7 +34,17 @@ def executor_of(workers: int | None, dask: str | None) -> Iterator[tuple[Executo
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["palpate.procedures.virtual.study_cell"])  # imported once for all workers
-    with ProcessPoolExecutor(count, context, _begin_worker) as executor:
+    executor: Executor
+    try:
+        executor = ProcessPoolExecutor(count, context, _begin_worker)
+    except (OSError, ImportError, NotImplementedError) as error:  # without semaphores
+        say(
+            f"palpate: note: cells are computed one by one, because processes cannot work together here ({error}); "
+            "make /dev/shm writable: mount -t tmpfs tmpfs /dev/shm",
+            err=True,
+        )
+        executor, count = ThreadPoolExecutor(1), 1
+    with executor:
         yield executor, count
 
 

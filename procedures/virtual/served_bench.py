@@ -18,6 +18,7 @@ from palpate.drivers.safe_end import taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.usual import LINE
 from palpate.instrument.errors import BenchError, PalpateError, RangeError, UsageError
+from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.console.terminal import console, say
 from palpate.procedures.records.record_file import RECORD
@@ -138,7 +139,7 @@ def serving(wish: Wish) -> Iterator[Served]:
         RecordError: the bench file or the link cannot be written.
     """
     failures: list[BaseException] = []
-    with ExitStack() as stack:
+    with Ends() as stack:
         sim = stack.enter_context(SimulatedBench(wish.scene, wish.place, wish.samples))
         sim.set_speed(wish.speed)
         sim.clock.served = True
@@ -157,16 +158,25 @@ def serving(wish: Wish) -> Iterator[Served]:
 
 
 def serve_until_told(wish: Wish, announce: Callable[[BenchDescription], None], shows_status: bool) -> None:
-    """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit"; `announce` gets the description by which clients find it, once.
+    """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit".
+
+    Args:
+        wish: what to serve.
+        announce: gets the description by which clients find the bench, once.
+        shows_status: whether a page on the terminal shows the bench.
 
     Raises:
         BenchError: the bench cannot be served (see `serving`), or the simulation failed while it was served.
         RecordError: a file cannot be written (see `serving`).
     """
-    with taken(ENDINGS, _end), serving(wish) as served, ExitStack() as stack:
-        announce(served.description)
-        look = stack.enter_context(_page(served)) if shows_status else _unseen
-        _attend(served, wish.step, look, [sys.stdin.fileno()] if sys.stdin is not None else [])
+    interrupts = taken([signal.SIGINT], _end, ignored=True)  # `serve &` in a script begins with it ignored
+    with interrupts, taken(ENDINGS, _end), serving(wish) as served, ExitStack() as stack:
+        try:
+            announce(served.description)
+            look = stack.enter_context(_page(served)) if shows_status else _unseen
+            _attend(served, wish.step, look, [sys.stdin.fileno()] if sys.stdin is not None else [])
+        except KeyboardInterrupt:
+            return
 
 
 def _description(sim: SimulatedBench, wish: Wish) -> BenchDescription:
@@ -178,26 +188,23 @@ def _attend(served: Served, step: float | None, look: Callable[[], None], typed:
     """Carry out typed lines until "quit"; when the input ends, the bench is still served."""
     person = Person(served.sim)
     rest = b""
-    try:
-        while not served.failures:
-            ready, _, _ = select.select(typed, [], [], REFRESH)
-            if not ready:
-                look()
-                continue
-            chunk = os.read(ready[0], CHUNK)
-            if not chunk:
-                typed = []
-            *lines, rest = (rest + chunk).split(b"\n")
-            for line in lines:
-                text = line.decode(errors="replace").strip()
-                if text == "quit":
-                    return
-                if text:
-                    _carry_out(person, text)
-                elif step is not None:
-                    served.sim.clock.wait(step)
-    except KeyboardInterrupt:
-        return
+    while not served.failures:
+        ready, _, _ = select.select(typed, [], [], REFRESH)
+        if not ready:
+            look()
+            continue
+        chunk = os.read(ready[0], CHUNK)
+        if not chunk:
+            typed = []
+        *lines, rest = (rest + chunk).split(b"\n")
+        for line in lines:
+            text = line.decode(errors="replace").strip()
+            if text == "quit":
+                return
+            if text:
+                _carry_out(person, text)
+            elif step is not None:
+                served.sim.clock.wait(step)
     raise BenchError(
         f"the simulation has failed: {served.failures[0]}; serve the bench again, or change the scene"
     ) from served.failures[0]

@@ -16,9 +16,10 @@ import canopen
 from can.interfaces.virtual import VirtualBus
 from canopen.network import MessageListener
 
-from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
+from palpate.instrument.bench.can_ends import MULTICAST, close_bus_in_child, keep_to_group
 from palpate.instrument.contracts.cyclic import Receiver
 from palpate.instrument.errors import BenchError
+from palpate.instrument.own_process import close_in_child
 from palpate.simulators.clock import VirtualClock
 
 canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle; canopen's default of 1 s is too slow
@@ -109,7 +110,9 @@ def open_bus(interface: str, channel: str) -> can.BusABC:
             raise BenchError(
                 f"CAN bus {interface}:{channel} cannot be opened: {error}; give another interface"
             ) from error
+        close_bus_in_child(bus)
         if claim is not None:
+            close_in_child(claim, lambda found: [found.fileno()])
             keep_to_group(bus.fileno())
             _release_with(bus, claim)
         stack.pop_all()

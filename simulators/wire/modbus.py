@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import selectors
 import threading
 import time
 from collections.abc import Coroutine
@@ -11,7 +12,9 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from pymodbus.pdu import ModbusPDU
 
+from palpate.instrument.bench.this_machine import LOOPBACK, check_loopback
 from palpate.instrument.errors import BenchError
+from palpate.instrument.own_process import Ends, close_in_child, watched
 from palpate.simulators.wire.device import SimulatedDevice
 from palpate.simulators.wire.modbus_server import Identity, SerialServer, TcpServer
 from palpate.simulators.wire.registers import Registers
@@ -20,7 +23,6 @@ from palpate.simulators.wire.relay import Noise, Relay
 if TYPE_CHECKING:
     from palpate.simulators.physics.stages import LineEffect
 
-LOOPBACK = "127.0.0.1"
 OUTER = 4  # bytes of a frame around its data: unit id, function code, CRC
 NEVER_YET = -(10**18)  # ns
 T = TypeVar("T")
@@ -30,16 +32,23 @@ class ServerThread:
     """A thread with one event loop for all Modbus servers of a bench. Leaving the context stops all that it started."""
 
     def __init__(self) -> None:
-        self._loop = asyncio.new_event_loop()
+        selector = selectors.DefaultSelector()
+        close_in_child(selector, watched)
+        self._loop = asyncio.SelectorEventLoop(selector)
         self._thread = threading.Thread(target=self._loop.run_forever, name="simulated Modbus", daemon=True)
         self._servers: list[Any] = []
         self._of_device: dict[int, TcpServer] = {}
+        self._ends = Ends()
 
     def __enter__(self) -> Self:
         self._thread.start()
+        self._ends.callback(self._stop)
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._ends.close()
+
+    def _stop(self) -> None:
         self._run(self._shut_down())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
@@ -76,8 +85,10 @@ class ServerThread:
     ) -> int:
         """Serve one device; port 0 takes any free port. Returns the port.
 
-        Raises BenchError: the port is in use, or the host is no address of this machine.
+        Raises BenchError: the port is in use, the host is no address of this machine, or loopback is down.
         """
+
+        check_loopback(address[0])
 
         async def start() -> int:
             server = TcpServer(unit, Registers(device), _identity(device), address)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Self
 
+from palpate.instrument.own_process import Ends
 from palpate.simulators.clock import VirtualClock
 
 TICK = 0.002  # s of wall time between two moves of the clock
@@ -46,16 +47,18 @@ class Pacer:
         self._speed = speed
         self._failed = failed
         self._stop = threading.Event()
+        self._ends = Ends()
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
         self.behind = 0.0
 
     def __enter__(self) -> Self:
         self._thread.start()
+        self._ends.callback(self._thread.join)
+        self._ends.callback(self._stop.set)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
+        self._ends.close()
 
     def turn(self, passed: float) -> None:
         """Move the clock on after `passed` seconds of wall time."""

@@ -7,10 +7,10 @@ import contextlib
 import os
 import re
 import termios
-import tty
 from typing import TYPE_CHECKING
 
 from palpate.instrument.bench.serial_line import SHORTEST_SILENCE, SILENCE, character_bits, reply_begins
+from palpate.instrument.bench.this_machine import pseudo_terminal
 from palpate.simulators.wire.relay import Noise
 
 if TYPE_CHECKING:
@@ -34,15 +34,14 @@ class Terminal(asyncio.Transport):
     """
 
     def __init__(self, server: ModbusProtocol) -> None:
+        """Raises BenchError: this machine gives no pseudo-terminal."""
         super().__init__()
         self._server = server
         self._noise: Noise | None = None
         self._loop = asyncio.get_running_loop()
-        self._own, client = os.openpty()
+        self._own, client, self.path = pseudo_terminal()
         self._descriptors = [self._own, client]
-        tty.setraw(client)
         os.set_blocking(self._own, False)
-        self.path = os.ttyname(client)
         self._client = client
         self._heard_at = self._earliest = self._loop.time()
         self._loop.add_reader(self._own, self._heard)

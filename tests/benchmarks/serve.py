@@ -17,9 +17,10 @@ from tempfile import TemporaryDirectory
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from palpate.instrument.bench.this_machine import LOOPBACK
 from palpate.instrument.contracts.signal_generator import CONTRACT
 from palpate.procedures.virtual.served_bench import Wish, serving
-from palpate.simulators.bench import LOOPBACK, Place
+from palpate.simulators.bench import Place
 from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.row import Row
 

@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -270,7 +271,7 @@ def test_a_list_is_as_good_as_a_tuple(tmp_path: Path) -> None:
 def test_a_checkout_without_symbolic_links_says_so(tmp_path: Path) -> None:
     (tmp_path / "palpate").mkdir()
     shutil.copy(palpate.__file__, tmp_path / "palpate")
-    (tmp_path / "palpate" / "procedures").write_text("../procedures")
+    (tmp_path / "palpate" / "procedures").write_text("../procedures")  # as Windows, or a zip, gives a link
     done = subprocess.run([sys.executable, "-c", "import palpate"], cwd=tmp_path, capture_output=True, text=True)
     assert "this checkout was made without links" in done.stderr
 
@@ -375,3 +376,31 @@ with palpate.open_bench(scene={soft!r}) as bench:
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
     resumed, whole = done.stdout.split()
     assert resumed == whole
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_wheel_that_is_built_from_a_checkout_without_symbolic_links_is_whole(tmp_path: Path) -> None:
+    root = Path(__file__).parents[2]
+    kept = ("pyproject.toml", "README.md", "LICENSE", "palpate", "drivers", "instrument", "simulators", "procedures")
+    for name in kept:
+        if (root / name).is_dir():
+            shutil.copytree(root / name, tmp_path / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(root / name, tmp_path)
+    for link in filter(Path.is_symlink, (tmp_path / "palpate").iterdir()):
+        text = str(link.readlink())
+        link.unlink()
+        link.write_text(text, encoding="utf-8")
+    if shutil.which("uv") is None:
+        pytest.skip("uv, which builds wheels, is not installed")
+    done = subprocess.run(["uv", "build", "-q", "--wheel", "."], cwd=tmp_path, capture_output=True, text=True)
+    if "hatchling" in done.stderr:
+        pytest.skip(f"hatchling, which builds wheels, cannot be had: {done.stderr.splitlines()[-1]}")
+    assert done.returncode == 0, done.stderr
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    assert "palpate/procedures/commands/root.py" in names
+    assert "palpate/simulators/scenes/thesis_single.toml" in names
+    assert not {name for name in names if not name.startswith(("palpate/", "palpate-"))}

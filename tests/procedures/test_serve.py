@@ -218,6 +218,20 @@ def test_a_hang_up_ends_a_served_bench_but_not_one_that_was_started_to_ignore_it
     assert (said.status, said.err) == (0, "done: hang up\n" if goes_on else "")
 
 
+def test_an_interrupt_ends_a_served_bench_also_where_a_script_has_started_it_to_ignore_them(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Person, "do", lambda _person, _line: os.kill(os.getpid(), signal.SIGINT))
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with typing("interrupt\nquit\n", monkeypatch):
+            said = palpate("serve", "thesis_single", "--can", "virtual", "--quiet")
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (said.status, said.err) == (0, "")
+
+
 def test_json_says_where_everything_is(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     with typing("quit\n", monkeypatch):
         found = palpate(
