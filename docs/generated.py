@@ -87,13 +87,18 @@ def file_of(model: type[BaseModel]) -> str:
     """A table of keys for the top of a configuration file, then one for each of its sections."""
     sections = {name: found for name, field in model.model_fields.items() if (found := _section(field.annotation))}
     own = {name: field for name, field in model.model_fields.items() if name not in sections}
-    parts = [_table(("key", "default"), [(f"`{name}`", _default(field)) for name, field in own.items()])]
+    parts = [_keys(own)]
     for name, section in sections.items():
         optional = "" if model.model_fields[name].is_required() else " (may be left out)"
-        rows = [(f"`{key}`", _default(field)) for key, field in section.model_fields.items()]
         about = " ".join(inspect.cleandoc(section.__doc__ or "").split())
-        parts += [f"`[{name}]`{optional}: {about}", _table(("key", "default"), rows)]
+        parts += [f"`[{name}]`{optional}: {about}", _keys(section.model_fields)]
     return "\n\n".join(parts)
+
+
+def _keys(fields: Mapping[str, FieldInfo], what: str = "key") -> str:
+    """A table of keys."""
+    rows = [(f"`{name}`", _default(field), _limits(field)) for name, field in fields.items()]
+    return _table((what, "default", "limits"), rows)
 
 
 def kinds() -> str:
@@ -141,8 +146,18 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _parameters(fields: Mapping[str, FieldInfo]) -> str:
-    rows = [(f"`{name}`", _default(field)) for name, field in fields.items()]
-    return _table(("parameter", "default"), rows) if rows else "No parameters."
+    return _keys(fields, "parameter") if fields else "No parameters."
+
+
+def _limits(field: FieldInfo) -> str:
+    """What a number may be, as a file would say it."""
+    units = [mark.unit for mark in field.metadata if isinstance(mark, Unit)]
+    said = []
+    for end, word in (("gt", "above"), ("ge", "from"), ("lt", "below"), ("le", "to")):
+        for mark in field.metadata:
+            if (limit := getattr(mark, end, None)) is not None:
+                said.append(f"{word} {show(limit, units[0]) if units else f'{limit:g}'}")
+    return " ".join(said)
 
 
 def _default(field: FieldInfo) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import json
 import tomllib
@@ -150,9 +151,12 @@ def parse(content: bytes, model: type[M], where: str) -> M:
 
 def _parsed(content: bytes, where: str) -> dict[str, Any]:
     try:
-        data = tomllib.loads(content.decode())
-    except UnicodeDecodeError:
-        raise ConfigError(f"{where}: is not text; a TOML file in UTF-8 belongs here") from None
+        data = tomllib.loads(content.decode("utf-8-sig"))  # some editors put a byte order mark before UTF-8
+    except UnicodeDecodeError as error:
+        wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        line = content[: error.start].count(b"\n") + 1
+        found = "but in UTF-16" if wide else f"(line {line} has the byte 0x{content[error.start]:02X})"
+        raise ConfigError(f"{where}: is not text in UTF-8, as TOML must be, {found}; save it in UTF-8") from None
     except (ValueError, RecursionError) as error:  # for integers of thousands of digits, and for deeply nested brackets
         raise ConfigError(f"{where}: is not TOML: {error}") from None
     _hold_limits(data, where)
@@ -192,6 +196,8 @@ def check(data: dict[str, Any], model: type[M], where: str, beside: Iterable[str
         if model.file and (why := _of_another_kind(data, model)):
             raise ConfigError(f"{where}: is no {model.file}: {why}; give the file of a {model.file}") from None
         errors = error.errors(include_url=False)
+        inside = {e["loc"][:-1] for e in errors}  # pydantic counts wrong values of a list as missing ones
+        errors = [e for e in errors if e["type"] != "too_short" or e["loc"] not in inside]
         problems = [
             f"{where}: {line}" for e in errors[:MOST_PROBLEMS] for line in told(dict(e), model, beside).splitlines()
         ]

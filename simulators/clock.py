@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
+from palpate.instrument.errors import BenchError, PalpateError
+
 NEVER = 2**63 - 1
+PATIENCE = 1.0  # s of wall time in which an interrupted program can still switch its outputs off
 
 
 class Simulated(Protocol):
@@ -33,7 +37,9 @@ class VirtualClock:
 
     def __init__(self) -> None:
         self.lock: AbstractContextManager[Any] = threading.RLock()
+        self.failure: PalpateError | None = None  # why the scene cannot be followed any more; None: it can be
         self._now = 0
+        self._given_up_at: float | None = None  # of `time.monotonic`
         self._simulated: list[Simulated] = []
 
     def add(self, simulated: Simulated) -> None:
@@ -47,13 +53,47 @@ class VirtualClock:
         return self._now
 
     def wait(self, duration: float) -> None:
-        """Let simulated time pass [s]. Raises ValueError: the duration is negative or not finite."""
+        """Let simulated time pass [s].
+
+        Raises ValueError: the duration is negative or not finite; PalpateError: the scene cannot be simulated.
+        """
         if not (math.isfinite(duration) and duration >= 0):
             raise ValueError(f"cannot wait {duration} s; a wait is finite and not negative")
+        if self.failure is not None:
+            raise self.failure
         with self.lock:
-            target = self._now + round(duration * 1e9)
-            while self._now < target:
-                step = min([target, *(s.next_event_ns() for s in self._simulated)])
-                start, self._now = self._now, step
-                for simulated in self._simulated:
-                    simulated.advance(start, step)
+            try:
+                self._pass(self._now + round(duration * 1e9))
+            except Exception as error:
+                raise self.failed(error)  # noqa: B904  (it has its cause)
+
+    def _pass(self, target: int) -> None:
+        while self._now < target:
+            step = min([target, *(s.next_event_ns() for s in self._simulated)])
+            start, self._now = self._now, step
+            for simulated in self._simulated:
+                simulated.advance(start, step)
+
+    def failed(self, error: Exception) -> PalpateError:
+        """Keep the first error of computing the scene, which a device cannot tell on the wire.
+
+        Returns the error to be raised: the same one, or one for people.
+        """
+        told: PalpateError
+        if isinstance(error, PalpateError):
+            told = error
+        else:
+            why = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            told = BenchError(f"the scene cannot be simulated: {why}; look for a number in it that no bench has")
+            told.__cause__ = error
+        self.failure = self.failure or told
+        return told
+
+    def give_up_soon(self) -> None:
+        """From a while on, `check` ends what is being computed, because somebody has interrupted the program."""
+        self._given_up_at = time.monotonic() + PATIENCE
+
+    def check(self) -> None:
+        """Called again and again while the scene is followed. Raises BenchError: somebody has interrupted that."""
+        if self._given_up_at is not None and time.monotonic() > self._given_up_at:
+            raise BenchError("the simulation was interrupted")

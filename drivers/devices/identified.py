@@ -8,6 +8,7 @@ from typing import Any
 from palpate.drivers.devices.device import Device
 from palpate.drivers.links.requests import BASIC, EXTENDED, REGULAR, read_identity
 from palpate.instrument.contracts.contract import Mark
+from palpate.instrument.contracts.wire_types import told_text
 from palpate.instrument.errors import DeviceError, IdentityError
 
 VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80  # numbers of identity objects
@@ -21,7 +22,7 @@ def identity_objects(transact: Callable[..., Any]) -> dict[int, str]:
 
     def category(number: int) -> dict[int, str]:
         reply = transact(read_identity, number)
-        return {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
+        return {k: told_text(v) for k, v in getattr(reply, "information", {}).items()}
 
     objects = category(EXTENDED)
     if VENDOR not in objects:

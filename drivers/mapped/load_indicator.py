@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from palpate.drivers.devices.either_bus import EitherBus
 from palpate.drivers.mapped.following import pauses
 from palpate.drivers.mapped.reading_filter import ReadingFilter
+from palpate.drivers.mapped.word_order import WordOrder
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, says
 from palpate.instrument.errors import DeviceError, RangeError
 
-TINY = 1e-9  # of the unit of a display; a float of this size is no load, but one whose words are swapped
 LOOKS = 6  # readings beside those of extremes, which tell that the display still moves
 MOVED = 4  # steps of the display that a load must move by, so that not all of these readings can be equal
 AGAIN = 3  # readings that must agree where no bit says that the load is stable
@@ -28,6 +28,7 @@ class MappedReading:
         sick: why no load can be read; empty: it can be read.
         difference: whether it is the difference of two loads, so that it holds no zero.
         u_mV: standard uncertainty from how it was made, beside that of the display.
+        doubt: why it is not known that its words come in the order of the map; empty: it is known.
     """
 
     reading_mV: float
@@ -36,6 +37,7 @@ class MappedReading:
     sick: str
     difference: bool = False
     u_mV: float = 0.0
+    doubt: str = ""
 
     @property
     def stable(self) -> bool:
@@ -63,11 +65,13 @@ class LoadIndicator(EitherBus):
     gage_factor = math.nan
     _settings_of: LoadIndicatorSettings
     _filter: ReadingFilter
+    _orders: dict[str, WordOrder]
     _window: float | None = None
     _time_constant = 0.1
     _relative_u = 0.0
     _moving = False  # whether the load has moved since it is read peak to peak
     _step = math.nan  # of its display, in its unit
+    _doubt = ""  # of the readings since it was last told what to read
 
     @property
     def _map(self) -> LoadIndicatorMap:
@@ -86,6 +90,8 @@ class LoadIndicator(EitherBus):
         self._filter.set_up()
         self._step = self._shown_step()
         self.resolution_mV = self._step * settings.span
+        names = (self._map.reading, *self._map.extremes)
+        self._orders = {name: WordOrder(self.contract, name, self._step) for name in names}
 
     def _take(self, settings: LoadIndicatorSettings) -> None:
         """Take in its section.
@@ -133,11 +139,11 @@ class LoadIndicator(EitherBus):
 
     def track(self, time_constant: float) -> None:
         """From now on read the load. Its own filter stays; `time_constant` [s] is how long repeated readings take."""
-        self._window, self._time_constant, self._moving = None, time_constant, False
+        self._window, self._time_constant, self._moving, self._doubt = None, time_constant, False, ""
 
     def peak_to_peak(self, window: float) -> None:
         """From now on read the peak-to-peak load over `window` [s], which each reading then takes."""
-        self._window, self._moving = window, False
+        self._window, self._moving, self._doubt = window, False, ""
 
     def clear_tare(self) -> None:
         """Take the tare off, if the device has a command for it."""
@@ -189,6 +195,8 @@ class LoadIndicator(EitherBus):
         value = _range(values)
         if extremes:
             found = self.get_many(*extremes)
+            for name, extreme in zip(extremes, found, strict=True):
+                self._look(name, extreme)
             value = found[0] - (found[1] if len(extremes) > 1 else 0.0)
         if not sick and self._frozen(value, values):
             sick = "display not updated"
@@ -204,7 +212,20 @@ class LoadIndicator(EitherBus):
         """The load in the device's unit, and its status if it has one."""
         role = self._map
         value, *status = self.get_many(role.reading, *([role.status] if role.status else []))
+        self._look(role.reading, value)
         return value, status
+
+    def _look(self, name: str, value: float) -> None:
+        """Look whether a field reads a load. A doubt is an incident, once until it is told anew what to read.
+
+        Raises DeviceError: it is none.
+        """
+        if math.isnan(value):
+            return
+        doubt = self._orders[name].doubt(value, dict(self._scales.beside(name)), self.name)
+        if doubt and not self._doubt:
+            self.noticed(doubt)
+            self._doubt = doubt
 
     def _status(self) -> list[float]:
         return [self.get(self._map.status)] if self._map.status else []
@@ -221,15 +242,11 @@ class LoadIndicator(EitherBus):
     def _made(
         self, value: float, sick: str, unsteady: str, difference: bool = False, u_mV: float = 0.0
     ) -> MappedReading:
-        """A reading from a value in the device's unit. Raises DeviceError: its words come in the other order."""
-        if 0 < abs(value) < TINY:
-            raise DeviceError(
-                f"{self.name}: {self._map.reading} reads {value:g}, so its words come in the other order; set the "
-                "device to the order of its map, or use a map for its order",
-                device=self.name,
-            )
+        """A reading from a value in the device's unit."""
         span = self._settings_of.span
-        return MappedReading(value * span, self.resolution_mV, unsteady, sick, difference, u_mV)
+        told = all(order.told for order in self._orders.values())
+        doubt = "" if told else self._doubt
+        return MappedReading(value * span, self.resolution_mV, unsteady, sick, difference, u_mV, doubt)
 
     def differences(self) -> list[str]:
         """As for every device; also a filter, or a step of the display, that somebody has changed."""

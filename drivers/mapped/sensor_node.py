@@ -92,7 +92,7 @@ class MappedNode(CanopenDevice):
 
     def resolution(self, channel: int) -> float:
         """Step of a channel's converter (1 to its number of channels) [V]."""
-        return self.volts_per_unit * float(self.counts.step[channel - 1])
+        return self.volts_per_unit * abs(float(self.counts.step[channel - 1]))
 
     def set_sample_rate(self, rate: float) -> None:
         """Set the sample rate [Hz], by the period of SYNC.

@@ -19,7 +19,7 @@ from palpate.instrument.contracts.digest import digest
 from palpate.instrument.contracts.field import PROBE, Access, Field, Scaling, Value, probe, sdo
 from palpate.instrument.contracts.manners import Command, Condition, Identity, Manners, Mark
 from palpate.instrument.contracts.pdo import Pdo
-from palpate.instrument.contracts.wire_types import NUL, Codec, codec, swapped
+from palpate.instrument.contracts.wire_types import NUL, Codec, codec, swapped, told_text
 from palpate.instrument.errors import RangeError
 
 __all__ = [
@@ -38,6 +38,7 @@ class Contract(Declaration):
     # of most fields: codec, scale, and what divides a number if the scale is below 1
     _plain: dict[str, tuple[Codec, float, float]] = field(init=False, repr=False, compare=False)
     _raw_limits: dict[str, tuple[float, float]] = field(init=False, repr=False, compare=False)
+    _missing: dict[str, frozenset[int]] = field(init=False, repr=False, compare=False)  # bits that say: no reading
 
     def __post_init__(self) -> None:
         """Check that the declaration is possible on this bus. Raises ConfigError."""
@@ -47,6 +48,8 @@ class Contract(Declaration):
         plain = {f.name: (self._codec[f.name], f.scale, 1.0 / f.scale) for f in self.fields if _is_plain(f)}
         object.__setattr__(self, "_plain", plain)
         object.__setattr__(self, "_raw_limits", {f.name: _raw_limits(f) for f in self.fields})
+        missing = {f.name: frozenset[int]().union(*map(f.bits_of, f.missing)) for f in self.fields if f.missing}
+        object.__setattr__(self, "_missing", missing)
         check_declaration(self, self.encode)
 
     def raw(self, name: str, value: Value) -> float:
@@ -99,7 +102,8 @@ class Contract(Declaration):
         """Wire bytes of a reading, without a check of limits; see `decode`. Raises struct.error: it does not fit."""
         f = self._by_name[name]
         if f.missing and math.isnan(value):
-            return self._packed(f, f.missing[0])
+            bits = min(f.bits_of(f.missing[0])) << (f.part[0] if f.part else 0)
+            return self._ordered(f, bits.to_bytes(f.size, self._octets))
         if f.beside:
             value = (abs(value) if f.sign else value) / self._factor(f, beside)
         return self._packed(f, f.to_raw(value))
@@ -110,6 +114,10 @@ class Contract(Declaration):
                 raise struct.error(f"{raw} does not fit {f.part[1]} bits")
             raw = int(raw) << f.part[0]
         return self._ordered(f, self._codec[f.name].pack(raw))
+
+    @property
+    def _octets(self) -> Literal["big", "little"]:
+        return "big" if self.bus == "modbus" else "little"
 
     @staticmethod
     def _ordered(f: Field, data: bytes) -> bytes:
@@ -152,14 +160,17 @@ class Contract(Declaration):
             number: float = packed.unpack(data)[0]
             return number * scale if scale >= 1.0 else number / divisor
         f = self._by_name[name]
-        raw: float = self._codec[name].unpack(self._ordered(f, data))[0]
+        data = self._ordered(f, data)
+        if f.missing and len(data) == f.size:
+            bits = int.from_bytes(data, self._octets)
+            if (bits if f.part is None else bits >> f.part[0] & (1 << f.part[1]) - 1) in self._missing[name]:
+                return math.nan
+        raw: float = self._codec[name].unpack(data)[0]
         if f.part is not None:
             raw = int(raw) >> f.part[0] & (1 << f.part[1]) - 1
-        if f.missing and raw in f.missing:
-            return math.nan
         # multiplying by a small scale would not be exact: 25000 * 1e-6 < 0.025
-        value = raw * f.scale if f.scale >= 1.0 else raw / (1.0 / f.scale)
-        if f.offset:
+        value = raw * f.scale if abs(f.scale) >= 1.0 else raw / (1.0 / f.scale)
+        if f.offset or f.scale < 0:  # 0 times a negative scale is -0
             value += f.offset
         return self._scaled(f, value, beside) if f.beside else value
 
@@ -176,7 +187,7 @@ class Contract(Declaration):
         return 1.0 if f.scaling is None else f.scaling.factor(beside[f.scaling.told_by])
 
     def step(self, name: str, beside: Mapping[str, float] = NOTHING) -> float:
-        """Step of an integer field, in its unit; see `decode`."""
+        """Step of an integer field, in its unit, negative if it counts the other way; see `decode`."""
         f = self[name]
         return f.scale * self._factor(f, beside)
 
@@ -195,8 +206,13 @@ class Contract(Declaration):
         return self._ordered(f, data.ljust(f.length, NUL.encode()))
 
     def decode_text(self, name: str, data: bytes) -> str:
-        """Text of wire bytes. Raises ValueError: they are not the bytes of such a text."""
-        text = self._ordered(self[name], data).decode().rstrip(NUL)
+        """Text of wire bytes; of one that is only read, see `told_text`.
+
+        Raises ValueError: they are not the bytes of such a text.
+        """
+        f = self[name]
+        data = self._ordered(f, data)
+        text = told_text(data) if f.access == "ro" else data.decode().rstrip(NUL)
         if not text.isprintable():
             raise ValueError(f"{text!r} holds characters that cannot be printed")
         return text
@@ -219,7 +235,9 @@ class Contract(Declaration):
         """Name and value of a field, from its wire bytes, as text for people; `beside`: see `decode`."""
         f = self[name]
         if f.type == "text":
-            return f"{name} = {self._ordered(f, data).decode('utf-8', 'replace').rstrip(NUL)!r}"
+            data = self._ordered(f, data)
+            text = told_text(data) if f.access == "ro" else data.decode("utf-8", "replace").rstrip(NUL)
+            return f"{name} = {text!r}"
         try:
             value = self.decode(name, data, beside)
         except struct.error:  # a wrong length
@@ -268,9 +286,12 @@ class Contract(Declaration):
 
 def _is_plain(f: Field) -> bool:
     """Whether its value is its number in the usual order, times its scale."""
-    return f.type != "text" and not (f.part or f.missing or f.offset or f.beside or "little" in (f.words, f.octets))
+    special = f.part or f.missing or f.offset or f.scale < 0 or f.beside or "little" in (f.words, f.octets)
+    return f.type != "text" and not special
 
 
 def _raw_limits(f: Field) -> tuple[float, float]:
     low, high = (f.to_raw(limit) if math.isfinite(limit) else limit for limit in f.limits)
-    return low, high
+    if f.scale > 0:
+        return low, high
+    return (-math.inf if math.isinf(high) else high), (math.inf if math.isinf(low) else low)

@@ -42,7 +42,7 @@ class Attributes(Protocol):
     @property
     def bits(self) -> Mapping[str, int]: ...
     @property
-    def missing(self) -> tuple[int, ...]: ...
+    def missing(self) -> tuple[float, ...]: ...
     @property
     def part(self) -> tuple[int, int] | None: ...
     @property
@@ -52,6 +52,7 @@ class Attributes(Protocol):
     @property
     def limits(self) -> tuple[float, float]: ...
     def holds(self, value: float) -> bool: ...
+    def bits_of(self, raw: float) -> frozenset[int]: ...
 
 
 def check_once(title: str, what: str, names: Sequence[str]) -> None:
@@ -92,8 +93,8 @@ def _problems(f: Attributes) -> Iterator[str]:
         return
     if f.length:
         yield f"length = {f.length}, which is for texts; a {f.type} has its own length, leave it out"
-    if not LEAST_SCALE <= f.scale <= GREATEST_SCALE:
-        yield f"scale = {f.scale:g} is outside {LEAST_SCALE:g} to {GREATEST_SCALE:g}"
+    if not LEAST_SCALE <= abs(f.scale) <= GREATEST_SCALE:
+        yield f"scale = {f.scale:g} is outside {LEAST_SCALE:g} to {GREATEST_SCALE:g} of either sign"
     if isinstance(f.default, str) or not math.isfinite(f.default):
         yield f"default = {f.default!r}; give a number for a {f.type}"
     elif f.default and f.scaling is None and not f.holds(f.default):  # 0 may just be left out
@@ -108,7 +109,7 @@ def _problems(f: Attributes) -> Iterator[str]:
         yield "has bits and missing; a status word has no value that says that there is none"
     if f.part and (beyond := [bit for bit, number in f.bits.items() if number >= f.part[1]]):
         yield f"bit {beyond[0]!r} is number {f.bits[beyond[0]]}; its part has {f.part[1]} bits, counted from 0"
-    if both := [name for name, raw in f.choices.items() if raw in f.missing]:
+    if both := [name for name, raw in f.choices.items() if any(f.bits_of(raw) & f.bits_of(none) for none in f.missing)]:
         yield f"choice {both[0]!r} is {f.choices[both[0]]}, which says that there is no reading; leave one of them out"
     low, high = f.limits
     if outside := [name for name, raw in f.choices.items() if not low <= raw <= high]:

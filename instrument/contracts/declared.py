@@ -84,7 +84,10 @@ def _check_place(contract: Declaration, f: Field) -> None:
     last = LAST[contract.bus]
     end = f.address + (f.width if contract.bus == "modbus" else 1) - 1
     if f.address < 0 or end > last:
-        raise ConfigError(f"{where} ends at address {end}; the addresses go from 0 to {last}")
+        raise ConfigError(
+            f"{where} ends at address {end}; the addresses go from 0 to {last}"
+            + ("; register 400001 of a manual has the address 0" if contract.bus == "modbus" and end > last else "")
+        )
     limits = contract.manners
     if contract.bus == "modbus" and f.table not in BITS:
         if f.access != "wo" and f.width > limits.most_read:
@@ -260,7 +263,13 @@ def _check_condition(
     if condition.mask is not None and not 0 < condition.mask < 1 << bits:
         raise ConfigError(f"{where}: mask = {condition.mask:#x} of {f.name}; give 0x1 to {(1 << bits) - 1:#X}")
     mask = (1 << bits) - 1 if condition.mask is None else condition.mask
-    low = -(1 << bits - 1) if f.type.startswith("int") and condition.mask is None else 0
+    whole = f.type.startswith("int") and condition.mask is None
+    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if whole else (0, mask)
+    if whole and (given := [value for value in condition.values if high < value <= mask]):
+        raise ConfigError(
+            f"{where}: waits for {given[0]:#x} in {f.name}; a {f.type} with these bits reads {given[0] - mask - 1}, "
+            "give that"
+        )
     if not condition.values or any(value < low or (value >= 0 and value & ~mask) for value in condition.values):
         raise ConfigError(
             f"{where}: waits for {list(condition.values)} in {f.name}, which cannot read so (mask 0x{mask:X})"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from palpate.instrument.contracts.contradictions import check_attributes
-from palpate.instrument.contracts.wire_types import SIZE, Type, codec
+from palpate.instrument.contracts.wire_types import FLOATS, SIZE, Type, bits_of, codec, signed
 from palpate.instrument.errors import ConfigError
 
 Access = Literal["ro", "rw", "wo"]
@@ -76,9 +76,10 @@ class Scaling:
 class Field:
     """One register (or run of registers), one coil, or one CANopen object.
 
-    `physical value = scale * raw value + offset`, in `unit`; `minimum` and `maximum` are physical.
-    `choices` names the raw values of a setting, `bits` the bit numbers of a status word. A text on Modbus takes
-    `length` bytes, two a register: UTF-8, filled up with NUL (as SunSpec has it); on CANopen it is as long as it is.
+    `physical value = scale * raw value + offset`, in `unit`; `minimum` and `maximum` are physical. A device that counts
+    the other way has a negative scale. `choices` names the raw values of a setting, `bits` the bit numbers of a status
+    word. A text on Modbus takes `length` bytes, two a register: UTF-8, filled up with NUL (as SunSpec has it); on
+    CANopen it is as long as it is. One that is only read may be filled up otherwise, and be in Latin-1.
 
     Attributes:
         table: table of a Modbus device that holds it.
@@ -89,7 +90,8 @@ class Field:
         scaling: the field that tells its scale, if that is not fixed.
         sign: field and bit that tell whether it is negative, if its own register holds the magnitude.
         unit_in: field whose choice must be `unit`, if the device can show other units, too.
-        missing: raw values which say that there is no reading.
+        missing: raw values which say that there is no reading. A whole number may also be the bits, as 0x80000000 of an
+            int32; of a float it is both, so that 0x7F7FFFFF and 3.4028235e38 mean the same.
         endures: number of writes that its memory endures; 0: any number.
         source: document and page that tell of it.
     """
@@ -116,7 +118,7 @@ class Field:
     scaling: Scaling | None = None
     sign: tuple[str, str] | None = None
     unit_in: str = ""
-    missing: tuple[int, ...] = ()
+    missing: tuple[float, ...] = ()
     endures: int = 0
     source: str = field(default="", compare=False)
 
@@ -128,10 +130,13 @@ class Field:
         ):  # fmt: skip
             if given not in valid:
                 raise ConfigError(f"field {self.name}: no {what} {given!r}; valid: {', '.join(valid)}")
-        if not (math.isfinite(self.scale) and self.scale > 0 and math.isfinite(self.offset)):
+        if not math.isfinite(self.scale) or not self.scale:
             raise ConfigError(
-                f"field {self.name}: scale {self.scale:g} is not finite and above 0, or offset {self.offset:g} is not"
+                f"field {self.name}: scale = {self.scale:g}; give a finite number other than 0, a negative one if the "
+                "device counts the other way"
             )
+        if not math.isfinite(self.offset):
+            raise ConfigError(f"field {self.name}: offset = {self.offset:g}; give a finite number")
         if self.endures < 0:
             raise ConfigError(f"field {self.name}: endures = {self.endures} writes; give 0 (any number) or more")
         self._check_table()
@@ -142,9 +147,18 @@ class Field:
     def _check_numbers(self) -> None:
         """Raises ConfigError: the type cannot have such limits, choices, bits or sign."""
         self._check_part()
+        if self.type not in FLOATS:
+            choices = {name: signed(self.type, raw) for name, raw in self.choices.items()}
+            if choices != self.choices:
+                object.__setattr__(self, "choices", choices)
+        if unmet := [raw for raw in self.missing if not self.bits_of(raw)]:
+            raise ConfigError(
+                f"field {self.name}: missing = {unmet[0]!r} can never be met: a {self.type} has no such value and no "
+                "such bits; give one that it has"
+            )
         limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
         wrong = [value for value in limits if not (math.isfinite(value) if self.scaling else self.holds(value))]
-        wrong += [raw for raw in (*self.choices.values(), *self.missing) if not self._fits(raw)]
+        wrong += [raw for raw in self.choices.values() if not self._fits(raw)]
         if wrong or limits != sorted(limits):
             raise ConfigError(f"field {self.name}: {wrong or limits} cannot be limits or choices of a {self.type}")
         if any(not 0 <= number < 8 * self.size for number in self.bits.values()) or (self.bits and self.type[0] != "u"):
@@ -153,6 +167,10 @@ class Field:
             raise ConfigError(
                 f"field {self.name}: its sign is in {self.sign[0]}, but a {self.type} has a sign of its own; give it "
                 "an unsigned type"
+            )
+        if self.sign and self.scale < 0:
+            raise ConfigError(
+                f"field {self.name}: scale = {self.scale:g}, but its sign is in {self.sign[0]}; give a scale above 0"
             )
 
     def _check_table(self) -> None:
@@ -184,6 +202,11 @@ class Field:
     def holds(self, value: float) -> bool:
         """Whether the type can hold a physical value."""
         return math.isfinite(value) and self._fits(self.to_raw(value))
+
+    def bits_of(self, raw: float) -> frozenset[int]:
+        """The bits of its type, or of its part of a register, that a raw value can mean; empty: there are none."""
+        found = bits_of(self.type, raw)
+        return found if self.part is None else frozenset(bits for bits in found if bits < 1 << self.part[1])
 
     def _fits(self, raw: float) -> bool:
         """Whether the type, or its part of a register, can hold a raw value."""
@@ -221,9 +244,10 @@ class Field:
     @property
     def limits(self) -> tuple[float, float]:
         """Least and greatest physical value; infinite where there is no limit. A part holds no more than its bits."""
-        low, high = (self.offset, self.scale + self.offset) if self.type == "bool" else (-math.inf, math.inf)
-        if self.part is not None:
-            low, high = self.offset, self.scale * ((1 << self.part[1]) - 1) + self.offset
+        low, high = -math.inf, math.inf
+        if self.type == "bool" or self.part is not None:
+            most = (1 << self.part[1]) - 1 if self.part else 1
+            low, high = sorted((self.offset, self.scale * most + self.offset))
         return (low if self.minimum is None else self.minimum, high if self.maximum is None else self.maximum)
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from functools import cache
 from typing import Any, Literal, Protocol
 
@@ -16,11 +17,13 @@ STRUCT: dict[str, str] = {
     "bool": "B", "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "uint64": "Q",
     "int64": "q", "float32": "f", "float64": "d",
 }  # fmt: skip
+SIGNED, FLOATS = ("int8", "int16", "int24", "int32", "int64"), ("float32", "float64")
 EIGHT_BYTES = ("uint64", "int64")
 EXACT = 2**53  # all whole numbers up to here are floats of 64 bits; beyond, digits would be lost
 THREE_BYTES = {"uint24": False, "int24": True}  # whether it is signed; `struct` has no code for these
 SIZE = {name: struct.calcsize(code) for name, code in STRUCT.items()} | dict.fromkeys(THREE_BYTES, 3)
 NUL = "\0"  # the character that fills a text up to the length of its field
+PADDING = b"\0\xff \t\r\n"  # with which devices of makers fill theirs
 
 
 class Codec(Protocol):
@@ -79,6 +82,40 @@ def codec(type_: Type, endian: Endian) -> Codec:
         return _ThreeBytes(endian, THREE_BYTES[type_])
     packed = struct.Struct(endian + STRUCT[type_])
     return _EightBytes(packed) if type_ in EIGHT_BYTES else packed
+
+
+def told_text(data: bytes) -> str:
+    """The text in bytes that a device tells and nobody writes: without what fills it up, in UTF-8 or else in Latin-1.
+
+    It ends at the first NUL behind a character, behind which some devices leave what stood there before.
+    """
+    text = data.lstrip(PADDING).partition(NUL.encode())[0].rstrip(PADDING)
+    try:
+        return text.decode()
+    except UnicodeDecodeError:
+        return text.decode("latin-1")
+
+
+def signed(type_: Type, raw: int) -> int:
+    """A raw value of a signed type that is given as its bits, as 0xFFFF for -1; any other as it is."""
+    bits = 8 * SIZE[type_]
+    return raw - (1 << bits) if type_ in SIGNED and 1 << bits - 1 <= raw < 1 << bits else raw
+
+
+def bits_of(type_: Type, raw: float) -> frozenset[int]:
+    """The bits, as whole numbers, that a raw value can mean: a whole number of a float is its value, or its bits.
+
+    Empty: the type has no such value, and no such bits.
+    """
+    bits, found = 8 * SIZE[type_], set()
+    if not isinstance(raw, float) and 0 <= raw < 1 << bits:
+        found.add(int(raw))
+    elif not isinstance(raw, float) and type_ in SIGNED and -(1 << bits - 1) <= raw < 0:
+        found.add(int(raw) + (1 << bits))
+    if type_ in FLOATS:
+        with suppress(OverflowError):
+            found.add(int.from_bytes(codec(type_, ">").pack(float(raw)), "big"))
+    return frozenset(found)
 
 
 def swapped(data: bytes, words: bool, octets: bool) -> bytes:

@@ -105,7 +105,7 @@ def _run() -> None:
             sys.exit(UNREAD)
         raise
     except PalpateError as error:
-        _complain(f"error: {error}", error)
+        _complain(f"error: {(error.__cause__ and blamed(error.__cause__)) or error}", error)
         sys.exit(error.exit_code)
     except OSError as error:
         if isinstance(before := error.__context__, SystemExit) and before.code in ENDED:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -9,14 +10,16 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 from threading import Lock
+from types import FrameType
 from typing import TYPE_CHECKING, Literal, NoReturn
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.logs.bus_log import BusLog, check_log
 from palpate.drivers.roles import SensorNode
+from palpate.drivers.safe_end import taken
 from palpate.instrument.bench.operator import Operator
-from palpate.instrument.errors import RecordError, UsageError
+from palpate.instrument.errors import BenchError, RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.calibrations import (
@@ -32,6 +35,7 @@ from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator, assume
 from palpate.procedures.records.resumed import Resumed
 from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -188,6 +192,7 @@ def opened(
     before = resumed or chosen.logged
     started = started or (now if before is None else before.run.started)
     runs: list[Path] = []
+    simulated: SimulatedBench | None = None
     with ExitStack() as stack:
         clock: BenchClock = WallClock(0 if resumed is None else resumed.bench_ns)
         operator = chosen.operator or ConsoleOperator(assume if chosen.assume_mounted else None)
@@ -203,12 +208,39 @@ def opened(
         bench = Bench(description, clock, operator)
         bench.waits = lambda why: say(f"palpate: note: {why}", err=True)
         traffic = None
+        if simulated is not None:
+            stack.enter_context(_interrupting(simulated.clock))
         if log is not None:
             traffic = stack.enter_context(_logging(BusLog(bench, clock, log, started), runs))
         if chosen.logged is not None:
             chosen.logged.wire.attach(bench)
         stack.enter_context(bench)
         yield OpenBench(bench, chosen, now.date(), started, wall_start, traffic, runs)
+
+
+@contextmanager
+def _interrupting(clock: VirtualClock) -> Iterator[None]:
+    """Inside, Ctrl-C also ends what the simulation computes in another thread, should that take long.
+
+    An error of the simulation is raised in place of what the driver makes of it.
+    """
+    before = signal.getsignal(signal.SIGINT)
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        clock.give_up_soon()
+        if not callable(before):
+            raise KeyboardInterrupt
+        before(number, frame)
+
+    with taken((signal.SIGINT,), interrupt):
+        try:
+            yield
+        except BenchError as error:
+            if clock.failure is None or error is clock.failure:
+                raise
+            for note in getattr(error, "__notes__", ()):
+                clock.failure.add_note(note)
+            raise clock.failure from (clock.failure.__cause__ or error)
 
 
 @contextmanager

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.bench.mapped import serves
+from palpate.instrument.contracts.field import Field, Table
 from palpate.instrument.contracts.maps.eds import FOLDERS, disagreements, folders, own_copy, read_sheet
 from palpate.instrument.contracts.maps.golden_frames import Proof, prove
 from palpate.instrument.contracts.maps.map_file import DeviceMap, read_map
 from palpate.instrument.quantity import counted
 from palpate.procedures.showing.text import new_table, print_all
+
+# What manuals add to the number of a register, which they count from 1, to tell its table ("40001").
+NUMBERS: dict[Table, int] = {"holding": 40_000, "input": 30_000, "discrete": 10_000}
+NUMBERED = 10_000  # registers that have such a number of five digits
 
 
 @dataclass(frozen=True)
@@ -25,12 +30,14 @@ class Checked:
         proof: what its frames prove.
         sheet: what was found out about the maker's data sheet; empty: the map was not made from one.
         problems: what does not fit, each with the file.
+        warnings: what is probably not meant.
     """
 
     map: DeviceMap
     proof: Proof
     sheet: str
     problems: tuple[str, ...]
+    warnings: tuple[str, ...]
 
     @property
     def by(self) -> dict[str, list[str]]:
@@ -47,7 +54,7 @@ class Checked:
         return {
             "file": str(self.map.file), "kind": self.map.name, "sha256": self.map.sha256, "contract": contract.digest(),
             "roles": list(self.map.roles), "frames": len(self.map.frames), **self.by, "eds": self.sheet or None,
-            "problems": list(self.problems),
+            "problems": list(self.problems), "warnings": list(self.warnings),
         }  # fmt: skip
 
 
@@ -57,7 +64,21 @@ def checked(file: Path) -> Checked:
     serves(found)
     proof = prove(found.contract, found.frames)
     sheet, wrong = _sheet(found)
-    return Checked(found, proof, sheet, tuple(f"{file}: {problem}" for problem in (*proof.problems, *wrong)))
+    problems = tuple(f"{file}: {problem}" for problem in (*proof.problems, *wrong))
+    return Checked(found, proof, sheet, problems, tuple(_numbered(found.contract.fields)))
+
+
+def _numbered(fields: Sequence[Field]) -> Iterator[str]:
+    """Warnings of fields whose addresses look like the numbers that manuals give to registers."""
+    for table, first in NUMBERS.items():
+        like = [f for f in fields if f.table == table and 0 < f.address - first < NUMBERED]
+        if like:
+            listed = ", ".join(f"{f.name} = {f.address}" for f in like)
+            name, given = like[0].name, like[0].address
+            yield (
+                f"addresses count from 0: {listed}. In the numbers of manuals, {name} is {10 * first + given + 1} here"
+                f"; if its manual says {given}, write address = {given - first - 1}"
+            )
 
 
 def _sheet(found: DeviceMap) -> tuple[str, list[str]]:
@@ -92,6 +113,8 @@ def print_checked(found: Checked) -> None:
         print_all(f"{what}: {len(names)}" + (f" ({', '.join(names)})" if names else ""))
     if found.sheet:
         print_all(found.sheet)
+    for warning in found.warnings:
+        print_all(f"warning: {warning}")
 
 
 def kind_rows() -> list[dict[str, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,6 +10,7 @@ import pytest
 
 from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.instrument.config import read_data
 from palpate.procedures.testing.wire import Wire, transfers
 from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
 from palpate.simulators.wire.device import SimulatedDevice
@@ -30,7 +30,7 @@ class GoldenFrames:
     def test_every_register_travels_as_its_golden_frame(
         self, device: ModbusDevice, simulated: SimulatedDevice, wire: Wire, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        fields: dict[str, Any] = tomllib.loads(self.golden.read_text(encoding="utf-8"))["fields"]
+        fields: dict[str, Any] = read_data(self.golden)["fields"]
         assert set(fields) == {field.name for field in device.contract.fields}
         for name, golden in fields.items():
             field, value = device.contract[name], golden["value"]
@@ -60,7 +60,7 @@ class CanopenGoldenFrames:
         listener: can.BusABC,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        fields: dict[str, Any] = tomllib.loads(self.golden.read_text(encoding="utf-8"))["fields"]
+        fields: dict[str, Any] = read_data(self.golden)["fields"]
         assert set(fields) == {field.name for field in node.contract.fields}
         for name, golden in fields.items():
             field, value = node.contract[name], golden.get("value")

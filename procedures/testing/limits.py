@@ -43,7 +43,7 @@ def outside(field: Field) -> list[Value]:
         return [*beyond, min(field.choices.values()) - 1, max(field.choices.values()) + 1]
     assert field.minimum is not None
     assert field.maximum is not None
-    return [*beyond, field.minimum - field.scale, field.maximum + field.scale]
+    return [*beyond, field.minimum - abs(field.scale), field.maximum + abs(field.scale)]
 
 
 def outside_raw(field: Field) -> list[tuple[int, bool]]:

@@ -21,7 +21,7 @@ class AmplifierClip(ShakerEffect):
     moves: ClassVar[str] = "rail"
 
     # [A]
-    rail: Volts = Field(default=20.0, gt=0, le=1000)
+    rail: Volts = Field(default=20.0, ge=1e-3, le=1000)
 
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
         return armature, replace(limits, rail=self.rail)

@@ -26,7 +26,7 @@ class ChargeAmplifier(AmplifierEffect):
 
     # 1 GOhm times 1 nF [A]; the limits are far beyond any that is built
     time_constant: Seconds = Field(default=1.0, ge=1e-9, le=1e9)
-    feedback: Ohms = Field(default=1e9, gt=0, le=1e15)
+    feedback: Ohms = Field(default=1e9, ge=1, le=1e15)
     # [A]
     input_offset: Volts = Field(default=1e-3, ge=-1, le=1)
 

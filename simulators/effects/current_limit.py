@@ -21,7 +21,7 @@ class CurrentLimit(ShakerEffect):
     moves: ClassVar[str] = "current"
 
     # [A]
-    limit: Amperes = Field(default=5.0, gt=0, le=1000)
+    limit: Amperes = Field(default=5.0, ge=1e-3, le=1000)
 
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
         return armature, replace(limits, current=self.limit)

@@ -21,8 +21,8 @@ class EndStops(ShakerEffect):
     moves: ClassVar[str] = "stop"
 
     # [A]
-    travel: Metres = Field(default=8e-3, gt=0, le=1)
-    stiffness: NewtonsPerMetre = Field(default=1e6, gt=0, le=1e9)
+    travel: Metres = Field(default=8e-3, ge=1e-6, le=1)
+    stiffness: NewtonsPerMetre = Field(default=1e6, ge=1, le=1e9)
 
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
         return armature, replace(limits, stop=self.travel, stop_stiffness=self.stiffness)

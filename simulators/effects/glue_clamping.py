@@ -20,7 +20,7 @@ class GlueClamping(FilmsEffect):
     cancels_in_ratio: ClassVar[bool] = False
 
     # 0.43 to 0.59 [S]
-    factor: float = Field(default=0.43, gt=0, le=1, strict=True)
+    factor: float = Field(default=0.43, ge=1e-6, le=1, strict=True)
     films: tuple[Literal["rigid", "total"], ...] = Field(default=("rigid",), min_length=1, max_length=len(FILM_KINDS))
 
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:

@@ -24,7 +24,7 @@ class LoadCell(CellEffect):
     cancels_in_ratio: ClassVar[bool] = True
 
     # at gage factor 8.98: the slope of Table 5.1 [T]
-    sensitivity: VoltsPerNewton = Field(default=10.306e-3, gt=0, le=10)
+    sensitivity: VoltsPerNewton = Field(default=10.306e-3, ge=1e-9, le=10)
     # the intercept of Table 5.1 [T]
     zero: Volts = Field(default=1.81e-3, ge=-0.1, le=0.1)
     # standard deviation of one reading: loading and unloading in Table 5.1 differ by 0 or 1 count [A]

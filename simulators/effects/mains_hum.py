@@ -28,7 +28,7 @@ class MainsHum(InputEffect):
     # 1 mV [A]
     amplitude: Volts = Field(default=1e-3, ge=0, le=10)
     # 50 Hz in Europe, 60 Hz in America [S]
-    frequency: Hertz = Field(default=50.0, gt=0, le=1000)
+    frequency: Hertz = Field(default=50.0, ge=1e-3, le=1000)
     # phase when the bench is opened, in cycles [A]
     phase: float = Field(default=0.0, ge=0, lt=1, strict=True)
 

@@ -58,7 +58,7 @@ class PinkNoise(InputEffect):
 
     # one-sided density where it equals the white noise [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0, le=1)
-    corner: Hertz = Field(default=10.0, gt=0, le=1e6)
+    corner: Hertz = Field(default=10.0, ge=1e-6, le=1e6)
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """Noise voltages at integer multiples of the sample period, shape (n,), not to be written to."""

@@ -20,8 +20,8 @@ class ShakerDynamics(ShakerEffect):
     cancels_in_ratio: ClassVar[bool] = True
 
     # [A]
-    inductance: Henries = Field(default=1e-4, gt=0, le=1)
-    mass: Kilograms = Field(default=0.03, gt=0, le=100)
+    inductance: Henries = Field(default=1e-4, ge=1e-9, le=1)
+    mass: Kilograms = Field(default=0.03, ge=1e-6, le=100)
     damping: NewtonSecondsPerMetre = Field(default=2.0, ge=0, le=1e4)
 
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:

@@ -22,9 +22,9 @@ class Triboelectric(SourceEffect):
 
     # amplitude of the charge, and the load, peak to peak, that it comes with [A]
     charge: Coulombs = Field(default=0.1e-12, ge=0, le=1e-9)
-    load: Newtons = Field(default=3.0, gt=0, le=1000)
+    load: Newtons = Field(default=3.0, ge=1e-6, le=1000)
     # piezoelectric constant of the films, by which their sensitivities turn a charge into a voltage [T]
-    d33: CoulombsPerNewton = Field(default=20e-12, gt=0, le=1e-9)
+    d33: CoulombsPerNewton = Field(default=20e-12, ge=1e-15, le=1e-9)
 
     def source(self, design: Design, ambient: float = 0.0) -> StateSpace:
         return gain(np.outer([self._volts(film) for film in design.films], [1.0, 1.0, 0.0, 0.0]))

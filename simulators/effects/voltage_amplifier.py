@@ -26,11 +26,11 @@ class VoltageAmplifier(AmplifierEffect):
     excludes: ClassVar[tuple[str, ...]] = ("charge_amplifier",)
 
     # capacitance of the films: the disc under the tooth, the square under the base [S]
-    disc: Farads = Field(default=26e-12, gt=0, le=1e-6)
-    square: Farads = Field(default=425e-12, gt=0, le=1e-6)
+    disc: Farads = Field(default=26e-12, ge=1e-15, le=1e-6)
+    square: Farads = Field(default=425e-12, ge=1e-15, le=1e-6)
     # [A]
     cable: Farads = Field(default=100e-12, ge=0, le=1e-6)
-    resistance: Ohms = Field(default=1e9, gt=0, le=1e15)
+    resistance: Ohms = Field(default=1e9, ge=1, le=1e15)
 
     def system(self, film: Film, design: Design, leakage: float) -> StateSpace:
         capacitance = self.disc if film.kind == FILM_KINDS[0] else self.square

@@ -24,7 +24,7 @@ class WhiteNoise(InputEffect):
     seconds_a_sample: ClassVar[float] = 4e-8
 
     # one-sided [A]
-    density: VoltsPerRootHertz = Field(default=2e-6, ge=0)
+    density: VoltsPerRootHertz = Field(default=2e-6, ge=0, le=1)
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """Noise voltages at integer multiples of the sample period, shape (n,)."""

@@ -7,18 +7,20 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
-from palpate.instrument.config import Config, check
+from palpate.instrument.config import check
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Seconds
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.places import Struck, Target, struck
+from palpate.simulators.numbers import Numbers
 from palpate.simulators.randomness import Stream
 
 MOST = 100  # faults in a scene
+LONGEST = 1e9  # s, three decades; far beyond, whole nanoseconds are no numbers of a clock any more
 WHEN = ("at", "transaction", "probability")
 
 
-class Fault(Config):
+class Fault(Numbers):
     """A `[[fault]]` of a scene.
 
     Attributes:
@@ -33,10 +35,10 @@ class Fault(Config):
 
     kind: str
     on: str
-    at: Seconds | None = Field(default=None, ge=0)
+    at: Seconds | None = Field(default=None, ge=0, le=LONGEST)
     transaction: int | None = Field(default=None, ge=1, strict=True)
     probability: float | None = Field(default=None, gt=0, le=1, strict=True)
-    lasts: Seconds = Field(default=0.0, ge=0)
+    lasts: Seconds = Field(default=0.0, ge=0, le=LONGEST)
 
     def problem(self, place: Struck) -> str:
         """What is wrong with the combination of its parameters at this place; empty: nothing."""

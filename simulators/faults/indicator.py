@@ -116,7 +116,7 @@ class ZeroDrift(IndicatorFault):
     """The zero of the bridge drifts by `rate` mV in a second."""
 
     targets: ClassVar[tuple[Target, ...]] = ("strain_indicator", Weighs)
-    rate: float = Field(default=0.5)
+    rate: float = Field(default=0.5, ge=-1e6, le=1e6, strict=True)
 
     def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
         start = now_ns()

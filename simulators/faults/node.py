@@ -71,7 +71,7 @@ class SaturatedFilm(FilmFault):
 class FilmDrift(FilmFault):
     """The output drifts by `rate` V in a second."""
 
-    rate: float = Field(default=1e-3)
+    rate: float = Field(default=1e-3, ge=-1e6, le=1e6, strict=True)
 
     def added(self, seconds: Any) -> Any:
         return self.rate * seconds

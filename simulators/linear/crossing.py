@@ -17,12 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear.exponential import exponential
 from palpate.simulators.linear.lti import Complexes, Floats, Rows, Steady
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 NEVER = 2**63 - 1
 AHEAD = 16  # periods of the drive that are searched at once
+MOST_STEPS = 20_000  # of a search
 LOOKS = 64  # points in each period of the highest harmonic, which bound the least value of a sum of harmonics
 # Share of the size of its terms by which an output must be below zero; less is rounding.
 ROUNDING = 1e-13
@@ -67,14 +69,22 @@ class Signal:
     def first_below(self, before_ns: int) -> int:
         """The first nanosecond with a value below zero; `before_ns`: none before it; NEVER: none at all."""
         time_ns = self.start_ns
-        while time_ns < before_ns:
+        for _ in range(MOST_STEPS):
+            if time_ns >= before_ns:
+                return before_ns
             value, safe = self._step(time_ns, (before_ns - time_ns) / SECOND)
+            if math.isnan(value) or math.isnan(safe):
+                break
             if value < 0:
                 return time_ns
             if safe * SECOND >= NEVER:
                 return NEVER
             time_ns += max(int(safe * SECOND), 1)
-        return before_ns
+        raise UnreachableError(
+            f"the simulated chain cannot be followed from {self.start_ns / SECOND:.9f} s on: "
+            f"{'its state is no number' if math.isnan(value) else f'nothing is decided in {MOST_STEPS} steps'}; look "
+            "for numbers of the scene that are far from those of a real bench"
+        )
 
     def _step(self, time_ns: int, enough: float) -> tuple[float, float]:
         """The value at a time, and for how long [s] it will certainly not fall below zero, at most `enough`."""

@@ -48,9 +48,18 @@ class Path:
         inputs: (m,) periodic functions of time that start at the change, all with the period of the first.
         mode: mode at the change.
         state: (s,), state at the change.
+        check: called before each transition; it may raise, to give up.
     """
 
-    def __init__(self, inputs: tuple[Periodic, ...], mode: Mode, start_ns: int, state: Floats) -> None:
+    def __init__(
+        self,
+        inputs: tuple[Periodic, ...],
+        mode: Mode,
+        start_ns: int,
+        state: Floats,
+        check: Callable[[], object] = lambda: None,
+    ) -> None:
+        self._check = check
         self._inputs = inputs
         self._known: dict[int, _Known] = {}
         self.start_ns = start_ns
@@ -161,6 +170,7 @@ class Path:
 
     def _follow(self) -> None:
         """Compute the stretch after the last one."""
+        self._check()
         last = self._stretches[-1]
         mode, state = last.after(self._inputs)
         if mode is not last.mode:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.config import Config
 from palpate.instrument.sensor.design import Design
+from palpate.simulators.numbers import Numbers
 
 if TYPE_CHECKING:
     from palpate.simulators.physics.dwells import Driven, Dwell
@@ -53,7 +53,7 @@ class Case:
     follow: Callable[[Mapping[str, Effect]], Dwell]
 
 
-class Effect(Config):
+class Effect(Numbers):
     """One imperfection.
 
     Its parameters are fields whose defaults carry a mark: [T] thesis, [S] published source, [M] measured,

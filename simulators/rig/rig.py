@@ -61,7 +61,7 @@ class Rig:
         self._settings: tuple[object, ...] = ()  # settings for which the last chain was built
         self._last = chain = self._chain()
         mode = chain.mode(Touch(contact=(False, False), drag=(0,) * chain.plays))
-        self._paths = deque([Path(_inputs(silence, 0), mode, 0, np.zeros(mode.system.order))])
+        self._paths = deque([Path(_inputs(silence, 0), mode, 0, np.zeros(mode.system.order), clock.check)])
         self._voltage = silence
 
     # --- what can change -------------------------------------------------------------------------------
@@ -205,7 +205,9 @@ class Rig:
         path = self._paths[-1]
         voltage = replace(self._voltage, start_phase=(self._voltage.start_phase + phase) % CYCLE)
         start_ns = path.start_ns
-        return Path(_inputs(voltage, start_ns), path.mode_at(start_ns), start_ns, path.state(start_ns))
+        return Path(
+            _inputs(voltage, start_ns), path.mode_at(start_ns), start_ns, path.state(start_ns), self._clock.check
+        )
 
     def transitions(self, time_ns: int) -> list[tuple[Touch, Touch]]:
         """What touches before and after each transition between the last change of a setting and a time [ns]."""
@@ -241,7 +243,7 @@ class Rig:
         touch = last.mode_at(now).touch
         self._voltage = self._voltage.restarted(now)
         self._last = self._chain()
-        path = Path(_inputs(self._voltage, now), self._last.mode(touch), now, state)
+        path = Path(_inputs(self._voltage, now), self._last.mode(touch), now, state, self._clock.check)
         if last.start_ns == now:
             self._paths.pop()
         self._paths.append(path)

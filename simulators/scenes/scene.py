@@ -23,6 +23,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.guests import Guest, guests, kind_in
+from palpate.simulators.numbers import Numbers
 from palpate.simulators.physics.effect import Effect
 
 if TYPE_CHECKING:
@@ -34,17 +35,18 @@ MOST_EFFECTS = 100
 WHEN, ON = "when", "on"  # key of an effect's table that says when it is simulated, and its value if it is absent
 
 
-class RigParameters(Config):
+class RigParameters(Numbers):
     """Parameters of the shaker and of the sensor's place, as a chain of springs without mass.
 
     The armature hangs on its suspension and presses through the probe on sample and sensor. The suspension is assumed
     to have 1 kN/m [A]: with the 3 kN/m of a stiffer shaker the softest sample would need a peak of 5.5 A for 4 N.
     """
 
-    force_constant: NewtonsPerAmpere = Field(default=4.0, gt=0)  # [A]
-    coil_resistance: Ohms = Field(default=3.5, gt=0)  # [A]
-    suspension_stiffness: NewtonsPerMetre = Field(default=1000.0, gt=0)  # [A]
-    sensor_position: Metres = Field(default=12e-3, gt=0)  # position at which the probe meets the bare sensor [A]
+    force_constant: NewtonsPerAmpere = Field(default=4.0, ge=1e-3, le=1e4)  # [A]
+    coil_resistance: Ohms = Field(default=3.5, ge=1e-3, le=1e6)  # [A]
+    suspension_stiffness: NewtonsPerMetre = Field(default=1000.0, ge=1, le=1e9)  # [A]
+    # position at which the probe meets the bare sensor [A]
+    sensor_position: Metres = Field(default=12e-3, ge=1e-6, le=1)
 
 
 class SceneFile(Config):

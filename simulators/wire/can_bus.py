@@ -193,7 +193,11 @@ class LockedNetwork(canopen.Network):
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         with self.clock.lock:
-            super().notify(can_id, data, timestamp)
+            try:
+                super().notify(can_id, data, timestamp)
+            except Exception as error:
+                self.clock.failed(error)
+                raise
 
 
 class _Periodic:

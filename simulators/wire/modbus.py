@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from pymodbus.pdu import ModbusPDU
 
 from palpate.instrument.bench.this_machine import LOOPBACK, check_loopback
-from palpate.instrument.errors import BenchError
+from palpate.instrument.errors import BenchError, PalpateError
 from palpate.instrument.own_process import Ends, close_in_child, watched
 from palpate.simulators.wire.device import SimulatedDevice
 from palpate.simulators.wire.modbus_server import Identity, SerialServer, TcpServer
@@ -194,5 +194,6 @@ class _Line:
         return time.monotonic_ns() if self._clock.served else self._clock.now_ns()
 
     def _pass(self, size: int) -> None:
-        if self._timing is not None:
-            self._clock.wait(self._timing.frame(size))
+        if self._timing is not None and self._clock.failure is None:
+            with contextlib.suppress(PalpateError):  # the client that waits next is told
+                self._clock.wait(self._timing.frame(size))

@@ -58,6 +58,9 @@ class Registers:
                 return self._registers(fields, address, count)
         except Refused as refused:
             return ExcCodes(refused.code)
+        except Exception as error:  # whatever a scene's numbers lead to
+            self.device.clock.failed(error)
+            return ExcCodes.DEVICE_FAILURE
 
     def write(self, function: int, address: int, values: Sequence[int] | Sequence[bool]) -> ExcCodes | None:
         """Write a range; returns the exception code with which the device refuses, or None."""
@@ -78,6 +81,9 @@ class Registers:
                     self.device.write_text(name, text)
         except Refused as refused:
             return ExcCodes(refused.code)
+        except Exception as error:  # whatever a scene's numbers lead to
+            self.device.clock.failed(error)
+            return ExcCodes.DEVICE_FAILURE
         return None
 
     def _table(self, function: int) -> Table:

@@ -211,8 +211,8 @@ def test_the_digest_is_the_same_each_time() -> None:
     [
         ({"type": "bcd"}, "field speed: no type 'bcd'; valid: bool, uint8, int8"),
         ({"access": "const"}, "field speed: no access 'const'; valid: ro, rw, wo"),
-        ({"scale": 0.0}, "field speed: scale 0 is not finite and above 0"),
-        ({"scale": math.nan}, "field speed: scale nan"),
+        ({"scale": 0.0}, "field speed: scale = 0; give a finite number other than 0"),
+        ({"scale": math.nan}, "field speed: scale = nan; give"),
         ({"maximum": 100.0}, r"field speed: \[100.0\] cannot be limits or choices of a uint16"),
         ({"minimum": 21.0}, "cannot be limits"),
         ({"choices": {"odd": -1}}, "cannot be limits or choices of a uint16"),

@@ -223,3 +223,90 @@ def test_a_value_that_says_that_there_is_none_is_not_a_number() -> None:
     assert math.isnan(thing.decode("value", (99999).to_bytes(4, "big")))
     assert thing.misread("value", math.nan) == ""
     assert thing.pack("value", math.nan) == (99999).to_bytes(4, "big")
+
+
+FLT_MAX, NO_READING = "7F7F FFFF", "7CF0 0000"  # 3.4028235e38 and 9.96921e36, as manuals give them
+
+
+@pytest.mark.parametrize(
+    ("type_", "missing", "frame"),
+    [
+        ("float32", 0x7F7FFFFF, FLT_MAX),
+        ("float32", 3.4028234663852886e38, FLT_MAX),
+        ("float32", 9.96921e36, NO_READING),
+        ("float32", 0x7CF00000, NO_READING),
+        ("float32", 99999, "47C3 4F80"),
+        ("float32", -99999, "C7C3 4F80"),
+        ("float32", 0x7FC00001, "7FC0 0001"),  # a NaN that is not Python's
+        ("float32", 0x7F800000, "7F80 0000"),
+        ("float32", -0.0, "8000 0000"),
+        ("float64", 0x7FEFFFFFFFFFFFFF, "7FEF FFFF FFFF FFFF"),
+        ("int16", 0x8000, "8000"),
+        ("int16", -32768, "8000"),
+        ("int32", 0x80000000, "8000 0000"),
+        ("int32", 0x7FFFFFFF, "7FFF FFFF"),
+        ("uint32", 0xFFFFFFFF, "FFFF FFFF"),
+        ("int64", 0x8000000000000000, "8000 0000 0000 0000"),
+        ("uint64", 0xFFFFFFFFFFFFFFFF, "FFFF FFFF FFFF FFFF"),
+    ],
+)
+def test_what_says_that_there_is_no_reading_is_given_by_its_value_or_by_its_bits(
+    type_: Any, missing: float, frame: str
+) -> None:
+    thing = one(type=type_, missing=(missing,))
+    data = bytes.fromhex(frame)
+    assert math.isnan(thing.decode("value", data))
+    assert thing.misread("value", math.nan) == ""
+    assert math.isnan(thing.decode("value", thing.pack("value", math.nan)))
+    assert thing.decode("value", bytes(len(data))) == 0.0  # 0 differs from -0
+
+
+def test_a_choice_of_a_signed_type_may_be_given_by_its_bits() -> None:
+    thing = one(type="int16", access="rw", choices={"off": 0, "on": 0xFFFF})
+    assert thing.encode("value", "on") == b"\xff\xff"
+    assert thing.choice("value", thing.decode("value", b"\xff\xff")) == "on"
+
+
+@pytest.mark.parametrize("type_", ["int16", "uint16", "float32", "int32"])
+def test_a_device_that_counts_the_other_way_has_a_negative_scale(type_: Any) -> None:
+    thing = one(type=type_, scale=-0.1, minimum=-500.0, maximum=-10.0, default=-20.0, access="rw")
+    assert thing.decode("value", thing.pack("value", -123.4)) == pytest.approx(-123.4)
+    assert thing.encode("value", -20) == thing.pack("value", -20.0)
+    for beyond in (-500.1, -9.9, 20.0):
+        with pytest.raises(RangeError, match="outside -500 to -10"):
+            thing.encode("value", beyond)
+    assert math.copysign(1.0, one(type=type_, scale=-0.1).decode("value", bytes(SIZE[type_]))) == 1.0  # not -0
+
+
+def test_a_coil_and_a_part_can_count_the_other_way() -> None:
+    thing = one(type="uint16", part=(4, 4), scale=-2.0, access="rw")
+    assert thing["value"].limits == (-30.0, 0.0)
+    assert thing.decode("value", thing.encode("value", -6)) == -6.0
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"AB12\0\0\0\0",
+        b"AB12    ",
+        b"AB12\xff\xff\xff\xff",
+        b"  AB12\0\0",
+        b"AB12 \0\xff ",
+        b"\0\0AB12\r\n",
+        b"AB12\0x\x07y",
+    ],
+)
+def test_a_text_that_is_only_read_may_be_filled_up_in_any_way(data: bytes) -> None:
+    thing = one(type="text", length=8)
+    assert thing.decode_text("value", data) == "AB12"
+    assert thing.shown("value", data) == "value = 'AB12'"
+
+
+def test_a_text_that_is_only_read_may_be_in_latin_1() -> None:
+    thing = one(type="text", length=8)
+    assert thing.decode_text("value", "Wäge-µ".encode("latin-1").ljust(8, b" ")) == "Wäge-µ"
+    assert thing.decode_text("value", "Wäge".encode().ljust(8, b"\0")) == "Wäge"
+    with pytest.raises(ValueError, match="cannot be printed"):
+        thing.decode_text("value", b"AB\x0712345")
+    with pytest.raises(ValueError, match="decode"):  # one that is written is read back as it was written
+        one(type="text", length=8, access="rw").decode_text("value", b"W\xe4ge    ")

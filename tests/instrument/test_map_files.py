@@ -169,14 +169,18 @@ scaling = { told_by = "decimals" }
         ("address = 9", "address = -2", "net ends at address -1; the addresses go from 0 to 65535"),
         ("address = 9", 'address = "nine"', "field.net: address: 'nine' is no address; give a number"),
         ("address = 9", "address = true", "field.net: address: True is no whole number"),
-        ("address = 9", "address = 9\nscale = 0", "field net: scale 0 is not finite and above 0"),
+        ("address = 9", "address = 9\nscale = 0", "field net: scale = 0; give a finite number other than 0"),
         (
             "address = 9",
             "address = 9\nscal = 2.0",
             "field.net: scal: unknown key .did you mean 'scale'.*; valid: access,",
         ),
         ("address = 9", "address = 9\nchoices = { a = true }", "field.net: choices.a: True is no whole number"),
-        ("address = 9", "address = 9\nmissing = ['1']", "field.net: missing.0: '1' is no whole number"),
+        (
+            "address = 9",
+            "address = 9\nmissing = ['1']",
+            "field.net: missing.0: '1' is no number; give one without quotes",
+        ),
         (
             "[command.save]",
             "[line]\nbitrate = 500000\n[command.save]",

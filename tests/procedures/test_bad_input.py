@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.instrument.test_map_files import TRANSMITTER
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 SWEEP = ("sweep", "loads")
@@ -166,7 +167,11 @@ MAKERS = '[device.cell]\nkind = "flintec-dad-141"\nspan = 10.306\n'
     [
         (None, "cannot be read: No such file"),
         (b"name = ", "is not TOML"),
-        (b"\xff\xfe", "is not text"),
+        (b"\xff\xfe", "is not text in UTF-8, as TOML must be, but in UTF-16; save it in UTF-8"),
+        (
+            'name = "a"\nat = "3 µm"'.encode("latin-1"),
+            "is not text in UTF-8, as TOML must be, (line 2 has the byte 0xB5)",
+        ),
         (b"", "name: is missing"),
     ],
 )
@@ -179,6 +184,25 @@ def test_a_missing_or_malformed_file_is_refused(
     assert said.status == 2
     assert f"my.toml: {message}" in said.complaint
     assert nothing_in_runs()
+
+
+@pytest.mark.parametrize(
+    ("command", "content"),
+    [
+        ((*SMALL, "--dry-run", "--scene"), IDEAL_SCENE),
+        (("contracts", "check"), TRANSMITTER),
+        (("study", "--quiet"), 'name = "small"\nloads = "2 N"\n[axes]\nscene = ["ideal"]\nsample = ["1"]\n'),
+    ],
+)
+def test_a_file_with_a_byte_order_mark_is_read_as_without(
+    command: tuple[str, ...], content: str, palpate: Palpate
+) -> None:
+    Path("my.toml").write_text(content, encoding="utf-8")
+    plain = palpate(*command, "my.toml")
+    assert plain.status == 0, plain.err
+    Path("my.toml").write_text(content.replace("\n", "\r\n"), encoding="utf-8-sig", newline="")
+    marked = palpate(*command, "my.toml")
+    assert (marked.status, marked.out, marked.err) == (plain.status, plain.out, plain.err)
 
 
 @pytest.mark.parametrize(

@@ -74,3 +74,71 @@ def test_frames_that_are_worked_out_complete_a_map(palpate: Palpate, tmp_path: P
 def test_the_list_has_our_kinds_and_the_shipped_maps(palpate: Palpate) -> None:
     rows = {row["kind"]: row["map"] for row in json.loads(palpate("contracts", "list", "--json").out)["kinds"]}
     assert (rows["positioner"], rows["flintec-dad-141"]) == (False, True)
+
+
+MANUAL = """
+[device]
+name = "scale"
+title = "scale"
+bus = "modbus"
+links = ["modbus-rtu"]
+vendor = "Nobody"
+known_by = "nothing"
+[field.net]
+address = 40001
+type = "int16"
+meaning = "net load"
+"""
+FRAME = """
+[[frame]]
+says = "read net"
+request = "01 03 00 00 00 01 84 0A"
+reply = "01 03 02 00 05 78 47"
+values = { net = 5 }
+origin = "printed"
+"""
+
+
+def test_an_address_that_looks_like_the_number_of_a_register_is_warned_of(palpate: Palpate, tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    file.write_text(MANUAL, encoding="utf-8")
+    said = palpate("contracts", "check", str(file))
+    assert said.status == 0
+    assert "addresses count from 0: net = 40001" in " ".join(said.out.split())
+    (warning,) = json.loads(palpate("contracts", "check", str(file), "--json").out)["warnings"]
+    assert warning.endswith("net is 440002 here; if its manual says 40001, write address = 0")
+    file.write_text(MANUAL.replace("40001", "0") + FRAME, encoding="utf-8")
+    fitting = json.loads(palpate("contracts", "check", str(file), "--json").out)
+    assert (fitting["printed"], fitting["warnings"]) == (["net"], [])
+
+
+@pytest.mark.parametrize("address", [40001, 1, 7])
+def test_a_frame_that_fits_another_address_tells_which(address: int, palpate: Palpate, tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    file.write_text(MANUAL.replace("40001", str(address)) + FRAME, encoding="utf-8")
+    said = palpate("contracts", "check", str(file))
+    assert (said.status, said.err.rstrip().endswith("; would fit with address = 0")) == (1, True)
+
+
+def test_a_register_beyond_all_addresses_is_told_how_manuals_count(palpate: Palpate, tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    file.write_text(MANUAL.replace("40001", "400001"), encoding="utf-8")
+    assert "register 400001 of a manual has the address 0" in palpate("contracts", "check", str(file)).complaint
+
+
+@pytest.mark.parametrize(("scale", "wrong"), [("0", "scale = 0; give a finite number other than 0"), ("-0.1", "")])
+def test_a_negative_scale_is_taken_and_none_is_not(scale: str, wrong: str, palpate: Palpate, tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    file.write_text(MANUAL + f"scale = {scale}\n", encoding="utf-8")
+    said = palpate("contracts", "check", str(file))
+    assert (said.status, wrong in said.err) == (2 if wrong else 0, True)
+
+
+@pytest.mark.parametrize("values", ["[0xFFFF]", "[-1, 0xFFFE]"])
+def test_a_state_that_no_signed_field_reads_is_refused(values: str, palpate: Palpate, tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    writable = MANUAL.replace('meaning = "net load"', 'meaning = "net load"\naccess = "rw"')
+    command = f'[command.tare]\nfield = "net"\nvalue = 1\ndone = {{ field = "net", values = {values} }}\n'
+    file.write_text(writable + command, encoding="utf-8")
+    said = palpate("contracts", "check", str(file))
+    assert (said.status, "a int16 with these bits reads" in said.err) == (2, True)

@@ -82,7 +82,7 @@ def raw_limits(f: ContractField, step: float) -> tuple[int, int]:
     """Least and greatest raw value of a channel: its limits, or else those of its type, alike for either sign."""
     bits = 8 * f.size
     low, high = (1 - (1 << bits - 1), (1 << bits - 1) - 1) if f.type.startswith("int") else (0, (1 << bits) - 1)
-    least, most = f.minimum, f.maximum
+    least, most = (f.minimum, f.maximum) if step > 0 else (f.maximum, f.minimum)
     return (
         low if least is None else max(low, round((least - f.offset) / step)),
         high if most is None else min(high, round((most - f.offset) / step)),

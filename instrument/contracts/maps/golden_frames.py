@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -123,8 +123,8 @@ def _compare(
     """Raises ConfigError: the bytes of a frame are not those of the value, or the value is not that of the bytes."""
     f = contract[name]
     if isinstance(value, str):
-        found: float | str = held.decode("utf-8", "replace").rstrip("\0")
-        same = held.rstrip(b"\0") == data.rstrip(b"\0")
+        found: float | str = contract.decode_text(name, held)
+        same = found == value
     else:
         if len(held) != f.size:
             raise ConfigError(f"{name}: {len(held)} bytes, a {f.type} has {f.size}")
@@ -132,7 +132,7 @@ def _compare(
         used = modbus_frames.used_bits(f) if contract.bus == "modbus" else b"\xff" * f.size
         bytes_alike = all((one ^ other) & mask == 0 for one, other, mask in zip(held, data, used, strict=True))
         close = math.isclose(
-            found, value, rel_tol=TOLERANCE.get(f.type, ROUNDING), abs_tol=ROUNDING * max(f.scale, abs(f.offset))
+            found, value, rel_tol=TOLERANCE.get(f.type, ROUNDING), abs_tol=ROUNDING * max(abs(f.scale), abs(f.offset))
         )
         same = (bytes_alike and close) or (math.isnan(found) and math.isnan(value))
     if not same:
@@ -166,7 +166,7 @@ def _modbus(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapp
     if len(pdu) != len(wanted) or pdu[:head] != wanted[:head]:
         raise ConfigError(
             f"{', '.join(data)}: request {Message(request)}, our driver sends "
-            f"{Message(modbus_frames.framed(unit, wanted))}"
+            f"{Message(modbus_frames.framed(unit, wanted))}{_elsewhere(contract, data, pdu[:head], wanted[:head])}"
         )
     if not frame.table.reply and not reading:
         return modbus_frames.held_by(contract, tuple(data), modbus_frames.written(pdu))
@@ -180,6 +180,15 @@ def _modbus(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapp
     if answer != confirmed and not modbus_frames.is_refusal(pdu, answer):
         raise ConfigError(f"reply {Message(reply)}, must be {Message(modbus_frames.framed(unit, confirmed))}")
     return modbus_frames.held_by(contract, tuple(data), modbus_frames.written(pdu))
+
+
+def _elsewhere(contract: Contract, names: Iterable[str], given: bytes, wanted: bytes) -> str:
+    """Text that says at which addresses the fields of a request would fit it; empty: not the addresses alone differ."""
+    if len(given) != len(wanted) or (given[:1], given[3:]) != (wanted[:1], wanted[3:]):
+        return ""
+    moved = int.from_bytes(given[1:3], "big") - int.from_bytes(wanted[1:3], "big")
+    fits = [f"address = {contract[name].address + moved}" for name in names]
+    return f"; would fit with {', '.join(fits)}"
 
 
 def _split(which: str, frame: bytes) -> tuple[int, bytes]:

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, get_type_hints
 
-from pydantic import BeforeValidator, Strict, create_model
+from pydantic import BeforeValidator, PlainValidator, Strict, create_model
 
 from palpate.instrument.config import Config
 from palpate.instrument.contracts.contract import Command, Condition, Field, Manners, Mark, Pdo, Scaling, Value, sdo
 
 OBJECT = re.compile(r"([0-9A-Fa-f]{4}):([0-9A-Fa-f]{1,2})")
+
+
+def _raw(value: Any) -> Any:
+    """A raw value, whole or not, as it stands in the file. Raises ValueError: it is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{value!r} is no number; give one without quotes")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{value!r} is not finite; give its bits, as 0x7F800000")
+    return value
+
+
 EXACT: dict[Any, Any] = {  # a text or `true` is no number
     int: Annotated[int, Strict()],
     float: Annotated[float, Strict()],
@@ -22,6 +34,7 @@ EXACT: dict[Any, Any] = {  # a text or `true` is no number
     tuple[int, int]: tuple[Annotated[int, Strict()], Annotated[int, Strict()]],
     tuple[int, int] | None: tuple[Annotated[int, Strict()], Annotated[int, Strict()]] | None,
     tuple[int, ...]: tuple[Annotated[int, Strict()], ...],
+    tuple[float, ...]: tuple[Annotated[Any, PlainValidator(_raw)], ...],
     Mapping[str, int]: Mapping[str, Annotated[int, Strict()]],
 }
 MADE: dict[type[Config], type] = {}  # for each model of a table, the class of the declaration
