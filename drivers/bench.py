@@ -21,13 +21,14 @@ from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.ownership import cautions, claim
 from palpate.drivers.roles import Bias, Exciter
-from palpate.drivers.safe_end import held, taken
+from palpate.drivers.safe_end import held, insist, taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.errors import BenchError, DeviceError, LinkError, SettingsLost
 from palpate.instrument.own_process import Ends
 
 RECOVERY = 1.0  # s that devices get to come back
+LONGEST_END = 5.0  # s for which switching off is tried again; with a shorter watchdog, until that has switched off
 TERMINATIONS = (signal.SIGTERM, signal.SIGHUP)  # SIGHUP: the terminal was closed
 ENDINGS = (signal.SIGINT, *TERMINATIONS)
 
@@ -254,7 +255,7 @@ class Bench(Fitted):
         for device in self._exciter.members if self._exciter else ():
             device.broken = ""
         with held(ENDINGS):
-            failures = self._switch_off()
+            failures = self._switch_off(min(self.description.watchdog, LONGEST_END))
         self._safe = not failures
         if failures:
             watchdog = f"The watchdog drops the output within {self.description.watchdog:g} s; check by eye"
@@ -271,7 +272,7 @@ class Bench(Fitted):
             self.clock.watching = False
             with held(ENDINGS):
                 self._switch_off()  # `_make_safe` does it again, and tells what failed
-                failure = self._hands.chamber_off()
+                failure = self._hands.chamber_off(LONGEST_END)
             if failure:
                 _tell(failure, error)
 
@@ -283,14 +284,13 @@ class Bench(Fitted):
             self.clock.watching = False
             with held(ENDINGS):
                 self._switch_off()
-                try:
-                    bias.broken = ""
-                    bias.off()
-                except Exception as failure:  # also a defect of its driver: the end of the bench goes on
+                bias.broken = ""
+                for failure in insist([bias.off], self.clock, LONGEST_END):
                     _tell(f"{bias.name} could not be switched off: {failure}; switch it off by hand, now", error)
 
-    def _switch_off(self) -> list[str]:
-        return self._exciter.switch_off() if self._exciter else []
+    def _switch_off(self, within: float = 0.0) -> list[str]:
+        """Switch off in every way; see `insist`."""
+        return insist(self._exciter.means(), self.clock, within) if self._exciter else []
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,9 @@ class Fitted:
         self.absent: list[str] = []
         devices = description.devices
         self._listed = {each.name: each for each in devices}
+        for name, link in self.links.items():
+            link.section = f"[link.{name}]"
+            link.devices = {each.unit: f"[device.{each.name}]" for each in devices if each.link == name}
         self._filling = {role: [each.name for each in filling(role, devices)] for role in get_args(Role)}
         self.clock = WatchedClock(clock)
         self._devices = {each.name: self._made(each) for each in devices}

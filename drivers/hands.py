@@ -6,6 +6,7 @@ from typing import Any
 
 from palpate.drivers.fitted import Fitted
 from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger
+from palpate.drivers.safe_end import insist
 from palpate.instrument.bench.operator import Operator, mount_anew
 from palpate.instrument.sensor.sample import Sample
 
@@ -61,12 +62,13 @@ class Hands:
         """Whether a chamber was told to warm the sensor."""
         return self._warmed is not None
 
-    def chamber_off(self) -> str:
-        """Switch off the chamber that has warmed the sensor; returns a message if that fails, else an empty text."""
-        try:
-            self._warmed.broken = ""
-            self._warmed.off()
-        except Exception as failure:  # also a defect of its driver: the end of the bench goes on
+    def chamber_off(self, within: float) -> str:
+        """Switch off the chamber that has warmed the sensor; returns a message if that fails, else an empty text.
+
+        `within`: time for which that is tried again [s].
+        """
+        self._warmed.broken = ""
+        for failure in insist([self._warmed.off], self._bench.clock, within):
             return f"{self._warmed.name} could not be switched off: {failure}; switch it off by hand, now"
         return ""
 

@@ -26,7 +26,7 @@ def claim(guard: Guard, clock: Clock, waits: Callable[[str], object]) -> None:
         return
     watchdog = guard.get("watchdog")
     waits(
-        f"{guard.name}: belongs to another program, or to one that was killed; waiting {watchdog:g} s, "
+        f"{guard.name}: is busy, or belongs to another program or to one that was killed; waiting {watchdog:g} s, "
         "after which a killed one's claim ends"
     )
     piece = watchdog / CLAIMS

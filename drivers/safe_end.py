@@ -1,14 +1,46 @@
-"""Contexts that handle or ignore signals, and restore the previous handlers afterwards."""
+"""The end of a bench: how signals are handled meanwhile, and how what must be switched off is."""
 
 from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from palpate.drivers.clock import Clock
+
 Handler = Callable[[int, FrameType | None], object]
+TRIES = 4  # number of times that a failed step is tried again, evenly within its time
+
+
+def insist(steps: Iterable[Callable[[], object]], clock: Clock, within: float = 0.0) -> list[str]:
+    """Take each of these steps, even if others fail; returns the messages of those that failed to the end.
+
+    Those that failed are taken again, over new connections, until `within` [s] has passed. So each must do no harm when
+    it is done twice, as switching off does none.
+    """
+    failed, until = _failed(steps), time.monotonic() + within
+    for _ in range(TRIES if within else 0):
+        if not failed or time.monotonic() > until:  # a device that is silent takes its time, also of a virtual clock
+            break
+        clock.wait(within / TRIES)
+        failed = _failed(failed)
+    return list(failed.values())
+
+
+def _failed(steps: Iterable[Callable[[], object]]) -> dict[Callable[[], object], str]:
+    """Take steps; returns those that failed, with their messages."""
+    return {step: why for step in steps if (why := _failure(step))}
+
+
+def _failure(step: Callable[[], object]) -> str:
+    try:
+        step()
+    except Exception as failure:  # also a defect of the code: the next way must still be tried
+        return str(failure) or repr(failure)
+    return ""
 
 
 @contextmanager

@@ -113,11 +113,16 @@ def named(kind: str, name: str, among: Mapping[str, T]) -> T:
 
 
 class BenchError(PalpateError):
-    """The bench failed to do something. `device` is the name of the device that failed; empty: unknown."""
+    """The bench failed to do something.
 
-    def __init__(self, *args: object, device: str = "") -> None:
+    `device` is the name of the device that failed; empty: unknown. `code` is the code of a Modbus exception response;
+    0: there was none.
+    """
+
+    def __init__(self, *args: object, device: str = "", code: int = 0) -> None:
         super().__init__(*args)
         self.device = device
+        self.code = code
 
 
 class LinkError(BenchError, ConnectionError):
@@ -129,11 +134,7 @@ class LinkTimeout(LinkError, TimeoutError):
 
 
 class DeviceError(BenchError):
-    """A device answered with an error. `code` is the code of a Modbus exception response; 0: there was none."""
-
-    def __init__(self, *args: object, device: str = "", code: int = 0) -> None:
-        super().__init__(*args, device=device)
-        self.code = code
+    pass
 
 
 class SettingsLost(DeviceError):

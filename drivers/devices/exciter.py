@@ -97,16 +97,6 @@ class Exciter(ABC):
         """All ways to switch it off, the safest first."""
         return [self.rest]
 
-    def switch_off(self) -> list[str]:
-        """Switch off in every way; returns the messages of those that failed."""
-        failures = []
-        for step in self.means():
-            try:
-                step()
-            except Exception as failure:  # also a defect of the code: the next way must still be tried
-                failures.append(str(failure))
-        return failures
-
 
 class Amplified(Exciter):
     """An exciter of a generator and an amplifier."""

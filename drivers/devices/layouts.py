@@ -29,6 +29,7 @@ class Read:
         bits: whether it reads coils or discrete inputs.
         registers: makes bytes of the registers of its reply.
         wider: a request for the same fields and one beside them; None: there is none.
+        apart: requests for the same fields, each only for those that must be read together; none: it is such a request.
     """
 
     names: tuple[str, ...]
@@ -39,6 +40,7 @@ class Read:
     bits: bool
     registers: struct.Struct
     wider: Read | None = None
+    apart: tuple[Read, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,15 +130,26 @@ def reading(contract: Contract, names: tuple[str, ...], *, scaled: bool = True) 
     for unit in units:
         if not fits(contract, unit):
             raise UsageError(f"{contract.title}: {', '.join(sorted(unit))} do not fit one request; read them apart")
-    found: list[set[str]] = []
+    found: list[list[set[str]]] = []
     for unit in sorted(units, key=lambda unit: _order(contract, unit)):
-        if found and fits(contract, found[-1] | unit):
-            found[-1] |= unit
+        if found and fits(contract, unit.union(*found[-1])):
+            found[-1].append(unit)
         else:
-            found.append(unit)
-    ordered = [tuple(sorted(some, key=lambda name: _rank(names, name))) for some in found]
-    along = tuple(name for some in ordered for name in some if name not in names)
-    requests = tuple(_read(contract, some, wider=True) for some in ordered)
+            found.append([unit])
+
+    def ordered(some: Iterable[str]) -> tuple[str, ...]:
+        return tuple(sorted(some, key=lambda name: _rank(names, name)))
+
+    requests = tuple(
+        _read(
+            contract,
+            ordered(set().union(*some)),
+            wider=True,
+            apart=tuple(_read(contract, ordered(unit)) for unit in some) if len(some) > 1 else (),
+        )
+        for some in found
+    )
+    along = tuple(name for each in requests for name in each.names if name not in names)
     wanting = scaled and any(contract[name].beside for name in names)
     direct = len(requests) == 1 and requests[0].names == (*names, *along)
     return Reading(names, requests, along, tuple(dict.fromkeys(apart)), wanting, direct)
@@ -163,7 +176,7 @@ def _holes(contract: Contract, table: Table, start: int, count: int) -> bool:
     return not known.issuperset(range(start, start + count))
 
 
-def _read(contract: Contract, names: tuple[str, ...], *, wider: bool = False) -> Read:
+def _read(contract: Contract, names: tuple[str, ...], *, wider: bool = False, apart: tuple[Read, ...] = ()) -> Read:
     fields = [contract[name] for name in names]
     start, count = contract.block(names)
     size = 1 if fields[0].table in BITS else 2
@@ -171,7 +184,8 @@ def _read(contract: Contract, names: tuple[str, ...], *, wider: bool = False) ->
     wide = widened(contract, names) if wider else names
     places = [slice(at, at + length) for at, length in ends]
     wider_read = _read(contract, wide) if wide != names else None
-    return Read(names, READS[fields[0].table], start, count, places, size == 1, struct.Struct(f">{count}H"), wider_read)
+    registers = struct.Struct(f">{count}H")
+    return Read(names, READS[fields[0].table], start, count, places, size == 1, registers, wider_read, apart)
 
 
 def widened(contract: Contract, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -18,12 +18,18 @@ from palpate.drivers.devices.identified import (
     serial_number,
 )
 from palpate.drivers.devices.layouts import Read, Reading, Write, companions, reading, write
-from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.modbus import ACKNOWLEDGED, SELDOM, SOON, ModbusLink
 from palpate.drivers.links.requests import READS, WRITES, confirms
 from palpate.instrument.contracts.contract import PROBE, Contract, Value
-from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError
+from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError, LinkTimeout
 
 WRITES_REGISTERS = 16  # function code
+NO_FUNCTION = 1  # exception with which a device refuses a function that it does not have
+UNKNOWN = (
+    "by which the contract knows it: another device or firmware; check its address in the bench file, or use a map "
+    "that knows it by marks"
+)
+ONLY_SO = (2, 3)  # exceptions with which a device refuses a read of anything but its own blocks
 
 
 class ModbusDevice(Device):
@@ -33,7 +39,8 @@ class ModbusDevice(Device):
     restore them, but no orders. A setting whose memory wears is written only if the device holds another value.
 
     Replies on a serial line have no transaction number. So that a late reply cannot answer the next read, successive
-    reads ask for different numbers of registers, if the contract has one more to read.
+    reads ask for different numbers of registers, if the contract has one more to read. A device that refuses such a
+    read, or one of several fields, is asked for the fields alone from then on.
     """
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock, contract: Contract | None = None) -> None:
@@ -46,9 +53,10 @@ class ModbusDevice(Device):
         self._companions: Callable[[str], frozenset[str]] = cache(partial(companions, self.contract))
         self._is_setting: Callable[[str], bool] = cache(self._restorable)
         manners = self.contract.manners
-        timing = {"gap": manners.gap, "responds": manners.responds or 0.0}
-        self._timing = {name: seconds for name, seconds in timing.items() if seconds}
+        self._timing = {"gap": manners.gap, "responds": manners.responds or 0.0, "busy": manners.busy}
         self._last_count = 0  # number of registers in the last read
+        self._widens = True  # whether it takes reads of more than was asked for, as far as is known
+        self._split: set[tuple[str, ...]] = set()  # fields that it does not give in one request
 
     def identify(self) -> None:
         """Check that this is the contract's device, and that it tells the same scales and units as before.
@@ -83,15 +91,33 @@ class ModbusDevice(Device):
 
     def _check_identity(self) -> str:
         """Check the identity objects that the contract has; returns the serial number among them. Raises as above."""
-        objects = self._asked(partial(identity_objects, self._transact))
+        try:
+            objects = self._asked(partial(identity_objects, self._transact))
+        except DeviceError as error:
+            if error.code != NO_FUNCTION:
+                raise
+            raise IdentityError(f"{self.name}: refuses function 43/14, {UNKNOWN}", device=self.name) from None
+        except LinkTimeout:
+            if not self._answers():
+                raise
+            why = f"{self.name}: answers reads, but gives no valid answer to function 43/14, {UNKNOWN}"
+            raise LinkTimeout(why, device=self.name) from None
         check_objects(self, objects)
         self.simulated = objects.get(APPLICATION, "") == "simulated"
         return objects.get(SERIAL, "")
 
+    def _answers(self) -> bool:
+        """Whether it answers a read of a register, be it by a refusal."""
+        try:
+            self._transact(READS[3], 0, 1)
+        except LinkError:
+            return False
+        except DeviceError:
+            pass
+        return True
+
     def _transact(self, request: Callable[..., Any], *args: object) -> Any:
-        if self._timing:
-            return self.link.transact(self.name, request, *args, self.unit, **self._timing)
-        return self.link.transact(self.name, request, *args, self.unit)
+        return self.link.transact(self.name, request, *args, self.unit, meanwhile=self.afterwards, **self._timing)
 
     def get(self, name: str) -> float:
         """Physical value of one field, in the contract's unit; NaN: it has no reading. Raises as `get_many`."""
@@ -151,9 +177,36 @@ class ModbusDevice(Device):
         return [found[name] for name in (*plan.names, *plan.along)]
 
     def _ask(self, read: Read) -> list[bytes]:
-        names = read.names
-        if self.link.serial and read.count == self._last_count and read.wider:
-            read = read.wider
+        """The bytes of each field of a request. Raises LinkError, LinkTimeout, DeviceError."""
+        if read.names in self._split:
+            return self._ask_apart(read)
+        wider = read.wider
+        if self._widens and self.link.serial and read.count == self._last_count and wider:
+            try:
+                return self._ask_once(wider)[: len(read.names)]
+            except DeviceError as error:
+                if error.code not in ONLY_SO:
+                    raise
+            given = self._ask(read)
+            self._widens = False
+            return given
+        try:
+            return self._ask_once(read)
+        except DeviceError as error:
+            if error.code not in ONLY_SO or not read.apart:
+                raise
+        given = self._ask_apart(read)
+        self._split.add(read.names)
+        return given
+
+    def _ask_apart(self, read: Read) -> list[bytes]:
+        """The bytes of each field of a request, by one request for each that can be read alone."""
+        found: dict[str, bytes] = {}
+        for part in read.apart:
+            found.update(zip(part.names, self._ask_once(part), strict=True))
+        return [found[name] for name in read.names]
+
+    def _ask_once(self, read: Read) -> list[bytes]:
         self._last_count = count = read.count
         try:
             reply: Any = self._transact(READS[read.function], read.start, count)
@@ -169,20 +222,24 @@ class ModbusDevice(Device):
                 f"where function {read.function} with {count} was asked; the reply is not used"
             )
         data = bytes(given) if read.bits else read.registers.pack(*given)
-        places = read.places if read.names is names else read.places[: len(names)]
-        return [data[place] for place in places]
+        return [data[place] for place in read.places]
 
     def give(self, /, **values: Value) -> None:
         """As `set`."""
         self.set(**values)
 
-    def set(self, /, **values: Value) -> None:
-        """Write fields that stand together in one request, which is never repeated.
+    def set(self, /, **values: Value) -> bool:
+        """Write fields that stand together in one request, which is never repeated after it may have been carried out.
+
+        Where the device only acknowledges it (exception 5), settings are read back until they are there. An order may
+        be carried out later then, and False is returned: `command` awaits its end, if the contract says how that is
+        known, and a driver with `orders` does by `_await_start`.
 
         Raises:
             RangeError: a value outside its limits; nothing is sent.
             UsageError: one request cannot write them, or not without others; nothing is sent.
-            DeviceError: the device refused, naming the fields and values; or its memory was written too often.
+            DeviceError: the device refused, naming the fields and values; its memory was written too often; or it
+                acknowledged a setting, and does not hold it in time.
             LinkError, LinkTimeout: it is not confirmed, and does not read back as written.
         """
         plan = self._writing(tuple(values))
@@ -190,10 +247,11 @@ class ModbusDevice(Device):
         if worn := self._wear.of(values):
             if all(self.contract[name].access == "rw" for name in values) and not self._differing(values):
                 self._remember(values)
-                return
+                return True
             self._wear.count(worn)
+        confirmed = True
         try:
-            self._told(lambda: self._send(plan, plan.content(data), values))
+            confirmed = self._told(lambda: self._send(plan, plan.content(data), values))
         except BenchError as error:
             if isinstance(error, LinkError):
                 self._remember(values)  # a write without confirmation may have been carried out
@@ -201,23 +259,57 @@ class ModbusDevice(Device):
                 raise
             self.noticed(f"{error}; read back, it was carried out")
         self._remember(values)
+        return confirmed or self._await(values)
 
-    def _send(self, plan: Write, content: list[Any], values: Mapping[str, Value]) -> None:
+    def _await(self, values: Mapping[str, Value]) -> bool:
+        """Wait until the device holds what it has acknowledged; returns whether that can be told, as of settings.
+
+        Raises DeviceError: it does not in time.
+        """
+        if not self._readable(values):
+            ends_known = type(self).orders | {each.field for each in self.contract.commands if each.done}
+            if values.keys() - ends_known:
+                self.noticed(f"{self.name}: acknowledged {self._described(values)}: it is taken, its end is not known")
+            return False
+        left = self.contract.manners.busy
+        while differing := self._differing(values):
+            if left <= 0:
+                shown = ", ".join(f"{name} is {self._shown(name, data)}" for name, data in differing.items())
+                raise DeviceError(
+                    f"{self.name}: acknowledged {self._described(values)}, but {shown} after "
+                    f"{self.contract.manners.busy:g} s; raise busy in [manners] of its map if it needs longer",
+                    device=self.name,
+                )
+            self.clock.wait(min(SELDOM, left))
+            left -= SELDOM
+        return True
+
+    def _await_start(self, begun: Callable[[], bool]) -> None:
+        """Wait until an acknowledged order has `begun`, at most for as long as the device may be busy."""
+        left = self.contract.manners.busy
+        while not begun() and left > 0:
+            self.clock.wait(min(SOON, left))
+            left -= SOON
+
+    def _send(self, plan: Write, content: list[Any], values: Mapping[str, Value]) -> bool:
+        """Send a write; returns whether it is confirmed, or else acknowledged."""
         if plan.function == WRITES_REGISTERS:
-            self._write(plan.start, content, values)
-        else:
-            self._order(plan.function, plan.start, content, values)
+            return self._write(plan.start, content, values)
+        return self._order(plan.function, plan.start, content, values)
 
-    def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> None:
-        self._order(WRITES_REGISTERS, start, registers, values)
+    def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> bool:
+        return self._order(WRITES_REGISTERS, start, registers, values)
 
-    def _order(self, function: int, start: int, content: list[Any], values: Mapping[str, Value]) -> None:
+    def _order(self, function: int, start: int, content: list[Any], values: Mapping[str, Value]) -> bool:
         try:
             reply = self._transact(WRITES[function], start, content)
         except DeviceError as error:
+            if error.code == ACKNOWLEDGED:
+                return False
             raise DeviceError(f"{error}, to {self._described(values)}", code=error.code) from None
         if not confirms(reply, function, start, content):
             raise DeviceError(f"{self.name}: did not confirm {self._described(values)}; the setting is uncertain")
+        return True
 
     def _restorable(self, name: str) -> bool:
         """Whether it can be restored, with all that must be written together with it."""
@@ -230,12 +322,16 @@ class ModbusDevice(Device):
 
     def _reads_back(self, values: Mapping[str, Value]) -> bool:
         """Whether all that was written can be read, and reads as it was written."""
-        if self.orders & values.keys() or any(self.contract[name].access != "rw" for name in values):
+        if not self._readable(values):
             return False
         try:
             return not self._differing(values)
         except BenchError:
             return False
+
+    def _readable(self, values: Mapping[str, Value]) -> bool:
+        """Whether what was written can be read back: settings can, orders cannot."""
+        return not self.orders & values.keys() and all(self.contract[name].access == "rw" for name in values)
 
     def _differing(self, values: Mapping[str, Value]) -> dict[str, bytes]:
         """Those that the device holds otherwise, as it holds them: within their limits or not."""

@@ -11,6 +11,7 @@ from palpate.instrument.contracts import positioner
 from palpate.instrument.errors import DeviceError, RangeError
 
 POLL = 0.1  # s
+CLOSE = 2e-6  # m from the target at which it counts as there
 
 
 class Positioner(ModbusDevice):
@@ -57,7 +58,8 @@ class Positioner(ModbusDevice):
     def home(self, timeout: float = 60.0) -> None:
         """Go to the home position, and wait until it is there. Raises DeviceError: not within `timeout` [s]."""
         self._target = None
-        self.set(command="home")
+        if not self.set(command="home"):
+            self._await_start(lambda: self._has_begun(0.0))
         self._wait(0.0, 0.0, timeout)
 
     def move(self, target: float, speed: float = 1e-3, timeout: float = 60.0) -> None:
@@ -75,13 +77,20 @@ class Positioner(ModbusDevice):
             )
         distance = abs(target - self.position())
         self._target = None
-        self.set(target=target, speed=speed, command="move")
+        if not self.set(target=target, speed=speed, command="move"):
+            self._await_start(lambda: self._has_begun(target))
         self._wait(target, distance / speed, timeout)
+
+    def _has_begun(self, target: float) -> bool:
+        """Whether it moves, or stands at this position [m]."""
+        position, status = self._look()
+        return "moving" in status or abs(position - target) <= CLOSE
 
     def stop(self) -> None:
         """Stop at the present position."""
         self._target = None
-        self.set(command="stop")
+        if not self.set(command="stop"):
+            self._await_start(lambda: "moving" not in self._look()[1])
 
     def set_limits(self, low: float, high: float) -> None:
         """Set the soft limits [m]. Raises RangeError: `low` is above `high`; nothing is sent."""
@@ -111,7 +120,7 @@ class Positioner(ModbusDevice):
             self.clock.wait(polls * POLL)
             waited += polls * POLL
             before = position
-        if abs(position - target) > 2e-6:
+        if abs(position - target) > CLOSE:
             raise DeviceError(f"{self.name}: stands at {1e3 * position:g} mm, was sent to {1e3 * target:g} mm")
         self._target = target
 
@@ -121,6 +130,6 @@ class Positioner(ModbusDevice):
         position, status = self._look()
         if "homed" not in status:
             found.append(f"{self.name}: has lost its home")
-        if self._target is not None and abs(position - self._target) > 2e-6:
+        if self._target is not None and abs(position - self._target) > CLOSE:
             found.append(f"{self.name}: stands at {1e3 * position:g} mm, was sent to {1e3 * self._target:g} mm")
         return found

@@ -78,7 +78,8 @@ class SampleChanger(ModbusDevice):
         self.check_holds((name,))
         self._laid = None
         self._standing(timeout)  # another client's order may be under way
-        self.set(order=name)
+        if not self.set(order=name):
+            self._await_start(lambda: (now := self.mounted()).moving or now.sample == name)
         found = self._standing(timeout)
         if found.sample != name:
             raise DeviceError(f"{self.name}: has mounted {found.sample!r}, was ordered {name!r}; look at it")

@@ -89,11 +89,14 @@ class ShakerAmplifier(ModbusDevice):
                 'if that cannot be helped, write watchdog_fed_by = "any request" below [shaker_amplifier] in the bench '
                 "file"
             ) from None
+        patience, self._timing["busy"] = self._timing["busy"], 0.0  # so it answers to all but the owner: asked later
         try:
             self.feed()
         except BenchInUse:
             self._token = 0
             return False
+        finally:
+            self._timing["busy"] = patience
         return True
 
     def feed(self) -> None:
@@ -119,22 +122,26 @@ class ShakerAmplifier(ModbusDevice):
         if token:
             self.set(release=token)
 
-    def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> None:
+    def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> bool:
         if not self._token or not values.keys() <= SETTINGS.keys() or values == OFF:
-            super()._write(start, registers, values)
-            return
+            return super()._write(start, registers, values)
+        confirmed = True
         for name, register in zip(sorted(values, key=SETTINGS.__getitem__), registers, strict=True):
-            self._as_owner({"order": name, "order_value": register}, {name: values[name]})
+            confirmed &= self._as_owner({"order": name, "order_value": register}, {name: values[name]})
+        return confirmed
 
-    def _as_owner(self, order: Mapping[str, Value], meant: Mapping[str, Value] | None = None) -> None:
-        """Write token and counter, followed by an `order`; errors name the setting `meant` by the order."""
+    def _as_owner(self, order: Mapping[str, Value], meant: Mapping[str, Value] | None = None) -> bool:
+        """Write token and counter, followed by an `order`; errors name the setting `meant` by the order.
+
+        Returns whether the write is confirmed, or else acknowledged.
+        """
         with self._turn:
             self._counters[bool(order)] += 1
             block = {"token": self._token, "counter": self._counters[bool(order)], **order}
             data = b"".join(self.contract.encode(name, value) for name, value in block.items())
             registers = [int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2)]
             try:
-                super()._write(self.contract["token"].address, registers, meant or block)
+                return super()._write(self.contract["token"].address, registers, meant or block)
             except DeviceError as error:
                 if error.code == DEVICE_BUSY:
                     raise BenchInUse(

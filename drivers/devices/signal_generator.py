@@ -35,15 +35,18 @@ class SignalGenerator(ModbusDevice):
         self._least = self._most = count = int(self.get("writes"))
         return count
 
-    def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> None:
+    def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> bool:
         try:
-            super()._write(start, registers, values)
+            confirmed = super()._write(start, registers, values)
         except BenchError as error:
             if not (isinstance(error, DeviceError) and error.code):  # no refusal: the write may have been carried out
                 self._most += 1
             raise
-        self._least += 1
         self._most += 1
+        if not confirmed:  # the value alone does not tell whether it was taken, if it is as before
+            self._await_start(lambda: self.get("writes") >= self._most)
+        self._least += 1
+        return confirmed
 
     def differences(self) -> list[str]:
         """As for every device; also another program's writes, whose changes may have been taken back."""

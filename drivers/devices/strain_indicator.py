@@ -149,7 +149,8 @@ class StrainIndicator(ModbusDevice):
         self._command("clear_tare")
 
     def _command(self, command: str) -> None:
-        self.set(command=command)
+        if not self.set(command=command):
+            self._await_start(lambda: self.contract.choice("command", self.get("command")) != "idle")
         for _ in range(COMMAND_POLLS):
             pending, last, result = self.get_many("command", "last_command", "command_result")
             if self.contract.choice("command", pending) == "idle":

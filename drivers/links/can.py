@@ -15,6 +15,7 @@ import canopen
 from canopen.lss import LssMaster
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from palpate.drivers.links import causes
 from palpate.drivers.links.cyclic import Cyclic
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
@@ -30,6 +31,9 @@ canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the def
 
 HEARTBEAT = 0x700  # identifier of a heartbeat, without the node id
 OPERATIONAL = b"\x05"  # state that it tells
+SYNC = 0x080
+FUNCTION, FROM_NODES = 0x780, (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)  # functions that nodes send (CiA 301)
+NOT_ACKNOWLEDGED = 0x20  # bit of an error frame's identifier (CAN_ERR_ACK of Linux)
 
 FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
@@ -46,6 +50,10 @@ class _Listener(can.Listener):
     """Passes standard data frames to subscribers; canopen's own takes an extended identifier for a standard one."""
 
     errors = 0  # frames that were destroyed on the bus; controllers send them again
+    destroyed = 0  # the same since the bus was opened
+    unheard = 0  # of them those of our own that nobody acknowledged
+    nodes = False  # whether any node has sent a frame
+    own = 0  # identifier of this program's heartbeat, which some interfaces give back
 
     def __init__(self, subscribers: Mapping[int, Sequence[FrameCallback]]) -> None:
         self._subscribers = subscribers
@@ -53,7 +61,11 @@ class _Listener(can.Listener):
     def on_message_received(self, msg: can.Message) -> None:
         if msg.is_error_frame:
             self.errors += 1
-        elif not (msg.is_extended_id or msg.is_fd or msg.is_remote_frame):
+            self.destroyed += 1
+            self.unheard += bool(msg.arbitration_id & NOT_ACKNOWLEDGED)
+            return
+        self.nodes |= msg.arbitration_id & FUNCTION in FROM_NODES and msg.arbitration_id not in (SYNC, self.own)
+        if not (msg.is_extended_id or msg.is_fd or msg.is_remote_frame):
             try:
                 for callback in self._subscribers.get(msg.arbitration_id, ()):
                     callback(msg.arbitration_id, msg.data, msg.timestamp)
@@ -110,6 +122,8 @@ class CanLink:
         self._listener = _Listener({})  # until the bus is open; that of an absent optional device stays closed
         self._answers_due: set[canopen.RemoteNode] = set()
         self._taps: list[FrameTap] = []
+        self.section = "the bench file"  # where the bus is said, and below by node id where each device is
+        self.devices: dict[object, str] = {}
 
     def tap(self, heard: FrameTap) -> None:
         """From `open` on call `heard` with each frame that is sent (True) or received, in the thread that does it."""
@@ -121,9 +135,10 @@ class CanLink:
         try:
             bus = can.Bus(interface=d.interface, channel=d.channel, bitrate=d.bitrate)
         except Exception as error:  # each interface of python-can raises other types, even NameError
-            raise LinkError(
-                f"CAN bus {self.name} cannot be opened: {error}; check the interface and channel in the bench file"
-            ) from error
+            raise LinkError(causes.no_bus(d.interface, d.channel, d.bitrate, error, self.section)) from error
+        if causes.is_down(d.interface, d.channel):
+            bus.shutdown()
+            raise LinkError(causes.down(self.name, d.channel, d.bitrate))
         if d.interface == MULTICAST:
             keep_to_group(bus.fileno())
         close_bus_in_child(bus)
@@ -146,7 +161,7 @@ class CanLink:
                         cyclic.end_all()
                 leave(network)
             except (can.CanError, OSError) as error:
-                raise LinkError(f"CAN bus {self.name} failed: {error}; check adapter and cable") from error
+                raise LinkError(self._why_lost(error)) from error
 
     @property
     def network(self) -> canopen.Network:
@@ -212,11 +227,13 @@ class CanLink:
                 self._answers_due.discard(node)
                 raise DeviceError(f"{who}: aborted the transfer: {error}") from error
             except SdoCommunicationError as error:
+                if self.network.notifier is not None and (failure := self.network.notifier.exception) is not None:
+                    raise LinkError(f"{who}: {self._why_lost(failure)}") from failure
                 raise LinkTimeout(
                     f"{who}: no valid answer within {self._description.timeout:g} s; {self._why_none(node)}"
                 ) from error
             except (can.CanError, OSError) as error:
-                raise LinkError(f"{who}: {self.name} failed: {error}; check adapter and termination") from error
+                raise LinkError(f"{who}: {self._why_lost(error)}") from error
             self._answers_due.discard(node)
             return result
 
@@ -227,7 +244,29 @@ class CanLink:
                 f"{node.sdo.too_soon} answers came sooner than {self._description.bitrate} bit/s can bring them; look "
                 "for a second node of that id, and give the bus its true bitrate"
             )
-        return "check power, bit rate, node id"
+        heard, section = self._listener, self.section
+        if heard.unheard:
+            return causes.alone(section)
+        if heard.destroyed:
+            return (
+                f"{heard.destroyed} error frames came: the bus has another bit rate than {self._description.bitrate} "
+                f"bit/s, or no termination; correct bitrate in {section}, or look at the cable"
+            )
+        device = self.devices.get(node.id, "the bench file")
+        if heard.nodes:
+            return (
+                f"other nodes talk on {self.name}, so that bus and bit rate are right; check power of this node, and "
+                f"node in {device}"
+            )
+        return (
+            f"nothing is heard on {self.name}; check power and cable of the nodes, bitrate in {section}, and node in "
+            f"{device}"
+        )
+
+    def _why_lost(self, error: Exception) -> str:
+        """Why the bus failed, with the remedy."""
+        d = self._description
+        return causes.lost_bus(d.interface, d.channel, d.bitrate, error, self.section)
 
     def _await_silence(self, who: str, node: canopen.RemoteNode) -> None:
         with suppress(queue.Empty):
@@ -240,6 +279,7 @@ class CanLink:
 
         It waits for no transfer, because one without an answer could last longer than a node waits for its master.
         """
+        self._listener.own = HEARTBEAT + master
         self._send(HEARTBEAT + master, OPERATIONAL)
 
     def send(self, cob_id: int, data: bytes) -> None:
@@ -251,7 +291,7 @@ class CanLink:
         try:
             self.network.send_message(cob_id, data)
         except (can.CanError, OSError) as error:
-            raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error
+            raise LinkError(self._why_lost(error)) from error
 
     def begin_cycle(self, cob_id: int, frames: Sequence[bytes], period_us: int) -> None:
         """From now on let the bus send these frames over and over; see `Cyclic.begin`. Raises LinkError."""
@@ -272,7 +312,7 @@ class CanLink:
             try:
                 do(self._cyclic)
             except (can.CanError, OSError) as error:
-                raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error
+                raise LinkError(self._why_lost(error)) from error
 
     def command(self, node: canopen.RemoteNode, state: str) -> None:
         """NMT: ask a node to go to `state` (OPERATIONAL, PRE-OPERATIONAL, STOPPED, RESET); there is no answer."""
@@ -280,4 +320,4 @@ class CanLink:
             try:
                 node.nmt.state = state
             except (can.CanError, OSError) as error:
-                raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error
+                raise LinkError(self._why_lost(error)) from error

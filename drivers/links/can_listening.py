@@ -8,6 +8,7 @@ from typing import Any
 import can
 
 from palpate.drivers.clock import WallClock
+from palpate.drivers.links import causes
 from palpate.drivers.links.can import has_wire
 from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
 from palpate.instrument.bench.links import CanLink
@@ -49,7 +50,6 @@ def listens_quietly(bus: CanLink) -> bool:
 def listen(bus: CanLink, seconds: float) -> Heard:
     """Listen for so many seconds. Raises LinkError: the bus cannot be opened, or failed."""
     heard, clock = Heard(), WallClock()
-    name = f"{bus.interface}:{bus.channel}"
     try:
         with can.Bus(
             interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate, **LISTEN_ONLY.get(bus.interface, {})
@@ -60,7 +60,8 @@ def listen(bus: CanLink, seconds: float) -> Heard:
                 if (frame := opened.recv(left)) is not None:
                     _count(heard, frame)
     except Exception as error:  # each interface of python-can raises other types, even NameError
-        raise LinkError(f"CAN bus {name} cannot be listened to: {error}; check the interface and channel") from error
+        where = "--can INTERFACE:CHANNEL"
+        raise LinkError(causes.no_bus(bus.interface, bus.channel, bus.bitrate, error, where)) from error
     return heard
 
 

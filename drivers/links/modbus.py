@@ -3,33 +3,34 @@
 from __future__ import annotations
 
 import logging
-import os
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from pathlib import Path
 from typing import Self
 
-from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 from palpate.drivers.clock import Clock, WallClock
+from palpate.drivers.links import causes
+from palpate.drivers.links.requests import only_reads
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
+from palpate.drivers.links.tcp import TcpClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.usual import TcpAddress
+from palpate.instrument.contracts.manners import USUAL
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.instrument.own_process import OwnLock, close_in_child
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
 
+ACKNOWLEDGED, BUSY, NO_PATH, NO_TARGET = 5, 6, 10, 11  # codes of exceptions
 EXCEPTIONS = {
-    1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 5: "acknowledge",
-    6: "device busy", 7: "negative acknowledge", 8: "memory parity error", 10: "gateway path unavailable",
-    11: "gateway target did not respond",
+    1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure",
+    ACKNOWLEDGED: "acknowledge", BUSY: "device busy", 7: "negative acknowledge", 8: "memory parity error",
 }  # fmt: skip
-CHECK = "correct the address, or check power and cable"
+SOON, SELDOM = 0.01, 0.1  # shortest and longest time until a busy device is asked again [s]
 LARGEST_FRAME = 256  # bytes on a serial line
 
 
@@ -49,7 +50,7 @@ class _StrictDecoder(DecodePDU):
             return None
 
 
-def _bounded(sending: bool, data: bytes) -> bytes:
+def _bounded(data: bytes) -> bytes:
     """Pass received bytes of a reply on. Raises ModbusIOException: there are more than any reply has."""
     if len(data) > LARGEST_REPLY:
         raise ModbusIOException(f"more than {LARGEST_REPLY} bytes")
@@ -65,40 +66,42 @@ class ModbusLink:
     serial line is listened to until it has been silent for a whole time-out before it is used again.
     """
 
-    def __init__(self, name: str, client: ModbusTcpClient | ModbusSerialClient, clock: Clock | None = None) -> None:
-        """Make a link, closed. `clock`: keeps the silence that a device wants before a request; None: wall clock."""
+    def __init__(self, name: str, client: TcpClient | RtuClient, clock: Clock | None = None) -> None:
+        """Make a link, closed. `clock`: by it silences are kept and busy devices waited for; None: wall clock."""
         self.name = name
+        self.section = "the bench file"  # where its address is said, and below by unit id where each device's is
+        self.devices: dict[object, str] = {}
         self._client = client
         self._clock = clock or WallClock()
         self._lock = OwnLock()
         close_in_child(client, lambda found: [found.socket.fileno()] if found.socket else [])
         self._reply_due = False
         self._heard: Callable[[bool, bytes], object] = lambda _sent, _data: None
-        self._came = b""
+        self._sent = self._came = b""
         client.transaction.framer.decoder = _StrictDecoder(is_server=False)
-        client.transaction.trace_packet = _bounded
+        client.transaction.trace_packet = self._trace
 
     @property
     def serial(self) -> bool:
         """Whether it is a serial line."""
-        return isinstance(self._client, ModbusSerialClient)
+        return isinstance(self._client, RtuClient)
 
     def tap(self, heard: Callable[[bool, bytes], object]) -> None:
         """From now on call `heard` with each request before it is sent (True), and with all bytes of its reply."""
-
-        def trace(sending: bool, data: bytes) -> bytes:
-            if sending:
-                heard(True, data)
-            else:
-                self._came = data
-            return _bounded(sending, data)
-
         self._heard = heard
-        self._client.transaction.trace_packet = trace
+
+    def _trace(self, sending: bool, data: bytes) -> bytes:
+        """Take note of what pymodbus sends, and of all that it has received since and not used."""
+        if sending:
+            self._sent, self._came = data, b""
+            self._heard(True, data)
+            return data
+        self._came = data
+        return _bounded(data)
 
     @classmethod
     def tcp(cls, address: TcpAddress | TcpLink, clock: Clock | None = None) -> Self:
-        client = ModbusTcpClient(address.host, port=address.port, timeout=address.timeout, retries=0)
+        client = TcpClient(address.host, port=address.port, timeout=address.timeout)
         return cls(f"{address.host}:{address.port}", client, clock)
 
     @classmethod
@@ -126,41 +129,51 @@ class ModbusLink:
         try:
             connected = self._client.connect()
         except ValueError as error:  # the host name is malformed
-            raise LinkError(f"{self.name} is no address: {error}; correct it in the bench file") from None
+            raise LinkError(f"{self.name} is no address: {error}; correct it in {self.section}") from None
         if not connected:
-            raise LinkError(self._refusal())
-        if self._reply_due and isinstance(self._client, ModbusSerialClient):
+            raise LinkError(self._why_closed())
+        if self._reply_due and isinstance(self._client, RtuClient):
             self._await_silence(self._client)
         self._reply_due = False
 
-    def _refusal(self) -> str:
-        """Why the link cannot be opened, which pymodbus does not say."""
-        try:
-            os.close(os.open(os.devnull, os.O_RDONLY))
-        except OSError as error:
-            return f"{self.name} cannot be opened: {error.strerror} in this program; raise the limit with ulimit -n"
-        if not isinstance(self._client, ModbusSerialClient):
-            return f"nothing answers at {self.name}; {CHECK}"
-        if not Path(self.name).exists():
-            return f"there is no serial port {self.name}; {CHECK}"
-        return (
-            f"serial port {self.name} is in use by another program, may not be opened, or does not take these "
-            f"settings; {CHECK}"
-        )
+    def _why_closed(self) -> str:
+        """Why the link cannot be opened, with the remedy."""
+        if why := causes.exhausted():
+            return f"{self.name} {why}"
+        client, line = self._client, self._client.comm_params
+        if isinstance(client, TcpClient):
+            return causes.no_connection(line.host, line.port, client.failure, self._timeout, self.section)
+        if "://" in self.name:
+            return causes.no_gateway(self.name, self._timeout, self.section)
+        setting = f"{line.baudrate} bit/s with parity {line.parity} and {line.stopbits} stop bits"
+        return causes.no_port(self.name, setting, self.section)
 
-    def _why_none(self) -> str:
-        """A possible reason why no valid answer came, with its remedy."""
+    def _why_none(self, unit: object) -> str:
+        """Why no valid answer came, with the remedy."""
         client = self._client
-        if not isinstance(client, RtuClient):
-            return "check power, cable and unit id"
+        device = self.devices.get(unit, "the bench file")
+        if isinstance(client, TcpClient):
+            return causes.wrong_on_tcp(self._sent, self._came, self.name, self.section, device)
         if client.too_soon:
             return (
                 f"{client.too_soon} bytes came sooner than {client.speed} bit/s can bring them; look for a device that "
                 "talks unasked, and give the line its true baudrate"
             )
-        return "check power, cable, baud rate and unit id"
+        return causes.wrong_on_line(self._came, self.name, self.section, device)
 
-    def _await_silence(self, line: ModbusSerialClient) -> None:
+    def _why_lost(self) -> str:
+        """Why the connection is lost, with the remedy."""
+        client = self._client
+        if client.failure is not None if isinstance(client, TcpClient) else not client.connect():
+            return self._why_closed()
+        if self.serial and "://" not in self.name:
+            return f"serial port {self.name} was lost and is there again; check the adapter's plug and cable"
+        return (
+            f"{self.name} closed the connection instead of answering; see whether another program holds its only "
+            "connection, or whether it has restarted"
+        )
+
+    def _await_silence(self, line: RtuClient) -> None:
         heard = 0
         try:
             while heard <= LARGEST_FRAME:
@@ -169,7 +182,7 @@ class ModbusLink:
                     return
                 heard += len(late)
         except ConnectionException as error:
-            raise LinkError(f"{self.name} is lost; check cable and power") from error
+            raise LinkError(f"{self.name} is lost; check the adapter's plug and cable") from error
         raise LinkError(f"{self.name}: the line does not fall silent; look for a device that babbles")
 
     @property
@@ -194,21 +207,70 @@ class ModbusLink:
         self._reply_due = True
 
     def transact(
-        self, who: str, request: Callable[..., ModbusPDU], *args: object, gap: float = 0.0, responds: float = 0.0
+        self,
+        who: str,
+        request: Callable[..., ModbusPDU],
+        *args: object,
+        gap: float = 0.0,
+        responds: float = 0.0,
+        busy: float = USUAL.busy,
+        meanwhile: Callable[[], object] = lambda: None,
     ) -> ModbusPDU:
         """Send one request and return its reply, which is never an exception response.
+
+        A device that answers that it is busy has not carried the request out, so it is asked again, also to write.
 
         Args:
             who: name of the device, for messages.
             request: makes the request, such as `read_registers`.
-            args: its arguments.
+            args: its arguments; the last one is the unit id.
             gap: silence that the device wants before the request [s], which is waited by the bench's clock.
             responds: time that the device may take until it replies, if it is longer than the link's time-out [s].
+            busy: time for which it may answer that it is busy [s].
+            meanwhile: called after each wait for a busy device; the link is free for other requests then.
 
         Raises:
-            LinkTimeout, LinkError: no reply, or no connection.
-            DeviceError: the device answered with an exception response.
+            LinkTimeout, LinkError: no reply, or no connection; also where a gateway says so of the device behind it.
+            DeviceError: the device answered with an exception response. Code 5 says that it has taken a write, and goes
+                on working at it.
         """
+        later = (BUSY, ACKNOWLEDGED) if only_reads(request) else (BUSY,)
+        left, pause = busy, SOON
+        while (reply := self._exchange(who, request, args, gap, responds)).isError():
+            if reply.exception_code not in later or left <= 0:
+                raise self._refusal(who, reply.exception_code, args[-1] if args else 0, busy)
+            self._clock.wait(min(pause, left))
+            left -= pause
+            pause = min(2 * pause, SELDOM)
+            meanwhile()
+        return reply
+
+    def _refusal(self, who: str, code: int, unit: object, busy: float) -> LinkError | DeviceError:
+        """The error for an exception response."""
+        device = self.devices.get(unit, "the bench file")
+        if code == NO_PATH:
+            return LinkError(
+                f"{who}: the gateway {self.name} has no path to unit {unit} (exception 10), so nothing was carried "
+                f"out; set the path up in the gateway, or correct unit in {device}",
+                code=code,
+            )
+        if code == NO_TARGET:
+            return LinkTimeout(
+                f"{who}: the gateway {self.name} got no answer from unit {unit} (exception 11); a write may have been "
+                f"carried out; check power and cable of the device behind it, and unit in {device}",
+                code=code,
+            )
+        text = f"{who}: answered exception {code}, {EXCEPTIONS.get(code, 'unknown')}"
+        if code == BUSY:
+            text += (
+                f", for {busy:g} s, so nothing was carried out; raise busy in [manners] of its map if it needs longer"
+            )
+        return DeviceError(text, code=code)
+
+    def _exchange(
+        self, who: str, request: Callable[..., ModbusPDU], args: tuple[object, ...], gap: float, responds: float
+    ) -> ModbusPDU:
+        """Send one request, once, and return its reply, which may be an exception response. Raises as `transact`."""
         with self._lock:
             if self._reply_due:
                 try:
@@ -218,15 +280,17 @@ class ModbusLink:
             if gap:
                 self._clock.wait(gap)
             self._reply_due = True
+            self._sent = self._came = b""
             patience = max(responds, self._timeout)
             try:
                 with self._patient(patience) if responds else nullcontext():
                     reply = request(self._client, *args)
-            except ConnectionException as error:
-                raise LinkError(f"{who}: the connection to {self.name} is lost; check cable and power") from error
+            except (ConnectionException, ConnectionError) as error:
+                raise LinkError(f"{who}: {self._why_lost()}") from error
             except ModbusIOException as error:
                 raise LinkTimeout(
-                    f"{who}: no valid answer on {self.name} within {patience:g} s; {self._why_none()}"
+                    f"{who}: no valid answer on {self.name} within {patience:g} s; "
+                    f"{self._why_none(args[-1] if args else 0)}"
                 ) from error
             except (ModbusException, OSError) as error:
                 raise LinkError(f"{who}: {self.name} failed: {error}; check cable and power") from error
@@ -235,7 +299,4 @@ class ModbusLink:
                     self._came = b""
                     self._heard(False, came)
             self._reply_due = False
-        if reply.isError():
-            code = reply.exception_code
-            raise DeviceError(f"{who}: answered exception {code}, {EXCEPTIONS.get(code, 'unknown')}", code=code)
-        return reply
+            return reply

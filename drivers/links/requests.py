@@ -68,6 +68,11 @@ READS: dict[int, Callable[..., ModbusPDU]] = {1: read_coils, 2: read_discrete, 3
 WRITES: dict[int, Callable[..., ModbusPDU]] = {5: write_coil, 6: write_register, 15: write_coils, 16: write_registers}
 
 
+def only_reads(request: Callable[..., ModbusPDU]) -> bool:
+    """Whether a request changes nothing, so that it can be sent again."""
+    return request is read_identity or request in READS.values()
+
+
 def confirms(reply: Any, function: int, address: int, values: list[Any]) -> bool:
     """Whether a reply confirms that these values were written with this function from this address on."""
     if reply.function_code != function or reply.address != address:

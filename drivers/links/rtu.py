@@ -125,12 +125,18 @@ class RtuClient(ModbusSerialClient):
         """Throw away bytes that came unasked, keep the silence between frames, and hand the request to the system.
 
         pymodbus' own client keeps no silence: on a slow line a device would take the request for the end of the reply
-        before it, which may come from another device.
+        before it, which may come from another device. A port that was lost since the last request, as an adapter that
+        was plugged out and in, or a gateway behind `socket://` that closes when nobody asks, is opened anew first.
         """
         try:
-            unasked = 0
-            while unasked < LARGEST_REPLY and self._ready(max(self._free_at - self._now(), 0.0)):
-                unasked += len(self._heard())
+            self._clear()
+        except OSError:  # nothing was sent yet
+            if self.socket is None:
+                raise self._lost() from None
+            self.close()  # type: ignore[no-untyped-call]
+            if not self.connect():
+                raise ConnectionException(str(self)) from None
+        try:
             self.replies.request = request
             self.replies.early = b""
             self.too_soon = 0
@@ -138,6 +144,12 @@ class RtuClient(ModbusSerialClient):
             return self._write(request)
         except OSError:
             raise self._lost() from None
+
+    def _clear(self) -> None:
+        """Throw away what came unasked, and keep the silence. Raises OSError: the port is lost."""
+        unasked = 0
+        while unasked < LARGEST_REPLY and self._ready(max(self._free_at - self._now(), 0.0)):
+            unasked += len(self._heard())
 
     def recv(self, size: int | None) -> bytes:
         """Bytes that have come, as soon as there are any; empty after the time-out.

@@ -10,6 +10,7 @@ from pathlib import Path
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.identified import APPLICATION, PRODUCT, REVISION, VENDOR, identity_objects
 from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links.causes import SEARCH
 from palpate.drivers.links.requests import read_registers
 from palpate.drivers.scan.fitting import Fitting, fitting
 from palpate.drivers.scan.found import Found, Search
@@ -18,7 +19,6 @@ from palpate.instrument.bench.kinds import DeviceKind, LinkKind
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 
-NOBODY = (10, 11)  # exceptions of a gateway behind which no device answers
 BROADCAST = 0  # unit id at which some devices reply as they leave the factory, and which reaches all on a line
 FEWEST = 3  # units of a TCP address; if as many answer alike, it is one device that looks at no unit id
 
@@ -41,9 +41,11 @@ class ModbusSearch:
     where: str
     kinds: Sequence[DeviceKind]
     _came: bytes = field(default=b"", init=False)
+    _told: set[str] = field(default_factory=set, init=False)
 
     def __post_init__(self) -> None:
         """Keep what comes in answer to a request."""
+        self.link.section = SEARCH if isinstance(self.at, TcpLink) else f"--line {self.at.port}"
         self.link.tap(self._tapped)
 
     def _tapped(self, sent: bool, data: bytes) -> None:
@@ -71,21 +73,37 @@ class ModbusSearch:
         return found
 
     def _answers(self, unit: int) -> bool:
-        """Whether a device answers; an exception response is an answer, too."""
+        """Whether a device answers; an exception response is an answer, too, unless a gateway says that there is none.
+
+        Raises LinkError: the link is lost.
+        """
         self._came = b""
         try:
-            self.link.transact(f"{self.where} unit {unit}", read_registers, 0, 1, unit)
-        except DeviceError as error:
-            return error.code not in NOBODY
-        except LinkTimeout:
+            self.link.transact(f"{self.where} unit {unit}", read_registers, 0, 1, unit, busy=0.0)
+        except DeviceError:
+            return True
+        except LinkError as error:
+            if error.code:
+                return False
+            if not isinstance(error, LinkTimeout):
+                raise
             if self._came:
-                self.search.heard.append(
-                    f"{self.where} unit {unit}: {len(self._came)} bytes came that are no valid reply "
-                    f"({self._came[:8].hex(' ')}): noise, an echo, another baud rate or parity, or two devices at this "
-                    "unit id"
-                )
+                self._tell(unit, str(error).partition("; ")[2])
             return False
         return True
+
+    def _tell(self, unit: int, why: str) -> None:
+        """Tell once, at the first unit, what came instead of a reply; `why`: what is wrong with it on TCP."""
+        if isinstance(self.at, SerialLine):
+            why = (
+                f"{len(self._came)} bytes came that are no valid reply ({self._came[:8].hex(' ')}): noise, an echo, "
+                "another baud rate or parity, or two devices at this unit id"
+            )
+        elif (what := why.partition(" came")[0]) in self._told:
+            return
+        else:
+            self._told.add(what)
+        self.search.heard.append(f"{self.where} unit {unit}: {why}")
 
     def _described(self, unit: int) -> Found:
         name = f"{self.where} unit {unit}"

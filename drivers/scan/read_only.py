@@ -7,20 +7,18 @@ from typing import Any, NoReturn
 
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.links.requests import READS, read_identity
+from palpate.drivers.links.requests import only_reads
 from palpate.instrument.errors import UsageError
 
 
 class ReadOnlyModbus(ModbusLink):
     """A link that sends functions 1 to 4 and 43/14 alone, which change nothing. Raises UsageError for all others."""
 
-    def transact(
-        self, who: str, request: Callable[..., Any], *args: object, gap: float = 0.0, responds: float = 0.0
-    ) -> Any:
+    def transact(self, who: str, request: Callable[..., Any], *args: object, **timing: Any) -> Any:
         """As `ModbusLink.transact`."""
-        if request is not read_identity and request not in READS.values():
+        if not only_reads(request):
             raise UsageError(f"{who}: a search only reads; {request.__name__} was not sent")
-        return super().transact(who, request, *args, gap=gap, responds=responds)
+        return super().transact(who, request, *args, **timing)
 
 
 class ReadOnlyCan(CanLink):

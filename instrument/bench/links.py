@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.config import Config, check
@@ -14,10 +15,27 @@ from palpate.instrument.quantity import Seconds
 Timeout = Annotated[Seconds, Field(ge=1e-3, le=60)]
 
 
+# a URL, or a host with a port; the host alone is a name, an IPv4 address, or an IPv6 address with colons of its own
+URL = re.compile(r"([\w+.-]+://)?(?P<host>\[[^\]]+\]|[^:/\[\]\s]+)(:(?P<port>\d+))?(/.*)?")
+
+
+def _alone(host: str) -> str:
+    """A host as it is. Raises ValueError: it is a URL, or has a port."""
+    found = URL.fullmatch(host)
+    bare = found["host"].strip("[]") if found else host
+    if found is None or bare == host:
+        return host
+    port = f" and port = {found['port']}" if found["port"] else ""
+    raise ValueError(f'{host!r} is no host alone; write host = "{bare}"{port}')
+
+
+Host = Annotated[str, Field(min_length=1), AfterValidator(_alone)]
+
+
 class TcpLink(Config):
     """A Modbus TCP address, of one device or of a gateway with several units."""
 
-    host: str = Field(min_length=1)
+    host: Host
     port: int = Field(default=502, ge=1, le=65535, strict=True)
     timeout: Timeout = 1.0
 

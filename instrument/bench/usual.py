@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 
 from palpate.instrument.bench.kinds import AmplifierSettings, IndicatorSettings
-from palpate.instrument.bench.links import Timeout
+from palpate.instrument.bench.links import Host, Timeout
 from palpate.instrument.bench.listed import NodeId, Unit
 from palpate.instrument.config import Config
 
@@ -25,7 +25,7 @@ POSITIONER_UNIT = 2
 class TcpAddress(Config):
     """A Modbus TCP device."""
 
-    host: str = Field(min_length=1)
+    host: Host
     port: int = Field(default=502, ge=1, le=65535, strict=True)
     unit: Unit = 1
     timeout: Timeout = 1.0

@@ -10,6 +10,7 @@ from typing import Any
 
 from palpate.instrument.contracts.declaration import Declaration
 from palpate.instrument.contracts.field import Field
+from palpate.instrument.contracts.manners import Manners
 from palpate.instrument.contracts.pdo import Pdo
 
 # Keys of the first digests. All others were added later, and are left out where they have their default, so that the
@@ -20,6 +21,7 @@ FIRST_OF_FIELD = (
 )  # fmt: skip
 FIRST_OF_CONTRACT = ("name", "bus", "identity", "fields", "pdos")
 FIRST_OF_PDO = ("name", "base", "fields")
+FIRST_OF_MANNERS = ("most_read", "most_written", "gap", "responds", "units", "together")
 FOR_PEOPLE = ("title",)
 
 
@@ -30,7 +32,7 @@ def digest(contract: Declaration) -> str:
     return hashlib.sha256(json.dumps(declared, sort_keys=True, default=_plain).encode()).hexdigest()
 
 
-def _said(thing: Field | Declaration | Pdo, first: tuple[str, ...]) -> dict[str, Any]:
+def _said(thing: Field | Declaration | Pdo | Manners, first: tuple[str, ...]) -> dict[str, Any]:
     """The first keys of a field, contract or PDO, and those of the others that are not at their default."""
     found: dict[str, Any] = {}
     for each in fields(thing):
@@ -45,4 +47,6 @@ def _plain(value: Any) -> Any:
     """A mapping or dataclass as a dict, for JSON."""
     if isinstance(value, Pdo):
         return _said(value, FIRST_OF_PDO)
+    if isinstance(value, Manners):
+        return _said(value, FIRST_OF_MANNERS)
     return dict(value) if isinstance(value, Mapping) else asdict(value)

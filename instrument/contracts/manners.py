@@ -94,6 +94,8 @@ class Manners:
         most_written: greatest number of registers that it takes in one request.
         gap: shortest silence between a reply and the next request [s], beside that of the line itself.
         responds: longest time until it begins to reply [s], if that exceeds the link's time-out; None: it does not.
+        busy: longest time for which it may answer that it is busy (exception 6), or still at work on what it has
+            acknowledged (exception 5), before that counts as a failure [s]; 0: the first such answer does.
         units: least and greatest unit id at which it can answer.
         together: runs of fields that a request must write whole, or else they are half old and half new.
     """
@@ -102,6 +104,7 @@ class Manners:
     most_written: int = MOST_WRITTEN
     gap: float = 0.0
     responds: float | None = None
+    busy: float = 1.0
     units: tuple[int, int] = (1, LARGEST_UNIT)
     together: tuple[tuple[str, ...], ...] = ()
 
@@ -113,6 +116,7 @@ class Manners:
             ("most_written", self.most_written, 1, MOST_WRITTEN),
             ("gap", self.gap, 0, 10),
             ("responds", 1.0 if self.responds is None else self.responds, 1e-4, 60),
+            ("busy", self.busy, 0, 60),
             ("units", low, 0, high),
             ("units", high, low, LARGEST_UNIT),
         ):

@@ -108,7 +108,7 @@ class Plan:
             Search(within),
             kinds,
             [_tcp(text, timeout) for text in tcp],
-            [[_line(port, each, timeout) for each in tried] for port in lines],
+            [[_line(port, each, timeout) for each in (tried[:1] if "://" in port else tried)] for port in lines],
             buses,
             _numbers("--units", units, 247),
             _numbers("--nodes", nodes, 127),

@@ -36,6 +36,7 @@ from tests.benchmarks import (
     modulus_budget,
     modulus_limits,
     modulus_wire,
+    moods,
     mountings,
     numbers,
     order,
@@ -107,6 +108,7 @@ LONG = {
     "damages": damages.measure,
     "disk": disk.measure,
     "modulus_budget": modulus_budget.measure,
+    "moods": moods.measure,
     "mountings": mountings.measure,
     "stale": stale.measure,
 }

@@ -131,6 +131,7 @@ def test_the_output_drops_within_the_time_out_whenever_its_owner_dies_and_whoeve
 def test_while_it_is_owned_others_may_switch_it_off_and_nothing_else(bench: Bench, sim: SimulatedBench) -> None:
     drive(bench)
     stranger = open_bench(sim).device("shaker_amplifier")
+    stranger.afterwards = bench.device("shaker_amplifier").feed  # its owner lives on while the stranger asks again
     stranger.link.open()
     try:
         for write in (
@@ -225,11 +226,13 @@ def test_a_program_that_was_killed_is_followed_within_the_watchdog_s_time(
         assert WATCHDOG <= 1e-9 * (sim.clock.now_ns() - died) <= 1.2 * WATCHDOG
         drive(second)
         killed.device("shaker_amplifier").link.open()  # it was stopped, and goes on
+        killed.device("shaker_amplifier").afterwards = second.device("shaker_amplifier").feed
         with closing(killed.device("shaker_amplifier").link):
             with pytest.raises(BenchInUse, match="belongs to another program"):
                 killed.clock.wait(1.0)
             with pytest.raises(DeviceError, match="device busy"):
                 killed.device("shaker_amplifier").release()
+        killed.device("shaker_amplifier").afterwards = lambda: None
         assert sim.amplifier.settings["enable"]
     with suppress(BenchError):  # its links are closed
         killed.__exit__(None, None, None)

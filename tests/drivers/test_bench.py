@@ -70,7 +70,10 @@ def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(
         update={"shaker_amplifier": description.shaker_amplifier.model_copy(update={"port": closed_port})}
     )
     bench = open_bench(sim, elsewhere)
-    with pytest.raises(LinkError, match=f"nothing answers at 127.0.0.1:{closed_port}; .*check power and cable"):
+    with pytest.raises(
+        LinkError,
+        match=rf"nothing answers at 127.0.0.1:{closed_port}: .*refuses .*correct port in \[link.shaker_amplifier\]",
+    ):
         bench.__enter__()
     assert is_closed(bench)
 
@@ -78,14 +81,19 @@ def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(
 def test_an_absent_unit_on_the_line_is_named(sim: SimulatedBench) -> None:
     description = hasty(sim.description)
     elsewhere = description.model_copy(update={"positioner": description.positioner.model_copy(update={"unit": 9})})
-    with pytest.raises(LinkTimeout, match=r"micro-positioner at .* unit 9: no valid answer .* unit id"):
+    with pytest.raises(
+        LinkTimeout,
+        match=r"micro-positioner at .* unit 9: no valid answer .* nothing came; check .*unit in \[device.positioner\]",
+    ):
         open_bench(sim, elsewhere).__enter__()
 
 
 def test_an_absent_node_is_named(sim: SimulatedBench) -> None:
     description = hasty(sim.description)
     elsewhere = description.model_copy(update={"can": description.can.model_copy(update={"nodes": (1, 9)})})
-    with pytest.raises(LinkTimeout, match=r"sensor node 9 at .*: no valid answer .* node id"):
+    with pytest.raises(
+        LinkTimeout, match=r"sensor node 9 at .*: no valid answer .*other nodes talk .*node in \[device.sensor_node_2\]"
+    ):
         open_bench(sim, elsewhere).__enter__()
 
 

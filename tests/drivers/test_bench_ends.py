@@ -133,7 +133,7 @@ def test_a_device_that_fails_during_shutdown_is_named_and_the_others_are_switche
     with pytest.raises(BenchError, match=r"outputs could not all be switched off: .*shaker amplifier.*by eye"), bench:
         drive(bench)
         monkeypatch.setattr(sim.amplifier, "write", refuse)
-    assert sim.amplifier.settings["enable"] == 1.0
+    assert sim.amplifier.settings["enable"] == 0.0  # by its watchdog, while it was told again and again
     assert sim.generator.settings["output"] == sim.generator.settings["amplitude"] == 0.0
     assert is_closed(bench)
 

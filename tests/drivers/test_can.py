@@ -53,7 +53,7 @@ def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
     monkeypatch.setattr(link.network.bus, "recv", unplugged)
     notifier: Any = link.network.notifier
     notifier._readers[0].join()
-    with pytest.raises(LinkError, match=r"^node: virtual:.* failed: adapter unplugged"):
+    with pytest.raises(LinkError, match=r"^node: CAN bus virtual:.* failed: adapter unplugged"):
         link.upload("node", node, 0x1000, 0)
     with pytest.raises(LinkError, match=r"virtual:.* failed: adapter unplugged"):
         link.close()

@@ -236,7 +236,7 @@ def test_a_bus_that_failed_meanwhile_is_told_when_it_is_closed(
 ) -> None:
     link.open()
     monkeypatch.setattr(canopen.Network, "disconnect", fails(error))
-    with pytest.raises(LinkError, match=r"^CAN bus pcan:USB1 failed: pulled out; check adapter and cable$"):
+    with pytest.raises(LinkError, match=r"^CAN bus pcan:USB1 failed: pulled out; check adapter and termination$"):
         link.close()
 
 
@@ -260,9 +260,14 @@ def node(link: CanLink) -> Any:
     ("error", "kind", "message", "due"),
     [
         (SdoAbortedError(0x0602_0000), DeviceError, "aborted the transfer: Code 0x06020000, Object does not", False),
-        (SdoCommunicationError("none"), LinkTimeout, r"no valid answer within 0\.25 s; check power, bit rate", True),
-        (can.CanOperationError("off"), LinkError, "pcan:USB1 failed: off; check adapter and termination", True),
-        (OSError("off"), LinkError, "pcan:USB1 failed: off; check adapter and termination", True),
+        (
+            SdoCommunicationError("none"),
+            LinkTimeout,
+            r"no valid answer within 0\.25 s; nothing is heard on pcan:USB1; check power",
+            True,
+        ),
+        (can.CanOperationError("off"), LinkError, "CAN bus pcan:USB1 failed: off; check adapter and termination", True),
+        (OSError("off"), LinkError, "CAN bus pcan:USB1 failed: off; check adapter and termination", True),
     ],
 )
 def test_each_failure_of_a_transfer_names_the_node_and_an_answer_may_still_be_due(
@@ -322,7 +327,7 @@ def test_a_command_goes_to_the_node_or_its_failure_is_told(error: Exception, lin
     bus: Any = link.network.bus
     assert [(sent.arbitration_id, bytes(sent.data)) for sent in bus.sent] == [(0, b"\x02\x01")]  # CiA 301: 2 is stop
     bus.send = fails(error)
-    with pytest.raises(LinkError, match=r"^pcan:USB1 failed: off; check adapter and termination$"):
+    with pytest.raises(LinkError, match=r"^CAN bus pcan:USB1 failed: off; check adapter and termination$"):
         link.command(node, "OPERATIONAL")
 
 

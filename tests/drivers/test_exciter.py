@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.exciter import Amplified, Exciter
+from palpate.drivers.safe_end import insist
+from palpate.simulators.clock import VirtualClock
 
 
 class Told:
@@ -51,7 +53,7 @@ def test_an_exciter_is_switched_off_by_every_means_there_is_the_safest_first() -
     for fails in (False, True):
         told = list[Any]()
         exciter = Amplified(Told("source", told, fails), Told("amplifier", told, fails))
-        failures = exciter.switch_off()
+        failures = insist(exciter.means(), VirtualClock())
         assert told == [("amplifier", "disable"), ("source", "output", False), QUIET]
         assert failures == (["amplifier disable", "source output", "source sine"] if fails else [])
 
@@ -82,5 +84,5 @@ def test_an_exciter_that_is_one_device_is_its_only_member_and_is_switched_off_by
     drive.quiet()
     assert told == []
     drive.halt()
-    assert drive.switch_off() == []
+    assert insist(drive.means(), VirtualClock()) == []
     assert told == ["rest", "rest"]

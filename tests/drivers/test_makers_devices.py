@@ -35,7 +35,7 @@ def test_each_table_is_read_and_written_with_its_function() -> None:
         "write_registers",
     ]  # fmt: skip
     assert [link.held(name) for name in ("output", "level", "mode", "place")] == [1.0, 3.0, 1.0, -2.0]
-    assert all(timing == {"gap": 0.005} for timing in link.timing)
+    assert all((timing["gap"], timing["responds"]) == (0.005, 0.0) for timing in link.timing)
 
 
 @pytest.mark.parametrize(

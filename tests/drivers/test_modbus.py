@@ -43,12 +43,14 @@ def exchange(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, reply: ModbusPDU
 
 def test_a_closed_port_is_a_link_error_that_names_the_address(closed_port: int) -> None:
     link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port))
-    with pytest.raises(LinkError, match=f"nothing answers at 127.0.0.1:{closed_port}; .*check power and cable"):
+    with pytest.raises(
+        LinkError, match=f"nothing answers at 127.0.0.1:{closed_port}: .*refuses .*correct port in the bench file"
+    ):
         link.open()
 
 
 def test_a_serial_port_that_does_not_exist_is_a_link_error_that_names_it() -> None:
-    with pytest.raises(LinkError, match=r"there is no serial port /dev/no-such-port; .*check power and cable"):
+    with pytest.raises(LinkError, match=r"there is no serial port /dev/no-such-port; .*correct port in the bench file"):
         ModbusLink.rtu(SerialLine(port="/dev/no-such-port")).open()
 
 
@@ -56,7 +58,7 @@ def test_a_serial_port_that_somebody_else_has_open_is_a_link_error_that_says_so(
     bench: Bench, sim: SimulatedBench
 ) -> None:
     port = sim.description.line.port
-    with pytest.raises(LinkError, match=f"serial port {port} is in use by another program.*check power and cable"):
+    with pytest.raises(LinkError, match=f"serial port {port} is held by another program; end that .fuser {port}"):
         ModbusLink.rtu(sim.description.line).open()
 
 

@@ -152,10 +152,10 @@ def changing(change: dict[str, Any]) -> Callable[[Any], Any]:
 
 def test_a_device_that_refuses_a_read_is_told_with_its_fields_and_code() -> None:
     driver, link = oven()
-    link.failures = [DeviceError("oven: answered exception 2, illegal address", code=2)]
-    with pytest.raises(DeviceError, match=r"illegal address, to a read of setpoint, heater$") as caught:
+    link.failures = [DeviceError("oven: answered exception 4, device failure", code=4)]
+    with pytest.raises(DeviceError, match=r"device failure, to a read of setpoint, heater$") as caught:
         driver.get_many("setpoint", "heater")
-    assert (caught.value.code, caught.value.device) == (2, driver.name)
+    assert (caught.value.code, caught.value.device) == (4, driver.name)
 
 
 @pytest.mark.parametrize(

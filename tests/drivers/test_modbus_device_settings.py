@@ -103,7 +103,7 @@ def test_a_device_that_breaks_while_it_is_asked_is_not_asked_again() -> None:
             super().__init__("silent")
             driver.broken = "oven: smokes"
 
-    def breaks(*_: Any) -> Any:
+    def breaks(*_: Any, **__: Any) -> Any:
         link.asked.append(("asked",))
         raise Breaking
 

@@ -213,6 +213,7 @@ def test_a_line_that_is_gone_is_closed_and_told_as_a_lost_connection(use: str) -
     closed: list[str] = []
     client = Client((-1.0, b""))  # it can be read, and gives nothing
     client.close = lambda: closed.append("closed")  # type: ignore[method-assign]
+    client.connect = lambda: False  # type: ignore[method-assign]
     with pytest.raises(ConnectionException):
         client.send(READ) if use == "send" else client.recv(None)
     assert closed == ["closed"]

@@ -22,11 +22,11 @@ def unconfirmed(bench: Bench, monkeypatch: pytest.MonkeyPatch, *, carried_out: b
     generator, noticed = bench.device("signal_generator"), list[str]()
     transact, failures = generator.link.transact, [LinkTimeout("no answer")]
 
-    def once(name: str, function: Callable[..., Any], *asked: Any) -> Any:
+    def once(name: str, function: Callable[..., Any], *asked: Any, **timing: Any) -> Any:
         if not failures or "write" not in function.__name__:
-            return transact(name, function, *asked)
+            return transact(name, function, *asked, **timing)
         if carried_out:
-            transact(name, function, *asked)
+            transact(name, function, *asked, **timing)
         raise failures.pop()
 
     monkeypatch.setattr(generator.link, "transact", once)
@@ -69,7 +69,7 @@ def test_a_write_that_is_neither_confirmed_nor_read_back_is_an_error(
 ) -> None:
     asked, noticed = list[str](), list[str]()
 
-    def silent(name: str, *_: Any) -> None:
+    def silent(name: str, *_: Any, **__: Any) -> None:
         asked.append(name)
         raise LinkTimeout("no answer")
 
@@ -83,7 +83,7 @@ def test_a_write_that_is_neither_confirmed_nor_read_back_is_an_error(
 def test_an_attended_bench_asks_twice_and_another_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = list[str]()
 
-    def silent(name: str, *_: Any) -> None:
+    def silent(name: str, *_: Any, **__: Any) -> None:
         asked.append(name)
         raise LinkTimeout("no answer")
 

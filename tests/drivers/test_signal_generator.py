@@ -163,9 +163,9 @@ def test_a_write_that_was_not_confirmed_may_have_been_taken_or_not(
 ) -> None:
     transact = bench.device("signal_generator").link.transact
 
-    def unconfirmed(*asked: Any) -> None:
+    def unconfirmed(*asked: Any, **timing: Any) -> None:
         if carried_out:
-            transact(*asked)
+            transact(*asked, **timing)
         raise LinkTimeout("no answer")
 
     bench.device("signal_generator").sine(10.0, 0.0)

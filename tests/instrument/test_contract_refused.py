@@ -189,8 +189,14 @@ def test_what_a_contract_says_of_manners_counts_in_its_digest() -> None:
     plain = one()
     assert one(words="little").digest() != plain.digest()
     assert replace(plain, manners=Manners(gap=0.005)).digest() != plain.digest()
+    assert replace(plain, manners=Manners(busy=2.0)).digest() != plain.digest()
     assert one(source="manual, page 3").digest() == plain.digest()
     assert replace(plain, about="told anew").digest() == plain.digest()
+
+
+def test_a_manner_that_maps_could_not_tell_earlier_changes_no_digest_that_runs_have_kept() -> None:
+    kept = "57283aefc37b8e991688e12e3b609d45fa833afddd749c15bafb35ff80e1d079"  # from before there was a key `busy`
+    assert replace(one(), manners=Manners(gap=0.005)).digest() == kept
 
 
 @pytest.mark.parametrize(
