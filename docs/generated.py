@@ -16,6 +16,7 @@ from sphinx.application import Sphinx
 from palpate.instrument import errors as palpate_errors
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import all_kinds
+from palpate.instrument.bench.links import LINKS
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.export import registers
 from palpate.instrument.quantity import Unit, show
@@ -103,8 +104,20 @@ def _keys(fields: Mapping[str, FieldInfo], what: str = "key") -> str:
 
 def kinds() -> str:
     """The kinds of devices that a bench file may list."""
-    rows = [(f"`{kind.name}`", kind.contract.title, _listed(kind.links), _listed(kind.roles)) for kind in all_kinds()]
-    return _table(("kind", "device", "links", "roles"), rows)
+    rows = [
+        (f"`{kind.name}`", kind.contract.title, *map(_listed, (kind.links, kind.roles, kind.settings.model_fields)))
+        for kind in all_kinds()
+    ]
+    return _table(("kind", "device", "links", "roles", "settings"), rows)
+
+
+def links() -> str:
+    """The kinds of links with their keys."""
+    keys = {
+        name: ", ".join(f"`{key}` ({_default(field)})" for key, field in model.model_fields.items())
+        for name, model in LINKS.items()
+    }
+    return _table(("kind of link", "keys with their defaults"), [(f"`{name}`", told) for name, told in keys.items()])
 
 
 def errors() -> str:
@@ -124,6 +137,7 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "scene_file": partial(file_of, SceneFile),
     "study_file": partial(file_of, StudyFile),
     "kinds": kinds,
+    "links": links,
     "errors": errors,
 }
 

@@ -10,9 +10,9 @@ from functools import partial
 from types import FrameType, TracebackType
 from typing import Any, Self
 
-from palpate.drivers.bench_lock import BenchLock
+from palpate.drivers.bench_lock import BenchLock, check_apart
 from palpate.drivers.clock import BenchClock
-from palpate.drivers.devices.device import READ_ATTEMPTS, Device
+from palpate.drivers.devices.device import Device
 from palpate.drivers.devices.exciter import Guard
 from palpate.drivers.fitted import Fitted
 from palpate.drivers.hands import Hands
@@ -24,8 +24,10 @@ from palpate.drivers.roles import Bias, Exciter
 from palpate.drivers.safe_end import held, insist, taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.operator import Operator
+from palpate.instrument.bench.patience import READ_ATTEMPTS
 from palpate.instrument.errors import BenchError, DeviceError, LinkError, SettingsLost
 from palpate.instrument.own_process import Ends
+from palpate.instrument.quantity import show
 
 RECOVERY = 1.0  # s that devices get to come back
 LONGEST_END = 5.0  # s for which switching off is tried again; with a shorter watchdog, until that has switched off
@@ -73,6 +75,7 @@ class Bench(Fitted):
 
     def __enter__(self) -> Self:
         with Ends() as stack:
+            check_apart(self.description)
             stack.enter_context(BenchLock(self.description))
             self._confirm_devices()
             stack.enter_context(taken(TERMINATIONS, _terminate))
@@ -154,12 +157,15 @@ class Bench(Fitted):
 
     @property
     def cautions(self) -> list[str]:
-        """Notes for a person before the bench drives: absent devices, and outputs that stay on if this program dies."""
+        """Notes for a person before the bench drives: absent devices, outputs that could stay on, unusual forces."""
         left_on = [
             f"{bias.name}: has no watchdog, so that it stays on when this program is killed; stay beside it"
             for bias in self.all(Bias)
         ]
-        return [*self.absent, *cautions(self._exciter), *left_on]
+        stood = self.description.withstands
+        limit = f"force limit {show(self.force_limit, 'N')}: its bench file says that this bench stands"
+        strong = [] if stood is None else [f"{limit} {show(stood, 'N')}"]
+        return [*self.absent, *cautions(self._exciter), *left_on, *strong]
 
     def drive(self) -> None:
         """Switch the outputs on at zero amplitude, and start watching them. Raises DeviceError: a fault is latched."""

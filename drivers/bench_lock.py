@@ -17,9 +17,10 @@ from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol, Self
+from urllib.parse import urlsplit
 
 from palpate.instrument.bench.links import Link, SerialLine, TcpLink
-from palpate.instrument.errors import BenchError, BenchInUse
+from palpate.instrument.errors import BenchError, BenchInUse, ConfigError
 from palpate.instrument.own_process import Ends
 
 FOLDER = Path("/tmp/palpate-benches")  # the same for all users, independently of $TMPDIR
@@ -65,16 +66,38 @@ def addresses(description: Linked) -> list[str]:
     A TCP link is identified by the IP addresses of its host with the port, a serial line by the device file that its
     names lead to, and a CAN bus by its interface and channel. python-can's "virtual" bus does not leave the process.
     """
-    found = set()
-    for link in description.links.values():
-        if isinstance(link, TcpLink):
-            found |= {f"TCP port {link.port} of {host}" for host in _numbers(link.host)}
-        elif isinstance(link, SerialLine):
-            found.add(f"serial port {link.port if '://' in link.port else os.path.realpath(link.port)}")
-        else:
-            process = f" of process {os.getpid()}" if link.interface == "virtual" else ""
-            found.add(f"CAN bus {link.interface}:{link.channel}{process}")
-    return sorted(found)
+    return sorted(set().union(*map(_addresses, description.links.values())))
+
+
+def check_apart(description: Linked) -> None:
+    """Raises ConfigError: two links lead to one address, by whatever names; a device may take only one connection."""
+    first: dict[str, str] = {}
+    for name, link in description.links.items():
+        for address in _addresses(link):
+            if (other := first.setdefault(address, name)) != name:
+                raise ConfigError(
+                    f"link.{name} and link.{other} both lead to {address}; write one [link.NAME] for both, and put all "
+                    "their devices on it"
+                )
+
+
+def _addresses(link: Link) -> set[str]:
+    if isinstance(link, TcpLink):
+        return _tcp_addresses(link.host, link.port)
+    if isinstance(link, SerialLine):
+        if "://" not in link.port:
+            return {f"serial port {os.path.realpath(link.port)}"}
+        with suppress(ValueError):  # opening it will say what is wrong
+            url = urlsplit(link.port)
+            if url.hostname is not None and url.port is not None:
+                return _tcp_addresses(url.hostname, url.port)
+        return {f"serial port {link.port}"}
+    process = f" of process {os.getpid()}" if link.interface == "virtual" else ""
+    return {f"CAN bus {link.interface}:{link.channel}{process}"}
+
+
+def _tcp_addresses(host: str, port: int) -> set[str]:
+    return {f"TCP port {port} of {number}" for number in _numbers(host)}
 
 
 def _numbers(host: str) -> set[str]:

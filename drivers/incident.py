@@ -11,17 +11,19 @@ Store = Callable[[str, str, int], object]
 
 
 class Incidents:
-    """The incidents of one bench."""
+    """The incidents of one bench; `first` is the first one since it was emptied."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._store: Store | None = None
         self._waiting: list[tuple[str, int]] = []
         self._new = 0
+        self.first = ""
 
     def note(self, what: str) -> None:
         """Count and record an incident. Raises what `store` raises: without a record of it the run must end."""
         self._new += 1
+        self.first = self.first or what
         if self._store is None:
             self._waiting.append((what, self._clock.now_ns()))
         else:

@@ -128,7 +128,7 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
 
 def read_data(path: Path) -> dict[str, Any]:
     """Content of a TOML file, not checked against a model. Raises ConfigError."""
-    return _parsed(read_bytes(path), str(path))
+    return parse_data(read_bytes(path), str(path))
 
 
 def read_bytes(path: Path) -> bytes:
@@ -146,10 +146,11 @@ def read_bytes(path: Path) -> bytes:
 
 def parse(content: bytes, model: type[M], where: str) -> M:
     """Read the text of a TOML file as a `model`. Raises ConfigError as `read` does, beginning with `where`."""
-    return check(_parsed(content, where), model, where)
+    return check(parse_data(content, where), model, where)
 
 
-def _parsed(content: bytes, where: str) -> dict[str, Any]:
+def parse_data(content: bytes, where: str) -> dict[str, Any]:
+    """Content of the text of a TOML file, not checked against a model. Raises ConfigError, beginning with `where`."""
     try:
         data = tomllib.loads(content.decode("utf-8-sig"))  # some editors put a byte order mark before UTF-8
     except UnicodeDecodeError as error:

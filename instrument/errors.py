@@ -15,6 +15,7 @@
     │   ├── IdentityError            another device, version or word order than the contract's
     │   ├── SampleError              another sample is mounted than the procedure asked for
     │   ├── SafetyError              a limit of the bench was passed: outputs are off
+    │   │   └── Unfed                the exciter has switched itself off, as it heard nothing of this program
     │   └── UnreachableError         the rig cannot reach what was asked for
     ├── EstimateError                a record does not determine the estimate         (ValueError)
     └── RecordError                  a run cannot be written or read                  (OSError)
@@ -155,6 +156,13 @@ class SampleError(BenchError):
 
 class SafetyError(BenchError):
     pass
+
+
+class Unfed(SafetyError):
+    """The exciter has switched itself off, as it heard nothing of this program: what has tripped, then a guess why."""
+
+    def __str__(self) -> str:
+        return ". ".join(map(str, self.args))
 
 
 class UnreachableError(BenchError):

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, Self
 from palpate.instrument.additions import load
 from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
-from palpate.instrument.bench.links import SerialLine
+from palpate.instrument.bench.links import CAN, LINE
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.bench.this_machine import LOOPBACK
-from palpate.instrument.bench.usual import CAN, LINE, ON_LINE, Amplifier, CanBus, Indicator, RtuAddress, TcpAddress
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError
 from palpate.instrument.own_process import Ends
@@ -41,11 +40,6 @@ if TYPE_CHECKING:
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order
 NODE = "sensor_node"
 NAMED = "simulated bench"  # the name of every simulated bench begins so
-TCP_SECTIONS: dict[str, type[TcpAddress]] = {
-    "signal_generator": TcpAddress,
-    "shaker_amplifier": Amplifier,
-    CHANGER: TcpAddress,
-}
 BITRATE = 1_000_000
 TIMEOUT: Any = "10 s"  # of wall time; it is long, because on a busy machine a simulated device answers late
 
@@ -160,38 +154,39 @@ class SimulatedBench:
         return self
 
     def _described(self, ports: Mapping[str, int], baudrate: int, timeouts: Mapping[str, Any]) -> BenchDescription:
-        """The description of this bench, as a bench file would give it."""
-        host, scene = self._place.host, self.scene
-        tcp = {
-            name: section(host=host, port=ports[name], timeout=timeouts.get(name, TIMEOUT))
-            for name, section in TCP_SECTIONS.items()
-            if name in ports
+        """The description of this bench, as a bench file would give it; each device on TCP has a link of its own."""
+        scene = self.scene
+        links: dict[str, dict[str, Any]] = {
+            name: {"kind": "modbus-tcp", "host": self._place.host, "port": port} for name, port in ports.items()
         }
-        line = {"port": self.line, "baudrate": baudrate, "timeout": timeouts.get(LINE, TIMEOUT)}
-        can = {
-            "interface": self._place.interface,
-            "channel": self.channel,
-            "bitrate": self.bitrate,
-            "timeout": timeouts.get(CAN, TIMEOUT),
-        }
-        whole = all(name in self.devices for name in ON_LINE)  # the section [line] stands for both of ours
-        sections: dict[str, Any] = {
+        if self.line:
+            links[LINE] = {"kind": "modbus-rtu", "port": self.line, "baudrate": baudrate}
+        if self._on("canopen"):
+            place = {"interface": self._place.interface, "channel": self.channel, "bitrate": self.bitrate}
+            links[CAN] = {"kind": "canopen", **place}
+        sections = {
             "name": f"{NAMED}, scene {scene.name}",
             "design": scene.design.name,
             "pickup": scene.pickup,
             **({} if scene.noise in (0.0, USUAL_NOISE) else {"noise": f"{scene.noise!r} V/√Hz"}),
-            **tcp,
-            **({LINE: SerialLine(**line), **self._units()} if whole else {}),
-            **({CAN: CanBus(**can, nodes=tuple(self._node_ids))} if self._node_ids else {}),
+            "link": {name: {**link, "timeout": timeouts.get(name, TIMEOUT)} for name, link in links.items()},
+            "device": self._sections(),
         }
-        links = {} if whole else {LINE: {"kind": "modbus-rtu", **line}}
-        links |= {} if self._node_ids else {CAN: {"kind": "canopen", **can}}
-        sections |= self._guest_sections(links, ports, timeouts)
         if any("exciter" in guest.kind.roles and not guest.kind.contract.has("watchdog") for guest in scene.devices):
             sections["watchdog"] = NO_WATCHDOG
         if any(guest.kind.map for guest in scene.devices):
             sections["simulated"] = True
         return check(sections, BenchDescription, f"scene {scene.name}")
+
+    def _sections(self) -> dict[str, dict[str, Any]]:
+        """Sections of the bench file for the devices."""
+        place: dict[str, dict[str, Any]] = {
+            **{name: {"link": name, "unit": 1} for name in self._on("modbus-tcp")},
+            **{name: {"link": LINE, "unit": unit} for unit, name in self.line_units.items()},
+            **{name: {"link": CAN, "node": node} for node, name in self.bus_nodes.items()},
+        }
+        guests = {guest.name: {**_labelled(guest), **guest.table} for guest in self.scene.devices}
+        return {name: {**kind.key, **place[name], **guests.get(name, {})} for name, kind in self._kinds.items()}
 
     def _on(self, link: str) -> list[str]:
         """Names of the devices on links of one kind."""
@@ -206,39 +201,6 @@ class SimulatedBench:
     def bus_nodes(self) -> dict[int, str]:
         """Names of the devices on the CAN bus, by node id."""
         return {self.devices[name].id: name for name in self._on("canopen")}
-
-    def _units(self) -> dict[str, Any]:
-        """Sections of our own devices on the serial line."""
-        unit = {"strain_indicator": Indicator, "positioner": RtuAddress}
-        return {name: unit[name](unit=self._addresses[name]) for name in ON_LINE}
-
-    def _guest_sections(
-        self, shared: Mapping[str, Any], ports: Mapping[str, int], timeouts: Mapping[str, Any]
-    ) -> dict[str, Any]:
-        """Sections of the bench file for the additional devices; each device on TCP has a link of its own.
-
-        Args:
-            shared: tables of the line, unless both of our own devices are on it, and of the CAN bus, if none is.
-            ports: TCP port of each device.
-            timeouts: time-outs of the links that have faults.
-        """
-        links, devices = {}, {}
-        for name in ON_LINE if LINE in shared else ():
-            if name in self.devices:  # the other one's place is taken
-                links[LINE] = shared[LINE]
-                devices[name] = {"kind": name, "link": LINE, "unit": self._addresses[name]}
-        for guest in self.scene.devices:
-            name, link = guest.name, guest.kind.links[0]
-            if link == "modbus-tcp":
-                timeout = timeouts.get(name, TIMEOUT)
-                links[name] = {"kind": link, "host": self._place.host, "port": ports[name], "timeout": timeout}
-                place = {"link": name, "unit": 1}
-            else:
-                at = LINE if link == "modbus-rtu" else CAN
-                place = {"link": at, "unit" if link == "modbus-rtu" else "node": self._addresses[name]}
-                links |= {at: shared[at]} if at in shared else {}
-            devices[name] = {**guest.kind.key, **place, **_labelled(guest), **guest.table}
-        return {"link": links or None, "device": devices or None}
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()

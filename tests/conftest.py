@@ -31,9 +31,7 @@ collect_ignore = ["examples"]  # projects of their own: see tests/procedures/tes
 
 def hasty(description: BenchDescription) -> BenchDescription:
     """The same bench with short time-outs, for tests in which a device does not answer at all."""
-    short = {"timeout": 0.3}
-    links = ("signal_generator", "shaker_amplifier", "line", "can")
-    return description.model_copy(update={name: getattr(description, name).model_copy(update=short) for name in links})
+    return description.moved({name: {"timeout": "0.3 s"} for name in description.links})
 
 
 def pytest_configure() -> None:

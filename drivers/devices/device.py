@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from palpate.drivers.links.modbus import ModbusLink
     from palpate.instrument.bench.kinds import DeviceKind
 
-READ_ATTEMPTS = 2  # attempts of a read on a bench that records incidents; else 1
 T = TypeVar("T")
 
 

@@ -8,10 +8,9 @@ import time
 from collections.abc import Callable
 from typing import Self
 
+from palpate.instrument.bench.patience import PATIENCE
 from palpate.instrument.errors import LinkError
 from palpate.instrument.own_process import Ends
-
-PATIENCE = 20.0  # s that the driving thread may spend on computing, on the disk, or without a processor
 
 
 class Heartbeat:

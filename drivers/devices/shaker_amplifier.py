@@ -16,7 +16,7 @@ from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts import shaker_amplifier
 from palpate.instrument.contracts.contract import Value
 from palpate.instrument.contracts.shaker_amplifier import SETTINGS
-from palpate.instrument.errors import BenchInUse, DeviceError, SafetyError, SettingsLost
+from palpate.instrument.errors import BenchInUse, DeviceError, SafetyError, SettingsLost, Unfed
 
 HOTTEST = 85.0  # degC at which the driver stops; the amplifier itself trips at 90
 ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_BUSY = 2, 3, 6  # Modbus exception codes
@@ -86,8 +86,7 @@ class ShakerAmplifier(ModbusDevice):
                 raise
             raise DeviceError(
                 f"{self.name}: has no owners, so whoever reads it keeps its output on though this program has died; "
-                'if that cannot be helped, write watchdog_fed_by = "any request" below [shaker_amplifier] in the bench '
-                "file"
+                'if that cannot be helped, write watchdog_fed_by = "any request" in its section of the bench file'
             ) from None
         patience, self._timing["busy"] = self._timing["busy"], 0.0  # so it answers to all but the owner: asked later
         try:
@@ -202,15 +201,14 @@ class ShakerAmplifier(ModbusDevice):
         """
         state = self.read()
         if state.faults_latched:
-            remedy = "Remove the cause, then clear the faults"
+            what = f"{self.name}: tripped on {', '.join(sorted(state.faults_latched))}; the output is off"
             if state.faults_latched == {"watchdog"}:
-                remedy = (
+                raise Unfed(
+                    what,
                     "It heard nothing of this program for too long: was that stopped (Ctrl-Z), did this machine sleep, "
-                    "was a cable out? The next run clears the fault"
+                    "was a cable out? The next run clears the fault",
                 )
-            raise SafetyError(
-                f"{self.name}: tripped on {', '.join(sorted(state.faults_latched))}; the output is off. {remedy}"
-            )
+            raise SafetyError(f"{what}. Remove the cause, then clear the faults")
         limit = float(self._settings.get("current_limit", math.inf))
         if state.temperature > HOTTEST or math.sqrt(2) * state.current > limit:
             raise SafetyError(

@@ -19,8 +19,7 @@ from palpate.drivers.links import causes
 from palpate.drivers.links.cyclic import Cyclic
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.can_ends import MULTICAST, close_bus_in_child, keep_to_group, leave
-from palpate.instrument.bench.usual import CanBus
+from palpate.instrument.bench.can_ends import MULTICAST, WITHIN_MACHINE, close_bus_in_child, keep_to_group, leave
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout, UnknownName
 from palpate.instrument.own_process import OwnLock
@@ -39,7 +38,7 @@ FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
 
 
-def has_wire(bus: CanBus | files.CanLink) -> bool:
+def has_wire(bus: files.CanLink) -> bool:
     """Whether frames take time on a real wire; not on a bus within this machine, which Linux lists as virtual."""
     if bus.interface == "socketcan":
         return not Path("/sys/devices/virtual/net", bus.channel).exists()
@@ -110,7 +109,7 @@ class CanLink:
     next request. The node is therefore listened to until it has been silent for a whole time-out.
     """
 
-    def __init__(self, bus: CanBus | files.CanLink) -> None:
+    def __init__(self, bus: files.CanLink) -> None:
         """Raises ConfigError: python-can has no such interface."""
         self.name = f"{bus.interface}:{bus.channel}"
         if bus.interface not in can.VALID_INTERFACES:
@@ -133,14 +132,15 @@ class CanLink:
         """Join the bus. Raises LinkError: it cannot be opened."""
         d = self._description
         try:
-            bus = can.Bus(interface=d.interface, channel=d.channel, bitrate=d.bitrate)
+            options = WITHIN_MACHINE if d.interface == MULTICAST else {}
+            bus = can.Bus(interface=d.interface, channel=d.channel, bitrate=d.bitrate, **options)
         except Exception as error:  # each interface of python-can raises other types, even NameError
             raise LinkError(causes.no_bus(d.interface, d.channel, d.bitrate, error, self.section)) from error
         if causes.is_down(d.interface, d.channel):
             bus.shutdown()
             raise LinkError(causes.down(self.name, d.channel, d.bitrate))
         if d.interface == MULTICAST:
-            keep_to_group(bus.fileno())
+            keep_to_group(bus)
         close_bus_in_child(bus)
         self._network = canopen.Network(bus)
         self._cyclic = Cyclic(bus, d.interface, self.name)

@@ -55,7 +55,7 @@ def listen(bus: CanLink, seconds: float) -> Heard:
             interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate, **LISTEN_ONLY.get(bus.interface, {})
         ) as opened:
             if bus.interface == MULTICAST:
-                keep_to_group(opened.fileno())
+                keep_to_group(opened)
             while (left := seconds - 1e-9 * clock.now_ns()) > 0:
                 if (frame := opened.recv(left)) is not None:
                     _count(heard, frame)

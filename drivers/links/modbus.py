@@ -18,7 +18,6 @@ from palpate.drivers.links.requests import only_reads
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
 from palpate.drivers.links.tcp import TcpClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.contracts.manners import USUAL
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.instrument.own_process import OwnLock, close_in_child
@@ -100,7 +99,7 @@ class ModbusLink:
         return _bounded(data)
 
     @classmethod
-    def tcp(cls, address: TcpAddress | TcpLink, clock: Clock | None = None) -> Self:
+    def tcp(cls, address: TcpLink, clock: Clock | None = None) -> Self:
         client = TcpClient(address.host, port=address.port, timeout=address.timeout)
         return cls(f"{address.host}:{address.port}", client, clock)
 

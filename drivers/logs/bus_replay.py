@@ -35,11 +35,10 @@ from palpate.drivers.logs.bus_log import (
 )
 from palpate.drivers.logs.pcapng import Link, Packet, is_hashed, read_pcapng
 from palpate.drivers.logs.replay_wire import ReplayWire
-from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.description import recorded_bench
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.bench.this_machine import LOOPBACK
-from palpate.instrument.config import parse
 from palpate.instrument.contracts import shaker_amplifier
 from palpate.instrument.errors import ConfigError, LinkError, UsageError
 from palpate.instrument.own_process import Ends
@@ -98,7 +97,7 @@ class BusReplay:
             ) from None
         self._packets = list(_without_heartbeats(packet for packet in packets if packet.who != RUN))
         self._at = 0
-        self.description = parse(bench.encode(), BenchDescription, str(self.path))
+        self.description = recorded_bench(bench, str(self.path))
         self._stack = Ends()
 
     def _read(self) -> list[Packet]:

@@ -16,7 +16,7 @@ from palpate.drivers.devices.exciter import Exciter
 from palpate.drivers.mapped.set_points import Grid, grid
 from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
 from palpate.instrument.contracts.contract import Pdo
-from palpate.instrument.errors import DeviceError, LinkError, RangeError, SafetyError
+from palpate.instrument.errors import DeviceError, LinkError, RangeError, SafetyError, Unfed
 
 NODE_BITS = 16  # bits of 1016h below those of the node id that is watched
 OFF = 0.0
@@ -154,8 +154,15 @@ class StreamedExciter(CanopenDevice, Exciter):
         field, bit = self._map.fault
         if bit in self.contract.set_bits(field, self.get(field)):
             error = self.held(self._map.error)
-            why = "did not hear this program" if int(error) == self._map.lost else f"has the fault 0x{int(error):04X}"
-            raise SafetyError(f"{self.name}: {why}, and has switched its output off; find the cause, and run again")
+            if int(error) == self._map.lost:
+                raise Unfed(
+                    f"{self.name}: did not hear this program, and has switched its output off",
+                    "Find the cause, and run again",
+                )
+            raise SafetyError(
+                f"{self.name}: has the fault 0x{int(error):04X}, and has switched its output off; find the cause, and "
+                "run again"
+            )
         if self._enabled and not self._drives():
             raise SafetyError(f"{self.name}: its output was switched off; find out by whom, and run again")
 

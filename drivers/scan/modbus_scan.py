@@ -17,9 +17,12 @@ from palpate.drivers.scan.found import Found, Search
 from palpate.drivers.scan.read_only import ReadOnlyModbus
 from palpate.instrument.bench.kinds import DeviceKind, LinkKind
 from palpate.instrument.bench.links import SerialLine, TcpLink
+from palpate.instrument.bench.listed import can_be_asked
+from palpate.instrument.contracts.manners import ITSELF
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 
-BROADCAST = 0  # unit id at which some devices reply as they leave the factory, and which reaches all on a line
+# units that are asked where no other answers: some devices reply at 0 on a line, as they leave the factory
+LAST: dict[LinkKind, tuple[int, ...]] = {"modbus-tcp": ITSELF, "modbus-rtu": (0,)}
 FEWEST = 3  # units of a TCP address; if as many answer alike, it is one device that looks at no unit id
 
 
@@ -52,17 +55,18 @@ class ModbusSearch:
         self._came = b"" if sent else data
 
     def over(self, units: Sequence[int]) -> list[Found]:
-        """The devices that answer at these unit ids or, where none does, at unit 0.
+        """The devices that answer at these unit ids or, where none does, at one of `LAST`.
 
         Raises LinkError: the link cannot be opened, or is lost.
         """
         found: list[Found] = []
         self.link.open()
         try:
-            for unit in (*units, BROADCAST):
-                if unit == BROADCAST and found:
+            last = [unit for unit in LAST[self._link_kind] if unit not in units]
+            for unit in (*units, *last):
+                if unit in last and found:
                     self.search.of -= 1
-                    break
+                    continue
                 if not self.search.goes_on(f"{self.where} unit {unit}"):
                     break
                 if self._answers(unit):
@@ -134,9 +138,13 @@ class ModbusSearch:
         return "modbus-tcp" if isinstance(self.at, TcpLink) else "modbus-rtu"
 
     def _possible(self, kind: DeviceKind, unit: int, *, identified: bool) -> bool:
-        low, high = kind.contract.manners.units
         known = identified or kind.contract.known_by != "identity"
-        return kind.contract.bus == "modbus" and self._link_kind in kind.links and low <= unit <= high and known
+        return (
+            kind.contract.bus == "modbus"
+            and self._link_kind in kind.links
+            and known
+            and can_be_asked(kind, isinstance(self.at, TcpLink), unit)
+        )
 
 
 def scan_tcp(search: Search, at: TcpLink, units: Sequence[int], kinds: Sequence[DeviceKind]) -> None:

@@ -4,25 +4,44 @@ from __future__ import annotations
 
 import os
 import socket
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from palpate.instrument.own_process import close_in_child
 
 MULTICAST = "udp_multicast"  # name of python-can's interface; each bus on it also receives its own frames
 RECEIVE_BUFFER = 4 << 20  # bytes; the system's default size holds only 256 frames
-IP_MULTICAST_ALL = 49  # Linux' option; Python's `socket` has no name for it
+# by family: level and Linux' option by which a socket hears its own groups alone; `socket` has no names for them
+OWN_GROUPS = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
+WITHIN_MACHINE: dict[str, Any] = {"hop_limit": 0}  # option of python-can for the multicast bus: no frame goes farther
 
 
-def keep_to_group(descriptor: int) -> None:
-    """Set up the socket of a bus: it hears its own group alone, and has a large buffer.
+def keep_to_group(bus: Any) -> None:
+    """Let a new multicast bus hear frames of its own group alone, and give it a large buffer.
 
-    Without this, Linux gives a socket that is bound to a port the frames of every group that any program of the machine
-    has joined on that port.
+    Linux gives a socket that is bound to a port the datagrams of every group that any program of the machine has joined
+    on that port. Those that came before this call are thrown away. Anybody can also send to the group what is no frame,
+    at which python-can would end its thread; that is passed over.
     """
-    with socket.socket(fileno=os.dup(descriptor)) as end:
+    with socket.socket(fileno=os.dup(bus.fileno())) as end:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-        if end.family == socket.AF_INET:
-            end.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+        end.setsockopt(*OWN_GROUPS[end.family], 0)
+        with suppress(BlockingIOError):
+            while True:
+                end.recv(1, socket.MSG_DONTWAIT)
+    bus._recv_internal = partial(_received, bus._recv_internal)
+
+
+def _received(receive: Callable[[float | None], Any], timeout: float | None) -> Any:
+    """What python-can receives; nothing if a datagram is no frame. Raises can.CanError: the bus has failed."""
+    try:
+        return receive(timeout)
+    except Exception as error:
+        if error.__cause__ is None or isinstance(error.__cause__, OSError):
+            raise
+        return None, False
 
 
 def close_bus_in_child(bus: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import Role
-from palpate.instrument.bench.links import LINKS
+from palpate.instrument.bench.links import KIND_OF
 from palpate.instrument.bench.listed import Listed, filling
 
 Tables = dict[str, dict[str, Any]]
@@ -33,18 +33,12 @@ def compared(before: BenchDescription, now: BenchDescription) -> tuple[dict[str,
 
 
 def _tables(bench: BenchDescription) -> dict[str, Any]:
-    kinds = {model: kind for kind, model in LINKS.items()}
-    links: Tables = {}
-    same: dict[str, str] = {}  # link name -> name of the first equal link: two sections can name the same gateway
-    for name, link in bench.links.items():
-        table = {"kind": kinds[type(link)], **link.model_dump(mode="json")}
-        same[name] = next((known for known, other in links.items() if other == table), name)
-        links[same[name]] = table
+    links = {name: {"kind": KIND_OF[type(link)], **link.model_dump(mode="json")} for name, link in bench.links.items()}
     listed = bench.devices
     devices = {
         each.name: {
             "kind": each.kind.name,
-            "link": same[each.link],
+            "link": each.link,
             "unit": each.unit,
             "role": " ".join(_places(each, listed)),
             "optional": each.optional,
@@ -52,7 +46,7 @@ def _tables(bench: BenchDescription) -> dict[str, Any]:
         }
         for each in listed
     }
-    whole = bench.model_dump(mode="json", include={"name", "design", "force_limit", "watchdog", "pickup"})
+    whole = bench.model_dump(mode="json", include={"name", "design", "force_limit", "withstands", "watchdog", "pickup"})
     return {**whole, "link": links, "device": devices}
 
 

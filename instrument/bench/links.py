@@ -7,11 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.config import Config, check
+from palpate.instrument.contracts.rates import Baudrate, Bitrate
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.quantity import Seconds
 
+LINE, CAN = "line", "can"  # links of a simulated bench that several devices share; faults strike them by these names
 Timeout = Annotated[Seconds, Field(ge=1e-3, le=60)]
 
 
@@ -44,7 +45,7 @@ class SerialLine(Config):
     """A Modbus RTU line, which one or more devices share."""
 
     port: str = Field(min_length=1)
-    baudrate: int = Field(default=115200, ge=1200, le=FASTEST, strict=True)
+    baudrate: Baudrate = 115200
     parity: Literal["N", "E", "O"] = "N"
     stopbits: int = Field(default=1, ge=1, le=2, strict=True)
     timeout: Timeout = 1.0
@@ -55,12 +56,13 @@ class CanLink(Config):
 
     interface: str = Field(min_length=1)
     channel: str
-    bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000, strict=True)
+    bitrate: Bitrate = 1_000_000
     timeout: Timeout = 1.0
 
 
 Link = TcpLink | SerialLine | CanLink
 LINKS: dict[str, type[Link]] = {"modbus-tcp": TcpLink, "modbus-rtu": SerialLine, "canopen": CanLink}
+KIND_OF = {model: kind for kind, model in LINKS.items()}
 
 
 def link_of(table: dict[str, Any], where: str) -> Link:

@@ -11,17 +11,16 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind, kind_in_file
-from palpate.instrument.bench.links import LINKS, CanLink, Link, TcpLink
+from palpate.instrument.bench.links import CAN, LINE, LINKS, CanLink, Link, TcpLink
 from palpate.instrument.config import Config, check
-from palpate.instrument.contracts.manners import LARGEST_UNIT
+from palpate.instrument.contracts.manners import ITSELF
 from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
 from palpate.instrument.errors import ConfigError, UnknownName
 
-Unit = Annotated[int, Field(ge=1, le=LARGEST_UNIT, strict=True)]
 NodeId = Annotated[int, Field(ge=1, le=127, strict=True)]
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}")
 OF_LINK = ("baudrate", "parity", "stopbits", "bitrate")  # settings that all devices on a link share
-RESERVED = ("all", "line", "can")  # names that faults use for links, and for all
+RESERVED = ("all", LINE, CAN)  # names that faults use for links, and for all
 
 
 class _Section(Config):
@@ -30,7 +29,7 @@ class _Section(Config):
     kind: str | None = None
     map: str | None = None  # path of a map file, instead of a kind
     link: str
-    unit: Annotated[int, Field(ge=0, le=LARGEST_UNIT, strict=True)] | None = None  # on Modbus
+    unit: Annotated[int, Field(ge=0, le=255, strict=True)] | None = None  # on Modbus
     node: NodeId | None = None  # on CANopen
     role: Role | None = None
     optional: bool = False
@@ -72,6 +71,13 @@ class Listed:
         """Whether it tells nothing by which it is known."""
         return self.kind.contract.known_by == "nothing"
 
+    @property
+    def section(self) -> dict[str, Any]:
+        """The keys of its section, without the settings of its kind."""
+        place = {"link": self.link, "node" if self.kind.contract.bus == "canopen" else "unit": self.unit}
+        said = {key: getattr(self, key) for key in ("role", "optional", "inventory", "confirmed", "set_to_link")}
+        return {**self.kind.key, **place, **{key: value for key, value in said.items() if value}}
+
 
 def filling(role: Role, devices: Sequence[Listed]) -> list[Listed]:
     """The devices that fill a role: those to which the file gives it or, without any, all whose kind has it."""
@@ -112,7 +118,7 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
             f"{where}: a device on link {section.link} needs a {key} and must have no {other}; give {key} = NUMBER"
         )
     unit: int = getattr(section, key)
-    _check_unit(where, kind, key, unit)
+    _check_unit(where, kind, link, unit)
     _check_inventory(where, kind, section)
     settings = check(table, kind.settings, where, _Section.model_fields)
     return Listed(
@@ -132,11 +138,19 @@ def check_role(kind: DeviceKind, role: Role | None) -> None:
         raise UnknownName(f"role of a {kind.name}", role, kind.roles)
 
 
-def _check_unit(where: str, kind: DeviceKind, key: str, unit: int) -> None:
+def _check_unit(where: str, kind: DeviceKind, link: Link, unit: int) -> None:
     """Raises ConfigError: such a device cannot answer at this unit id."""
+    if isinstance(link, CanLink) or can_be_asked(kind, isinstance(link, TcpLink), unit):
+        return
     low, high = kind.contract.manners.units
-    if key == "unit" and not low <= unit <= high:
-        raise ConfigError(f"{where}: unit = {unit}: a {kind.name} answers at {low} to {high} alone")
+    itself = ", and on TCP at 0 or 255, which are the device at the address itself" if isinstance(link, TcpLink) else ""
+    raise ConfigError(f"{where}: unit = {unit}: a {kind.name} answers at {low} to {high}{itself or ' alone'}")
+
+
+def can_be_asked(kind: DeviceKind, on_tcp: bool, unit: int) -> bool:
+    """Whether a device of a kind can answer at this unit id."""
+    low, high = kind.contract.manners.units
+    return low <= unit <= high or (on_tcp and unit in ITSELF)
 
 
 def _check_inventory(where: str, kind: DeviceKind, section: _Section) -> None:
@@ -179,12 +193,12 @@ def _kind(section: _Section, where: str) -> DeviceKind:
 def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
     """Raises ConfigError: two devices have the same name or address, two links are one line, or one has no device."""
     by_place: dict[tuple[str, int], str] = {}
-    gateways = _gateways(links)
+    _check_alone(links)
     names: set[str] = set()
     for each in devices:
         if each.name in names:
             raise ConfigError(f"device.{each.name}: the bench has a device of that name; give another")
-        place = (gateways.get(each.link, each.link), each.unit)
+        place = (each.link, each.unit)
         if place in by_place:
             raise ConfigError(
                 f"{by_place[place]} and {each.name} both have the address {each.unit} on {each.link}; correct one"
@@ -217,23 +231,21 @@ def _check_factory(link: str, devices: Sequence[Listed]) -> None:
                 )
 
 
-def _gateways(links: Mapping[str, Link]) -> dict[str, str]:
-    """Name of the first link with the same TCP address, for each link on TCP: each link has a connection of its own.
-
-    Raises ConfigError: two links name the same serial line or CAN bus, which only one link can use.
-    """
+def _check_alone(links: Mapping[str, Link]) -> None:
+    """Raises ConfigError: two links have the same address, which can take one connection at a time."""
     first: dict[tuple[object, ...], str] = {}
-    found: dict[str, str] = {}
     for name, link in links.items():
+        place: tuple[object, ...]
         if isinstance(link, TcpLink):
-            found[name] = first.setdefault((link.host.lower(), link.port), name)
-            continue
-        what, place = (
-            ("CAN bus", (link.interface, link.channel)) if isinstance(link, CanLink) else ("serial line", (link.port,))
-        )
+            place = "TCP address", link.host.lower(), link.port
+        elif isinstance(link, CanLink):
+            place = "CAN bus", link.interface, link.channel
+        else:
+            place = "serial line", link.port
         if (other := first.setdefault(place, name)) != name:
-            raise ConfigError(f"link.{name}: {other} is the same {what}; put its devices on that link")
-    return found
+            raise ConfigError(
+                f"link.{name}: {other} is the same {place[0]}; write one [link.NAME] for both, with all devices on it"
+            )
 
 
 def _check_identifiers(link: str, nodes: Sequence[Listed]) -> None:

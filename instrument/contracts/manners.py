@@ -10,6 +10,7 @@ from palpate.instrument.errors import ConfigError
 
 MOST_READ, MOST_WRITTEN = 125, 123  # registers of one request ("MODBUS application protocol" 1.1b3, 6.3 and 6.12)
 LARGEST_UNIT = 247
+ITSELF = (0, 255)  # units of the device at a TCP address itself ("MODBUS Messaging on TCP/IP" 1.0b, 4.4.1.2)
 
 
 @dataclass(frozen=True, slots=True)

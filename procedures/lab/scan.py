@@ -11,15 +11,18 @@ from typing import Any, Self
 from palpate.drivers.bench_lock import BenchLock
 from palpate.drivers.scan.can_scan import check_allowed, scan_can
 from palpate.drivers.scan.found import Search
-from palpate.drivers.scan.modbus_scan import scan_line, scan_tcp, settings
+from palpate.drivers.scan.modbus_scan import LAST, scan_line, scan_tcp, settings
 from palpate.instrument.bench.kinds import DeviceKind, all_kinds, check_identities, kind_in_file
 from palpate.instrument.bench.links import CanLink, Link, SerialLine, TcpLink
 from palpate.instrument.config import check
+from palpate.instrument.contracts.manners import ITSELF
 from palpate.instrument.errors import RangeError, UsageError
 
 BITRATES = (1_000_000, 500_000, 250_000, 125_000)
 RATES = re.compile(r"[1-9]\d{0,6}")
 ADDRESS = re.compile(r"(?P<host>\[[^\]]+\]|[^:\[\]]+)(:(?P<port>\d{1,5}))?")
+ON_A_LINE, ON_CAN = ({*range(1, 248)}, "1 to 247"), ({*range(1, 128)}, "1 to 127")  # addresses that can be asked
+ON_TCP = ({*range(248), *ITSELF}, "0 to 247 and 255")
 TIMEOUTS = (1e-3, 10.0)  # s
 PER_UNIT = 2  # time-outs that a unit costs that does not answer: the second makes sure that the line is silent
 
@@ -110,8 +113,8 @@ class Plan:
             [_tcp(text, timeout) for text in tcp],
             [[_line(port, each, timeout) for each in (tried[:1] if "://" in port else tried)] for port in lines],
             buses,
-            _numbers("--units", units, 247),
-            _numbers("--nodes", nodes, 127),
+            _numbers("--units", units, ON_A_LINE if lines else ON_TCP),
+            _numbers("--nodes", nodes, ON_CAN),
             every,
             talk,
             listen,
@@ -121,14 +124,18 @@ class Plan:
     @property
     def questions(self) -> int:
         """Greatest number of addresses that are asked."""
-        on_lines = sum(map(len, self.lines))
-        units = len(self.units) + 1  # with unit 0
-        return units * (len(self.tcp) + on_lines) + (len(self.buses) + len(self.nodes) if self.buses else 0)
+        return self._units + (len(self.buses) + len(self.nodes) if self.buses else 0)
+
+    @property
+    def _units(self) -> int:
+        """Greatest number of units that are asked."""
+        on_tcp, on_a_line = (len({*self.units, *last}) for last in (LAST["modbus-tcp"], LAST["modbus-rtu"]))
+        return on_tcp * len(self.tcp) + on_a_line * sum(map(len, self.lines))
 
     @property
     def seconds(self) -> float:
         """Time if nobody answers, which is the longest but for what devices that answer are asked [s]."""
-        units = (len(self.units) + 1) * PER_UNIT * self.timeout * (len(self.tcp) + sum(map(len, self.lines)))
+        units = self._units * PER_UNIT * self.timeout
         nodes = len(self.buses) * self.listen + len(self.nodes) * self.timeout if self.buses else 0.0
         return min(units + nodes, self.search.within)
 
@@ -186,14 +193,14 @@ def _parities(text: str | None) -> list[str]:
     return list(dict.fromkeys(parts))
 
 
-def _numbers(option: str, text: str, most: int) -> list[int]:
+def _numbers(option: str, text: str, allowed: tuple[set[int], str]) -> list[int]:
     """Numbers of a list such as 1-8,16. Raises UsageError."""
     found: list[int] = []
     for part in text.split(","):
         ends = re.fullmatch(r"\s*(\d{1,3})\s*(?:-\s*(\d{1,3}))?\s*", part)
-        low, high = (int(ends[1]), int(ends[2] or ends[1])) if ends else (0, 0)
-        if not 1 <= low <= high <= most:
-            why = "; 0 is asked by itself where no other answers" if ends and low == 0 else ""
-            raise UsageError(f"{option}: {part.strip()!r} is not within 1 to {most}, as 1-8,16{why}")
-        found += range(low, high + 1)
+        asked = range(int(ends[1]), int(ends[2] or ends[1]) + 1) if ends else range(0)
+        if not asked or not allowed[0].issuperset(asked):
+            why = "; 0 is asked by itself where no other answers" if 0 in asked and allowed is ON_A_LINE else ""
+            raise UsageError(f"{option}: {part.strip()!r} is not within {allowed[1]}, as 1-8,16{why}")
+        found += asked
     return list(dict.fromkeys(found))

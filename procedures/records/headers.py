@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from palpate.instrument.bench.comparison import compared
-from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.config import check as checked
+from palpate.instrument.bench.description import BenchDescription, recorded_bench
 from palpate.instrument.errors import ConfigError, RecordError, quoted
 from palpate.instrument.refusals import wrong
 from palpate.procedures.records.run import Run
@@ -101,7 +100,7 @@ def comparable(header: Mapping[str, Any]) -> dict[str, Any]:
 def _bench(header: Mapping[str, Any], where: str) -> BenchDescription:
     """The bench of a header. Raises RecordError."""
     try:
-        return checked(tomllib.loads(header["bench"]), BenchDescription, f"{where}: its bench file")
+        return recorded_bench(header["bench"], f"{where}: its bench file")
     except ConfigError as error:
         raise RecordError(f"{error}; run anew, or install what is missing") from None
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.device import READ_ATTEMPTS
+from palpate.instrument.bench.patience import READ_ATTEMPTS
 from palpate.instrument.errors import (
     BenchError,
     BenchInUse,
@@ -22,6 +22,7 @@ from palpate.instrument.errors import (
     SafetyError,
     SampleError,
     SettingsLost,
+    Unfed,
     UnreachableError,
 )
 
@@ -100,6 +101,7 @@ def carry_out(bench: Bench, what: str, step: Callable[[], T], again: Callable[[]
     if not bench.attended:
         return step()
     driving = bench.driving
+    bench.incidents.first = ""
     attempt = 0
     while True:
         attempt += 1
@@ -116,5 +118,7 @@ def carry_out(bench: Bench, what: str, step: Callable[[], T], again: Callable[[]
             policy = policy_for(error)
             if attempt >= policy.attempts:
                 bench.declare_broken(error)
+                if isinstance(error, Unfed) and bench.incidents.first:
+                    raise Unfed(bench.incidents.first, f"After that, {error.args[0]}", device=error.device) from error
                 raise
             bench.incidents.note(f"{what}: {error}; {policy.does}")

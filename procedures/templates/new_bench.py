@@ -33,9 +33,9 @@ def new_bench(name: str, kinds: Sequence[str], folder: Path) -> list[Path]:
     simulated = [kind for kind in others.values() if kind.simulator is not None]
     every = [*(kind for kind in KINDS if kind != CHANGER or kind in kinds), *others]
     absent = [kind for kind in every if kind == CHANGER or (kind in others and others[kind] not in simulated)]
-    changer = f'\n[{CHANGER}]\nhost = "192.168.1.22"\n' if CHANGER in kinds else ""
+    listed = [*([KINDS[CHANGER]] if CHANGER in kinds else []), *others.values()]
     terms = {
-        "bench": changer + "".join(_section(kind, number) for number, kind in enumerate(others.values())),
+        "bench": "".join(_section(kind, number) for number, kind in enumerate(listed)),
         "scene": "".join(f'\n[device.{_called(kind)}]\nkind = "{kind.name}"\n' for kind in simulated),
         "kinds": ", ".join(f'"{kind}"' for kind in every),
         "absent": _absent(absent) if absent else "",

@@ -29,7 +29,7 @@ class OnTheBench:
     def test_a_bench_file_finds_it(self, tmp_path: Path) -> None:
         file = tmp_path / "bench.toml"
         with SimulatedBench(guest_scene(self.kind)) as sim:
-            file.write_text(sim.description.to_toml(), encoding="utf-8")
+            file.write_text(sim.description.patient().to_toml(), encoding="utf-8")
             with Bench(read_bench(file), sim.clock, sim.operator) as bench:
                 assert bench.device(NAME).serial
                 assert bench.simulated

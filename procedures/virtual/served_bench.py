@@ -16,7 +16,7 @@ from typing import Self
 
 from palpate.drivers.safe_end import taken
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.bench.usual import LINE
+from palpate.instrument.bench.links import LINE
 from palpate.instrument.errors import BenchError, PalpateError, RangeError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.sample import Sample, get_sample
@@ -181,7 +181,7 @@ def serve_until_told(wish: Wish, announce: Callable[[BenchDescription], None], s
 
 def _description(sim: SimulatedBench, wish: Wish) -> BenchDescription:
     named = {} if wish.line is None else {LINE: {"port": str(wish.line.absolute())}}
-    return sim.description.moved(named)
+    return sim.description.moved(named).patient()
 
 
 def _attend(served: Served, step: float | None, look: Callable[[], None], typed: Sequence[int]) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import secrets
 from collections import deque
 from collections.abc import Mapping
 
 from palpate.simulators.wire.device import DEVICE_BUSY, ILLEGAL_VALUE, Refused
 
 TICKETS = 64  # number of unused tickets that stay valid: more than the clients that a server accepts
-SPREAD = 2_654_435_761  # odd, so that no ticket repeats; successive tickets differ in many bits
+SPREAD = 2_654_435_761  # of tickets that anybody can guess: odd, so that none repeats, and they differ in many bits
 
 
 class Owner:
@@ -26,10 +27,10 @@ class Owner:
         self._given = 0
         self._tickets: deque[int] = deque(maxlen=TICKETS)
 
-    def ticket(self) -> int:
-        """A new ticket, different from all before it. Each run gives the same tickets in the same order."""
+    def ticket(self, *, secret: bool) -> int:
+        """A new ticket, not 0. One that is not `secret` differs from all before it, and is the same in each run."""
         self._given += 1
-        ticket = self._given * SPREAD % 2**32
+        ticket = 1 + secrets.randbelow(2**32 - 1) if secret else self._given * SPREAD % 2**32
         self._tickets.append(ticket)
         return ticket
 

@@ -135,7 +135,7 @@ class ShakerAmplifier(SimulatedDevice):
             case "status":
                 return self.settings["enable"] + 2 * bool(self._owner.token)  # bits 0 and 1
             case "ticket":
-                return self._owner.ticket()
+                return self._owner.ticket(secret=self.clock.served)  # strangers reach a served bench
         return super().read(name)
 
     def requested(self) -> None:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
-from palpate.instrument.bench.usual import CAN
+from palpate.instrument.bench.links import CAN
 from palpate.instrument.contracts.sensor_node import CONTRACT
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import Fault, Trigger

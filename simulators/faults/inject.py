@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.instrument.bench.usual import CAN, LINE
+from palpate.instrument.bench.links import CAN, LINE
 from palpate.instrument.errors import ConfigError, UsageError
 from palpate.simulators.clock import NEVER
 from palpate.simulators.faults.can import CanFault, FaultyBus

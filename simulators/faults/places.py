@@ -8,8 +8,8 @@ from typing import Protocol, runtime_checkable
 
 from palpate.instrument.additions import load
 from palpate.instrument.bench.kinds import KINDS, DeviceKind
+from palpate.instrument.bench.links import CAN, LINE
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
-from palpate.instrument.bench.usual import CAN, LINE
 from palpate.instrument.contracts.contract import sdo
 from palpate.simulators.guests import Guest, replaced
 

@@ -12,7 +12,7 @@ import termios
 from collections.abc import Sequence
 from typing import ClassVar
 
-from palpate.instrument.bench.usual import LINE
+from palpate.instrument.bench.links import LINE
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import Fault, Trigger
 from palpate.simulators.faults.places import Target

@@ -16,7 +16,7 @@ import canopen
 from can.interfaces.virtual import VirtualBus
 from canopen.network import MessageListener
 
-from palpate.instrument.bench.can_ends import MULTICAST, close_bus_in_child, keep_to_group
+from palpate.instrument.bench.can_ends import MULTICAST, WITHIN_MACHINE, close_bus_in_child, keep_to_group
 from palpate.instrument.contracts.cyclic import Receiver
 from palpate.instrument.errors import BenchError
 from palpate.instrument.own_process import close_in_child
@@ -103,7 +103,7 @@ def open_bus(interface: str, channel: str) -> can.BusABC:
     """Open a bus of python-can. Raises BenchError: it cannot be opened, or another bench is served on it."""
     with ExitStack() as stack:
         claim = stack.enter_context(_claimed(channel)) if interface == MULTICAST else None
-        options: dict[str, Any] = {"hop_limit": 0} if interface == MULTICAST else {}  # frames stay on this machine
+        options = WITHIN_MACHINE if interface == MULTICAST else {}
         try:
             bus = _Virtual(channel) if interface == "virtual" else can.Bus(channel, interface, **options)
         except Exception as error:  # each interface of python-can raises other types, even NameError
@@ -113,7 +113,7 @@ def open_bus(interface: str, channel: str) -> can.BusABC:
         close_bus_in_child(bus)
         if claim is not None:
             close_in_child(claim, lambda found: [found.fileno()])
-            keep_to_group(bus.fileno())
+            keep_to_group(bus)
             _release_with(bus, claim)
         stack.pop_all()
     return bus

@@ -27,6 +27,7 @@ from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.transaction import TransactionManager
 
+from palpate.instrument.contracts.manners import ITSELF
 from palpate.simulators.wire.modbus_answers import done, echo, identification
 from palpate.simulators.wire.modbus_frames import EXCEPTION, LineFramer, RequestDecoder, alien, whole_frame
 from palpate.simulators.wire.registers import IDENTIFY, Registers, Units
@@ -36,7 +37,6 @@ from palpate.simulators.wire.terminal import Terminal
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # keeps a client's bad frames out of our stderr
 
 BROADCAST = 0
-SELF = (0, 255)  # unit ids that also address a device on TCP (Modbus Messaging on TCP/IP Implementation Guide)
 PIPELINE = 65536  # bytes of received requests that may wait
 MOST_CONNECTIONS = 32  # clients of one port
 MOST_WAITING = 64  # requests of one client that may wait before the server stops reading from it
@@ -215,13 +215,13 @@ class _Completed:
 
 
 class TcpServer(_Completed, ModbusTcpServer):
-    """One device on a TCP port, addressed by its unit id or by one of `SELF`."""
+    """One device on a TCP port, addressed by its unit id or by one of `ITSELF`."""
 
     link: Relay | None = None  # damages requests and answers; None: no faults
 
     def __init__(self, unit: int, registers: Registers, identity: Identity, address: tuple[str, int]) -> None:
         super().__init__([UNUSED], address=address)
-        units = (unit, *SELF)
+        units = (unit, *ITSELF)
         self.complete(dict.fromkeys(units, registers), dict.fromkeys(units, identity))
 
     def callback_new_connection(self) -> _Connection:

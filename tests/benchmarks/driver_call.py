@@ -19,7 +19,8 @@ GOAL = 1.25
 def measure() -> Iterator[Row]:
     with SimulatedBench(read_scene("thesis_single")) as sim:
         d = sim.description
-        raw = ModbusTcpClient(d.signal_generator.host, port=d.signal_generator.port, retries=0)
+        address = d.links["signal_generator"]
+        raw = ModbusTcpClient(address.host, port=address.port, retries=0)
         raw.connect()
         with Bench(d, sim.clock, sim.operator) as bench:
             generator, node = bench.device("signal_generator"), bench.device("sensor_node_1")
@@ -49,7 +50,7 @@ def measure() -> Iterator[Row]:
             )
         raw.close()
         # a serial port has one owner: the bare client has its turn when the driver has closed it
-        serial = ModbusSerialClient(d.line.port, baudrate=d.line.baudrate, retries=0)
+        serial = ModbusSerialClient(d.links["line"].port, baudrate=d.links["line"].baudrate, retries=0)
         serial.connect()
         raw_time, _ = interleaved(
             lambda: serial.read_holding_registers(0x20, count=6, device_id=1), lambda: None, RTU_ROUNDS

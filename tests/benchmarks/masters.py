@@ -70,8 +70,8 @@ def _row(tool: str, needs: list[str], ask: Callable[[], tuple[str, list[str]]]) 
 
 
 def _mbpoll(sim: SimulatedBench) -> tuple[str, list[str]]:
-    generator, amplifier = sim.description.signal_generator, sim.description.shaker_amplifier
-    line = (sim.description.line.port, "-m", "rtu", "-b", "115200", "-P", "none")
+    generator, amplifier = sim.description.links["signal_generator"], sim.description.links["shaker_amplifier"]
+    line = (sim.description.links["line"].port, "-m", "rtu", "-b", "115200", "-P", "none")
     own = (generator.host, "-p", str(generator.port))
     ends: list[tuple[SimulatedDevice, tuple[str, ...]]] = [
         (sim.generator, own),
@@ -134,12 +134,12 @@ def _canopen(served: Served) -> tuple[str, list[str]]:
     fields = {f.name: f for f in sensor_node.CONTRACT.fields if f.access != "wo"}
     asked = json.dumps([[f.index, f.subindex, name] for name, f in fields.items()])
     with (
-        can.Bus(interface=MULTICAST, channel=served.description.can.channel, hop_limit=0) as bus,
+        can.Bus(interface=MULTICAST, channel=served.description.links["can"].channel, hop_limit=0) as bus,
         subprocess.Popen(
             ["node", str(MASTER), str(NODE), asked], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         ) as master,
     ):
-        keep_to_group(bus.fileno())
+        keep_to_group(bus)
         assert master.stdin is not None
         assert master.stdout is not None
         held = {name: _raw(field, node.read(field)) for name, field in fields.items()}

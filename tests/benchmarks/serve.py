@@ -35,7 +35,7 @@ def measure() -> Iterator[Row]:
     """Requests a second, and the ratio of a sample from another process."""
     with serving(NOTHING) as served, _bare() as bare:
         for clients in (1, 8):
-            own_rate, bare_rate = _rates(served.description.signal_generator.port, bare, clients)
+            own_rate, bare_rate = _rates(served.description.links["signal_generator"].port, bare, clients)
             ratio = own_rate / bare_rate
             yield Row(
                 f"served generator / bare pymodbus, {clients} client{'s' * (clients > 1)}",

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+import tomllib
 from collections.abc import Callable
 from typing import Any
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import LINKS
+from palpate.instrument.config import check
 from palpate.simulators.bench import SimulatedBench
 
 
@@ -41,6 +43,15 @@ def is_closed(bench: Bench) -> bool:
         bench.device("strain_indicator").link,
     )
     return not any(link._client.connected for link in modbus) and bench.device("sensor_node_1").link._network is None
+
+
+def altered(description: BenchDescription, **tables: Any) -> BenchDescription:
+    """The same bench but for some keys, such as `device={"positioner": {"unit": 9}}`."""
+    data = tomllib.loads(description.to_toml())
+    for form in ("link", "device"):
+        for name, keys in tables.pop(form, {}).items():
+            data[form][name] |= keys
+    return check({**data, **tables}, BenchDescription, "bench.toml")
 
 
 def new_form(description: BenchDescription, prefix: str = "my_") -> dict[str, Any]:

@@ -24,7 +24,7 @@ from palpate.simulators.devices.shaker_amplifier import ShakerAmplifier
 from palpate.simulators.linear.periodic import Periodic
 from palpate.simulators.wire.device import Refused
 from tests.conftest import latched
-from tests.drivers.benches import drive, open_bench
+from tests.drivers.benches import altered, drive, open_bench
 
 WATCHDOG = 2.0  # s
 BUSY, ILLEGAL_VALUE = 6, 3
@@ -39,7 +39,7 @@ def test_a_setting_stands_where_its_order_says() -> None:
 
 def test_strangers_who_read_a_bench_do_not_keep_a_dead_program_s_output_on(bench: Bench, sim: SimulatedBench) -> None:
     drive(bench)
-    address = sim.description.shaker_amplifier
+    address = sim.description.links["shaker_amplifier"]
     with ExitStack() as stack:
         strangers = [ModbusTcpClient(address.host, port=address.port) for _ in range(3)]
         for stranger in strangers:
@@ -144,7 +144,7 @@ def test_while_it_is_owned_others_may_switch_it_off_and_nothing_else(bench: Benc
             with pytest.raises(DeviceError, match="device busy"):
                 write()
         assert sim.amplifier.settings["enable"]
-        assert sim.amplifier.settings["gain"] == sim.description.shaker_amplifier.gain
+        assert sim.amplifier.settings["gain"] == bench.named(bench.device("shaker_amplifier")).settings.gain
         stranger.disable()
     finally:
         stranger.link.close()
@@ -270,14 +270,18 @@ def without_owners(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(sim.amplifier, "write", lambda values: refuse(write, set(values), values))
 
 
+def test_a_bench_that_stands_unusual_forces_says_so_before_it_drives(sim: SimulatedBench) -> None:
+    with open_bench(sim, altered(sim.description, force_limit="40 N", withstands="50 N")) as bench:
+        assert bench.cautions == ["force limit 40 N: its bench file says that this bench stands 50 N"]
+
+
 def test_an_amplifier_without_owners_is_refused_until_the_bench_file_says_so(
     sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     without_owners(sim, monkeypatch)
     with pytest.raises(DeviceError, match=r'has no owners.* watchdog_fed_by = "any request" .*bench file'):
         open_bench(sim).__enter__()
-    amplifier = sim.description.shaker_amplifier.model_copy(update={"watchdog_fed_by": "any request"})
-    description = sim.description.model_copy(update={"shaker_amplifier": amplifier})
+    description = altered(sim.description, device={"shaker_amplifier": {"watchdog_fed_by": "any request"}})
     with open_bench(sim, description) as bench:
         assert len(bench.cautions) == 1
         assert bench.cautions[0].startswith(

@@ -19,7 +19,7 @@ from palpate.instrument.errors import BenchError, IdentityError, LinkError, Link
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from tests.conftest import hasty
-from tests.drivers.benches import drive, driving, is_closed, open_bench
+from tests.drivers.benches import altered, drive, driving, is_closed, open_bench
 
 # --- opening -------------------------------------------------------------------------------------------
 
@@ -66,9 +66,7 @@ def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(
     sim: SimulatedBench, closed_port: int
 ) -> None:
     description = sim.description
-    elsewhere = description.model_copy(
-        update={"shaker_amplifier": description.shaker_amplifier.model_copy(update={"port": closed_port})}
-    )
+    elsewhere = altered(description, link={"shaker_amplifier": {"port": closed_port}})
     bench = open_bench(sim, elsewhere)
     with pytest.raises(
         LinkError,
@@ -80,7 +78,7 @@ def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(
 
 def test_an_absent_unit_on_the_line_is_named(sim: SimulatedBench) -> None:
     description = hasty(sim.description)
-    elsewhere = description.model_copy(update={"positioner": description.positioner.model_copy(update={"unit": 9})})
+    elsewhere = altered(description, device={"positioner": {"unit": 9}})
     with pytest.raises(
         LinkTimeout,
         match=r"micro-positioner at .* unit 9: no valid answer .* nothing came; check .*unit in \[device.positioner\]",
@@ -90,9 +88,10 @@ def test_an_absent_unit_on_the_line_is_named(sim: SimulatedBench) -> None:
 
 def test_an_absent_node_is_named(sim: SimulatedBench) -> None:
     description = hasty(sim.description)
-    elsewhere = description.model_copy(update={"can": description.can.model_copy(update={"nodes": (1, 9)})})
+    another = {"kind": "sensor_node", "link": "can", "node": 9}
+    elsewhere = description.model_copy(update={"device": {**description.device, "another": another}})
     with pytest.raises(
-        LinkTimeout, match=r"sensor node 9 at .*: no valid answer .*other nodes talk .*node in \[device.sensor_node_2\]"
+        LinkTimeout, match=r"sensor node 9 at .*: no valid answer .*other nodes talk .*node in \[device.another\]"
     ):
         open_bench(sim, elsewhere).__enter__()
 

@@ -20,8 +20,6 @@ import pytest
 
 from palpate.drivers.bench_lock import BenchLock, addresses
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.bench.links import SerialLine
-from palpate.instrument.bench.usual import CanBus, TcpAddress
 from palpate.instrument.errors import BenchError, BenchInUse
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
@@ -38,15 +36,27 @@ os.read(0, 1)
 """
 
 
-def described(host: str = "192.0.2.1", line: str = "/dev/ttyUSB0", channel: str = "can0") -> BenchDescription:
+def described(
+    host: str = "192.0.2.1",
+    line: str = "/dev/ttyUSB0",
+    channel: str = "can0",
+    interface: str = "socketcan",
+    amplifier: str = "192.0.2.2",
+) -> BenchDescription:
     """A bench that nobody has."""
-    return BenchDescription(
-        name="bench",
-        signal_generator=TcpAddress(host=host),
-        shaker_amplifier={"host": "192.0.2.2"},
-        line=SerialLine(port=line),
-        can=CanBus(interface="socketcan", channel=channel, nodes=(1,)),
-    )
+    links = {
+        "generator": {"kind": "modbus-tcp", "host": host},
+        "amplifier": {"kind": "modbus-tcp", "host": amplifier},
+        "line": {"kind": "modbus-rtu", "port": line},
+        "can": {"kind": "canopen", "interface": interface, "channel": channel},
+    }
+    devices = {
+        "signal_generator": {"kind": "signal_generator", "link": "generator", "unit": 1},
+        "shaker_amplifier": {"kind": "shaker_amplifier", "link": "amplifier", "unit": 1},
+        "positioner": {"kind": "positioner", "link": "line", "unit": 2},
+        "sensor_node_1": {"kind": "sensor_node", "link": "can", "node": 1},
+    }
+    return BenchDescription(name="bench", link=links, device=devices)
 
 
 def locks(folder: Path) -> list[Path]:
@@ -77,8 +87,7 @@ def test_simulated_benches_do_not_contend(scene: Scene) -> None:
 
 def elsewhere(host: str = "192.0.2.7", line: str = "/dev/other", channel: str = "can1") -> BenchDescription:
     """Another bench, but for what is given."""
-    amplifier = described().shaker_amplifier.model_copy(update={"host": "192.0.2.8"})
-    return described(host, line, channel).model_copy(update={"shaker_amplifier": amplifier})
+    return described(host, line, channel, amplifier="192.0.2.8")
 
 
 def test_another_file_or_name_for_the_same_device_is_the_same_bench(tmp_path: Path) -> None:
@@ -103,7 +112,7 @@ def test_another_file_or_name_for_the_same_device_is_the_same_bench(tmp_path: Pa
 @pytest.mark.parametrize(
     ("line", "address"),
     [
-        ("socket://192.0.2.9:4001", "serial port socket://192.0.2.9:4001"),  # no file
+        ("socket://192.0.2.9:4001", "TCP port 4001 of 192.0.2.9"),  # no file
         ("relative", f"serial port {Path.cwd() / 'relative'}"),
     ],
 )
@@ -112,13 +121,11 @@ def test_a_line_counts_by_its_device_file_or_by_its_address(line: str, address: 
 
 
 def test_a_can_bus_within_the_process_is_no_other_process_s(monkeypatch: pytest.MonkeyPatch) -> None:
-    description = described()
     for interface, address in (
         ("virtual", f"CAN bus virtual:can0 of process {os.getpid()}"),
         ("pcan", "CAN bus pcan:can0"),
     ):
-        bus = description.can.model_copy(update={"interface": interface})
-        assert address in addresses(description.model_copy(update={"can": bus}))
+        assert address in addresses(described(interface=interface))
 
 
 def test_a_host_without_numbers_counts_by_its_name_however_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ from palpate.procedures.logs.shown import described
 from palpate.simulators.bench import Place, SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty
+from tests.drivers.benches import altered
 
 
 class Ticking:
@@ -113,8 +114,7 @@ def test_signs_of_life_to_the_watchdog_may_come_at_other_times_than_in_the_log(
     sim: SimulatedBench, log: Path, fed_by: str
 ) -> None:
     """On a wall clock a thread gives them, at times that differ from run to run."""
-    amplifier = sim.description.shaker_amplifier.model_copy(update={"watchdog_fed_by": fed_by})
-    sim.description = sim.description.model_copy(update={"shaker_amplifier": amplifier})
+    sim.description = altered(sim.description, device={"shaker_amplifier": {"watchdog_fed_by": fed_by}})
 
     def use(bench: Bench, *beats: int) -> list[Any]:
         heard: list[Any] = []

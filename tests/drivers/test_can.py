@@ -16,13 +16,13 @@ from palpate.simulators.bench import SimulatedBench
 
 
 def test_a_bus_that_cannot_be_opened_is_a_link_error_that_names_it(sim: SimulatedBench) -> None:
-    link = CanLink(sim.description.can.model_copy(update={"interface": "socketcan", "channel": "can_none"}))
+    link = CanLink(sim.description.links["can"].model_copy(update={"interface": "socketcan", "channel": "can_none"}))
     with pytest.raises(LinkError, match=r"CAN bus socketcan:can_none cannot be opened"):
         link.open()
 
 
 def test_a_bus_that_is_not_open_is_a_link_error(sim: SimulatedBench) -> None:
-    link = CanLink(sim.description.can)
+    link = CanLink(sim.description.links["can"])
     link.close()
     with pytest.raises(LinkError, match="is not open; open the bench first"):
         link.add_node(1)
@@ -47,7 +47,7 @@ def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
     def unplugged(*_: object, **__: object) -> None:
         raise can.CanOperationError("adapter unplugged")
 
-    link = CanLink(sim.description.can)
+    link = CanLink(sim.description.links["can"])
     link.open()
     node = link.add_node(1)
     monkeypatch.setattr(link.network.bus, "recv", unplugged)

@@ -21,9 +21,8 @@ from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 from palpate.drivers.devices.positioner import Positioner
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.links import SerialLine
+from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.serial_line import FASTEST
-from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.contracts import positioner, signal_generator
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.errors import IdentityError
@@ -110,7 +109,7 @@ stacks = pytest.mark.parametrize("stack", [py_modbus_tcp, modbus_tk])
 
 @contextmanager
 def driver(port: int) -> Iterator[SignalGenerator]:
-    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=port, timeout="10 s"))  # type: ignore[arg-type]
+    link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=port, timeout="10 s"))  # type: ignore[arg-type]
     link.open()
     try:
         yield SignalGenerator(link, 1, VirtualClock())
@@ -190,8 +189,8 @@ def test_the_positioners_driver_uses_a_device_of_another_stack_on_a_line(nothing
 
 @pytest.fixture
 def client(sim: SimulatedBench) -> Iterator[ModbusClient]:
-    address = sim.description.signal_generator
-    other = ModbusClient(address.host, address.port, address.unit, timeout=10.0)
+    address = sim.description.links["signal_generator"]
+    other = ModbusClient(address.host, address.port, 1, timeout=10.0)
     assert other.open()
     yield other
     other.close()

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.drivers.devices.sensor_node import SensorNode
 from palpate.drivers.links.can import CanLink
-from palpate.instrument.bench.usual import CanBus
+from palpate.instrument.bench import links
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.errors import DeviceError
@@ -106,7 +106,7 @@ def foreign_node() -> Iterator[tuple[ForeignNode, SensorNode]]:
     with can.Bus(interface="virtual", channel="foreign") as bus:
         node = ForeignNode(bus)
         notifier = can.Notifier(bus, [node.on_message], timeout=0.01)
-        link = CanLink(CanBus(interface="virtual", channel="foreign", nodes=(NODE,), timeout="10 s"))  # type: ignore[arg-type]
+        link = CanLink(links.CanLink(interface="virtual", channel="foreign", timeout="10 s"))  # type: ignore[arg-type]
         link.open()
         try:
             yield node, SensorNode(link, NODE, Sampling(node))

@@ -98,7 +98,7 @@ def pair(bench: Bench, sim: SimulatedBench, device: str) -> tuple[ModbusDevice, 
 @pytest.fixture
 def listener(sim: SimulatedBench) -> Iterator[can.BusABC]:
     """Joins the bus before the drivers do: when a driver has its answer, the listener has it too."""
-    with can.Bus(interface="virtual", channel=sim.description.can.channel) as bus:
+    with can.Bus(interface="virtual", channel=sim.description.links["can"].channel) as bus:
         yield bus
 
 

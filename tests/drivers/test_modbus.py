@@ -15,8 +15,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
-from palpate.instrument.bench.links import SerialLine
-from palpate.instrument.bench.usual import TcpAddress
+from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.contract import PROBE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.procedures.testing.wire import Wire, impatient, listen
@@ -42,7 +41,7 @@ def exchange(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, reply: ModbusPDU
 
 
 def test_a_closed_port_is_a_link_error_that_names_the_address(closed_port: int) -> None:
-    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port))
+    link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=closed_port))
     with pytest.raises(
         LinkError, match=f"nothing answers at 127.0.0.1:{closed_port}: .*refuses .*correct port in the bench file"
     ):
@@ -57,16 +56,16 @@ def test_a_serial_port_that_does_not_exist_is_a_link_error_that_names_it() -> No
 def test_a_serial_port_that_somebody_else_has_open_is_a_link_error_that_says_so(
     bench: Bench, sim: SimulatedBench
 ) -> None:
-    port = sim.description.line.port
+    port = sim.description.links["line"].port
     with pytest.raises(LinkError, match=f"serial port {port} is held by another program; end that .fuser {port}"):
-        ModbusLink.rtu(sim.description.line).open()
+        ModbusLink.rtu(sim.description.links["line"]).open()
 
 
 @pytest.mark.usefixtures("nothing_left_behind")
 def test_a_server_that_goes_away_is_a_link_error(scene: Scene) -> None:
     with SimulatedBench(scene) as sim:
-        address = sim.description.signal_generator
-        generator = SignalGenerator(ModbusLink.tcp(address), address.unit, sim.clock)
+        address = sim.description.links["signal_generator"]
+        generator = SignalGenerator(ModbusLink.tcp(address), 1, sim.clock)
         generator.link.open()
         generator.connect()
     with pytest.raises(LinkError, match=f"signal generator at {address.host}:{address.port}"):
@@ -170,7 +169,7 @@ def test_a_failure_is_told_by_its_exception_only(
 ) -> None:
     """Without a handler of its own a library's warnings go to stderr, beside the one message that belongs there."""
     monkeypatch.setattr(logging.root, "handlers", [])
-    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port))
+    link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=closed_port))
     with pytest.raises(LinkError):
         link.open()
     for name in ("canopen.sdo.client", "can.bus"):
@@ -179,7 +178,7 @@ def test_a_failure_is_told_by_its_exception_only(
 
 
 def test_a_message_names_the_link_that_failed(bench: Bench, sim: SimulatedBench) -> None:
-    port = re.escape(sim.description.line.port)
+    port = re.escape(sim.description.links["line"].port)
     with impatient(bench.device("strain_indicator").link), sim.clock.lock, pytest.raises(LinkTimeout, match=port):
         bench.device("strain_indicator").read()
 

@@ -19,7 +19,7 @@ from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
 from palpate.drivers.links.requests import read_identity, read_registers, write_registers
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
 from palpate.drivers.links.tcp import TcpClient
-from palpate.instrument.bench.description import SerialLine, TcpAddress
+from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 
 Request = Callable[..., Any]
@@ -80,7 +80,7 @@ def answers(reply: Any = REPLY) -> Request:
 
 
 def test_a_link_has_the_settings_of_its_address_and_asks_once() -> None:
-    link = ModbusLink.tcp(TcpAddress.model_validate({"host": "192.0.2.1", "port": 1502, "timeout": "500 ms"}))
+    link = ModbusLink.tcp(TcpLink.model_validate({"host": "192.0.2.1", "port": 1502, "timeout": "500 ms"}))
     settings = link._client.comm_params
     assert (link.name, settings.host, settings.port) == ("192.0.2.1:1502", "192.0.2.1", 1502)
     assert (settings.timeout_connect, link._client.retries, link.serial) == (0.5, 0, False)
@@ -342,7 +342,7 @@ def test_a_device_gets_its_silence_and_its_patience_and_no_other_request_does() 
         def wait(self, duration: float) -> None:
             waited.append(duration)
 
-    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", timeout="0.5 s"), Slow())
+    link = ModbusLink.tcp(TcpLink(host="127.0.0.1", timeout="0.5 s"), Slow())
 
     def request(client: Any) -> Any:
         patience.append(client.comm_params.timeout_connect)

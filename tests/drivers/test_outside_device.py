@@ -48,7 +48,7 @@ def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_
 ) -> None:
     file, log = tmp_path / "bench.toml", tmp_path / "log.pcapng"
     with SimulatedBench(with_oven) as sim:
-        file.write_text(sim.description.to_toml(), encoding="utf-8")
+        file.write_text(sim.description.patient().to_toml(), encoding="utf-8")
         bench = Bench(read_bench(file), sim.clock, sim.operator)
         with BusLog(bench, sim.clock, log, datetime(2026, 11, 22, tzinfo=UTC)), bench:
             bench.operator.set_temperature(12.5)

@@ -81,7 +81,7 @@ def test_it_does_not_drive_unless_the_file_says_that_it_has_no_watchdog(
     with pytest.raises(ConfigError, match=refused):
         read_bench(written(sim, tmp_path, {"watchdog": watchdog}))
     assert sim.servers.transactions == asked
-    assert read_bench(written(sim, tmp_path, {"watchdog": "none"})) == sim.description
+    assert read_bench(written(sim, tmp_path, {"watchdog": "none"})).to_toml() == sim.description.to_toml()
 
 
 def test_a_bench_whose_amplifier_has_a_watchdog_cannot_be_without(scene: Scene, tmp_path: Path) -> None:
@@ -93,12 +93,23 @@ def test_a_bench_whose_amplifier_has_a_watchdog_cannot_be_without(scene: Scene, 
 
 
 def test_a_bench_has_one_exciter_which_is_not_optional(sim: SimulatedBench, tmp_path: Path) -> None:
-    both = {"signal_generator": {"host": "10.0.0.1"}, "shaker_amplifier": {"host": "10.0.0.2"}}
+    usual = tomllib.loads(sim.description.to_toml())
+    link = {**usual["link"], "rack": {"kind": "modbus-tcp", "host": "10.0.0.1"}}
+    pair = {
+        name: {"kind": name, "link": "rack", "unit": unit}
+        for unit, name in enumerate(("signal_generator", "shaker_amplifier"), 1)
+    }
+    both = {"link": link, "device": {**usual["device"], **pair}}
     with pytest.raises(ConfigError, match="shaker drives, and signal_generator with shaker_amplifier as well; a bench"):
         read_bench(written(sim, tmp_path, both))
-    table = tomllib.loads(sim.description.to_toml())["device"]["shaker"]
     with pytest.raises(ConfigError, match=r"device\.shaker: optional: what drives cannot be left out"):
-        read_bench(written(sim, tmp_path, {"device": {"shaker": {**table, "optional": True}}}))
+        read_bench(
+            written(
+                sim,
+                tmp_path,
+                {"device": {**usual["device"], "shaker": {**usual["device"]["shaker"], "optional": True}}},
+            )
+        )
 
 
 def test_a_driver_that_is_no_exciter_or_whose_guard_is_not_that_of_its_contract_is_refused(

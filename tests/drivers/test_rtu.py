@@ -262,9 +262,9 @@ def test_a_part_of_an_echo_whose_check_sum_fits_by_chance_is_no_confirmation() -
 def test_a_simulated_line_answers_no_sooner_than_a_wire_of_its_clients_baud_rate(
     baudrate: int, sim: SimulatedBench
 ) -> None:
-    link = ModbusLink.rtu(sim.description.line.model_copy(update={"baudrate": baudrate}))
+    link = ModbusLink.rtu(sim.description.links["line"].model_copy(update={"baudrate": baudrate}))
     link.open()
-    positioner = Positioner(link, sim.description.positioner.unit, sim.clock)
+    positioner = Positioner(link, 2, sim.clock)
     assert [positioner.get("probe") for _ in range(3)] == [PROBE] * 3
     link.close()
 

@@ -34,7 +34,7 @@ class TestSensorNode(CanopenConformance):
 
 @pytest.fixture
 def listener(sim: SimulatedBench) -> Iterator[can.BusABC]:
-    with can.Bus(interface="virtual", channel=sim.description.can.channel) as bus:
+    with can.Bus(interface="virtual", channel=sim.description.links["can"].channel) as bus:
         yield bus
 
 

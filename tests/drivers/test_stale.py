@@ -15,7 +15,7 @@ from palpate.drivers.devices.positioner import Positioner
 from palpate.drivers.links.can import has_wire
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.sdo import CheckedSdoClient
-from palpate.instrument.bench.usual import CanBus
+from palpate.instrument.bench import links
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.virtual_line import VirtualLine, checked
@@ -157,7 +157,7 @@ def test_an_answer_that_comes_before_two_frames_can_pass_is_none(bitrate: float)
     ],
 )
 def test_a_bus_within_the_machine_may_answer_at_once(bus: dict[str, Any], wire: bool) -> None:
-    assert has_wire(CanBus(**bus, nodes=(1,))) is wire
+    assert has_wire(links.CanLink(**bus)) is wire
 
 
 def test_a_text_that_says_two_things_when_it_is_read_twice_is_not_used() -> None:

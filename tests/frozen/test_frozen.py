@@ -39,7 +39,7 @@ def test_commands_and_their_options_are_those_they_were(monkeypatch: pytest.Monk
     ]
 
 
-def test_old_bench_files_are_read() -> None:
+def test_old_bench_files_are_refused_with_their_new_text() -> None:
     name = "old bench files"
     assert list(differences(read(FROZEN)[name], answers(name, CELLS[name]))) == []
 

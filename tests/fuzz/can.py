@@ -16,7 +16,7 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.sensor_node import SensorNode
 from palpate.drivers.links.can import CanLink, _Listener
 from palpate.drivers.links.sdo import LARGEST_OBJECT
-from palpate.instrument.bench.usual import CanBus
+from palpate.instrument.bench import links
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.pdo import is_relative
 from palpate.instrument.contracts.sensor_node import CONTRACT
@@ -50,7 +50,7 @@ class Transfers:
     """Reads of each object, writes of those that can be written, and the device name."""
 
     def __init__(self) -> None:
-        self.link = CanLink(CanBus(interface="virtual", channel="fuzz", nodes=(NODE,), timeout="1 ms"))
+        self.link = CanLink(links.CanLink(interface="virtual", channel="fuzz", timeout="1 ms"))
         self.link.open()
         self.node = SensorNode(self.link, NODE, WallClock())
         self.node._node = self.link.add_node(NODE)

@@ -7,25 +7,87 @@ from pathlib import Path
 
 import pytest
 
-from palpate.instrument.bench.description import BenchDescription, read_bench
+from palpate.instrument.bench.description import BenchDescription, read_bench, recorded_bench
 from palpate.instrument.config import LARGEST_FILE
+from palpate.instrument.contracts.maps.map_file import Line
 from palpate.instrument.errors import ConfigError
 
 GOOD = """
 name = "bench"
 force_limit = "8 N"
+[link.generator]
+kind = "modbus-tcp"
+host = "10.0.0.1"
+[link.amplifier]
+kind = "modbus-tcp"
+host = "10.0.0.2"
+port = 1502
+[link.line]
+kind = "modbus-rtu"
+port = "/dev/ttyUSB0"
+timeout = "200 ms"
+[link.can]
+kind = "canopen"
+interface = "socketcan"
+channel = "can0"
+[device.signal_generator]
+kind = "signal_generator"
+link = "generator"
+unit = 1
+[device.shaker_amplifier]
+kind = "shaker_amplifier"
+link = "amplifier"
+unit = 1
+[device.strain_indicator]
+kind = "strain_indicator"
+link = "line"
+unit = 1
+[device.positioner]
+kind = "positioner"
+link = "line"
+unit = 2
+[device.node_1]
+kind = "sensor_node"
+link = "can"
+node = 1
+[device.node_2]
+kind = "sensor_node"
+link = "can"
+node = 2
+"""
+CHANGER = """
+[link.changer]
+kind = "modbus-tcp"
+host = "10.0.0.3"
+[device.sample_changer]
+kind = "sample_changer"
+link = "changer"
+unit = 1
+"""
+OLDER = """
+name = "bench"  # with a comment
+force_limit = "8 N"
 [signal_generator]
 host = "10.0.0.1"
 [shaker_amplifier]
-host = "10.0.0.2"
-port = 1502
+host = "10.0.0.1"
+unit = 2
+gain = 1.5
 [line]
 port = "/dev/ttyUSB0"
-timeout = "200 ms"
+[positioner]
+unit = 5
 [can]
 interface = "socketcan"
 channel = "can0"
-nodes = [1, 2]
+nodes = [3, 1]
+[link.rack]
+kind = "modbus-tcp"
+host = "10.0.0.3"
+[device.changer]
+kind = "sample_changer"
+link = "rack"
+unit = 1
 """
 
 
@@ -38,19 +100,71 @@ def written(folder: Path, text: str) -> Path:
 def test_a_bench_file_is_read_with_defaults_and_units(tmp_path: Path) -> None:
     bench = read_bench(written(tmp_path, GOOD))
     assert bench.force_limit == 8.0
-    assert bench.line.timeout == 0.2
-    assert bench.signal_generator.port == 502
-    assert (bench.strain_indicator.unit, bench.positioner.unit) == (1, 2)
-    assert bench.can.nodes == (1, 2)
-    assert bench.sample_changer is None
-    assert "sample_changer" not in bench.to_toml()
+    assert bench.links["line"].timeout == 0.2
+    assert (bench.links["generator"].port, bench.links["generator"].timeout) == (502, 1.0)
+    assert [device.unit for device in bench.devices] == [1, 1, 1, 2, 1, 2]
+    assert bench.devices[1].settings.gain == 2.0
+
+
+def test_a_file_with_older_sections_is_refused_with_its_new_text(tmp_path: Path) -> None:
+    older = written(tmp_path, OLDER)
+    with pytest.raises(ConfigError) as caught:
+        read_bench(older)
+    said, _, text = str(caught.value).partition("\n\n")
+    assert said == (
+        f"{older}: has older sections: signal_generator, shaker_amplifier, line, positioner, can; each link and each "
+        "device has a section of its own now. Write instead (comments are left out):"
+    )
+    bench = read_bench(written(tmp_path, text))
+    assert {name: str(link) for name, link in bench.links.items()} == {
+        "signal_generator": "host='10.0.0.1' port=502 timeout=1.0",  # one connection for both units of the gateway
+        "line": "port='/dev/ttyUSB0' baudrate=115200 parity='N' stopbits=1 timeout=1.0",
+        "can": "interface='socketcan' channel='can0' bitrate=1000000 timeout=1.0",
+        "rack": "host='10.0.0.3' port=502 timeout=1.0",
+    }
+    assert [(device.name, device.link, device.unit) for device in bench.devices] == [
+        ("signal_generator", "signal_generator", 1),
+        ("shaker_amplifier", "signal_generator", 2),
+        ("strain_indicator", "line", 1),
+        ("positioner", "line", 5),
+        ("sensor_node_1", "can", 3),
+        ("sensor_node_2", "can", 1),
+        ("changer", "rack", 1),
+    ]
+    assert bench.devices[1].settings.gain == 1.5
+
+
+@pytest.mark.parametrize("unit", [0, 255])
+def test_a_device_on_tcp_can_be_at_the_unit_that_means_the_address_itself(tmp_path: Path, unit: int) -> None:
+    on_tcp = GOOD.replace('link = "amplifier"\nunit = 1', f'link = "amplifier"\nunit = {unit}')
+    assert read_bench(written(tmp_path, on_tcp)).devices[1].unit == unit
+    on_a_line = GOOD.replace('link = "line"\nunit = 2', f'link = "line"\nunit = {unit}')
+    with pytest.raises(ConfigError, match=f"device.positioner: unit = {unit}: a positioner answers at 1 to 247 alone"):
+        read_bench(written(tmp_path, on_a_line))
+
+
+def test_a_unit_that_no_device_has_is_refused_with_those_that_there_are(tmp_path: Path) -> None:
+    text = GOOD.replace('link = "amplifier"\nunit = 1', 'link = "amplifier"\nunit = 250')
+    with pytest.raises(ConfigError, match=r"unit = 250: .* answers at 1 to 247, and on TCP at 0 or 255, which are the"):
+        read_bench(written(tmp_path, text))
+
+
+@pytest.mark.parametrize("baudrate", [300, 4_000_000])
+def test_a_line_has_any_baud_rate_that_a_map_can_say(tmp_path: Path, baudrate: int) -> None:
+    text = GOOD.replace('port = "/dev/ttyUSB0"', f'port = "/dev/ttyUSB0"\nbaudrate = {baudrate}')
+    assert read_bench(written(tmp_path, text)).links["line"].baudrate == baudrate
+    assert Line(baudrate=baudrate).baudrate == baudrate
 
 
 @pytest.mark.parametrize(
     ("link", "address", "says"),
     [
-        ('kind = "modbus-tcp"\nhost = "10.0.0.2"\nport = 1502', "unit = 1", "shaker_amplifier and spare both have"),
-        ('kind = "modbus-rtu"\nport = "/dev/ttyUSB0"', "unit = 9", "link.far: line is the same serial line; put its"),
+        (
+            'kind = "modbus-tcp"\nhost = "10.0.0.2"\nport = 1502',
+            "unit = 1",
+            "link.far: amplifier is the same TCP address; write one [link.NAME] for both",
+        ),
+        ('kind = "modbus-rtu"\nport = "/dev/ttyUSB0"', "unit = 9", "link.far: line is the same serial line; write one"),
         (
             'kind = "canopen"\ninterface = "socketcan"\nchannel = "can0"',
             "node = 9",
@@ -80,11 +194,13 @@ def test_neither_half_of_an_exciter_is_optional(tmp_path: Path, optional: str) -
         read_bench(written(tmp_path, text))
 
 
-@pytest.mark.parametrize("more", ["", '[sample_changer]\nhost = "10.0.0.3"\n'])
-def test_a_written_bench_file_reads_back_the_same(tmp_path: Path, more: str) -> None:
-    bench = read_bench(written(tmp_path, GOOD + more))
-    assert (bench.sample_changer is not None) == bool(more)
-    assert read_bench(written(tmp_path, bench.to_toml())) == bench
+@pytest.mark.parametrize("more", ["", CHANGER])
+def test_a_written_bench_file_reads_back_the_same_and_has_every_key(tmp_path: Path, more: str) -> None:
+    text = read_bench(written(tmp_path, GOOD + more)).to_toml()
+    assert 'baudrate = 115200\nparity = "N"' in text
+    assert 'gain = 2.0\ncurrent_limit = "5.0 A"' in text
+    assert ("sample_changer" in text) == bool(more)
+    assert read_bench(written(tmp_path, text)).to_toml() == text
 
 
 @pytest.mark.parametrize(
@@ -94,12 +210,12 @@ def test_a_written_bench_file_reads_back_the_same(tmp_path: Path, more: str) -> 
         ('force_limit = "8 N"', "force_limit = 8", r"force_limit: 8 needs a unit"),
         ('force_limit = "8 N"', 'force_limit = "-1 N"', "force_limit: .* is too small; give more than 0 N"),
         ('force_limit = "8 N"', 'force_limt = "8 N"', r"force_limt: unknown key \(did you mean 'force_limit'\?\)"),
-        ("port = 1502", "prot = 1502", r"shaker_amplifier.prot: unknown key \(did you mean 'port'\?\)"),
-        ("port = 1502", "port = 70000", "shaker_amplifier.port: 70000 is too large; give at most 65535"),
-        ("nodes = [1, 2]", "nodes = [1, 1]", r"can.nodes: node ids \[1, 1\] repeat"),
-        ("nodes = [1, 2]", "nodes = [0]", r"can.nodes.0: "),
-        ("nodes = [1, 2]", "nodes = []", r"can.nodes: "),
-        ('host = "10.0.0.1"', "", r"signal_generator.host: is missing"),
+        ("port = 1502", "prot = 1502", r"link.amplifier: prot: unknown key \(did you mean 'port'\?\)"),
+        ("port = 1502", "port = 70000", "link.amplifier: port: 70000 is too large; give at most 65535"),
+        ("node = 2", "node = 1", r"node_1 and node_2 both have the address 1 on can"),
+        ("node = 2", "node = 0", r"device.node_2: node: 0 is too small"),
+        ("node = 2", "unit = 2", r"device.node_2: a device on link can needs a node and must have no unit"),
+        ('host = "10.0.0.1"', "", r"link.generator: host: is missing"),
         ('name = "bench"', "name = ", r"is not TOML"),
     ],
 )
@@ -112,10 +228,53 @@ def test_a_bad_key_is_named_with_file_value_and_remedy(tmp_path: Path, old: str,
 
 
 def test_all_problems_of_a_file_come_at_once(tmp_path: Path) -> None:
-    path = written(tmp_path, GOOD.replace("port = 1502", "port = 0").replace("8 N", "8 kPa"))
+    path = written(tmp_path, GOOD.replace("port = 1502", "port = 0").replace("200 ms", "200 mV"))
     with pytest.raises(ConfigError) as caught:
         read_bench(path)
     assert len(str(caught.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("limit", "stood", "says"),
+    [
+        (
+            "1e6 N",
+            "",
+            "force_limit: 1e+06 N is more than load cell, sensor and samples are known to stand (20 N)",
+        ),
+        ("20.1 N", "", 'or write what those of this bench stand: withstands = "FORCE" at the top'),
+        ("51 N", "50 N", "force_limit: 51 N is more than load cell, sensor and samples are known to stand (50 N)"),
+        ("1e6 N", "1e6 N", "withstands: '1e6 N' is too large; give at most 1000 N"),
+        ("5 N", "5 N", "withstands: '5 N' is too small; give more than 20 N"),
+    ],
+)
+def test_a_force_limit_above_what_is_known_to_be_stood_is_refused(
+    tmp_path: Path, limit: str, stood: str, says: str
+) -> None:
+    given = f'"{limit}"\n' + (f'withstands = "{stood}"' if stood else "")
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        read_bench(written(tmp_path, GOOD.replace('"8 N"', given)))
+
+
+def test_a_force_limit_above_it_is_recorded_with_the_line_that_allows_it(tmp_path: Path) -> None:
+    assert "withstands" not in read_bench(written(tmp_path, GOOD)).to_toml()
+    bench = read_bench(written(tmp_path, GOOD.replace('"8 N"', '"40 N"\nwithstands = "50 N"')))
+    assert 'force_limit = "40.0 N"\nwithstands = "50.0 N"' in bench.to_toml()
+
+
+def test_a_silent_device_is_not_waited_for_longer_than_the_watchdog_or_the_program_allows(tmp_path: Path) -> None:
+    late = GOOD.replace("port = 1502", 'port = 1502\ntimeout = "1.1 s"').replace("200 ms", "10 s")
+    path = written(tmp_path, late)
+    with pytest.raises(ConfigError) as caught:
+        read_bench(path)
+    assert str(caught.value).splitlines() == [
+        f"{path}: link.amplifier: timeout = 1.1 s: a device that falls silent is waited for 2.2 s, and the watchdog of "
+        'shaker_amplifier (2 s) is not fed meanwhile; write timeout = "1 s" or less',
+        f"{path}: link.line: timeout = 10 s: a device that falls silent is waited for 40 s, and after 20 s this "
+        'program counts as hanging, so that the watchdog of shaker_amplifier acts; write timeout = "5 s" or less',
+    ]
+    written(tmp_path, recorded_bench(late, "a run").patient().to_toml())
+    assert [link.timeout for link in read_bench(path).links.values()] == [1.0, 1.0, 5.0, 1.0]
 
 
 def test_a_missing_file_text_that_is_none_and_a_huge_file_are_refused(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_a_wrong_value_is_told_with_what_is_allowed(key: str, value: object, mes
 @pytest.mark.parametrize(
     ("place", "key", "value", "message"),
     [
-        (("device", "load_cell"), "unit", 300, "device.load_cell: unit: 300 is too large; give at most 247"),
+        (("device", "load_cell"), "unit", 300, "device.load_cell: unit: 300 is too large; give at most 255"),
         (("device", "films"), "node", 128, "device.films: node: 128 is too large; give at most 127"),
         (("device", "films"), "inventry", "A", "unknown key (did you mean 'inventory'?); valid: confirmed, inventory,"),
         (("device", "load_cell"), "span", 1e-300, "1e-300 is too small; give at least 1e-06: the mV of the load cell"),

@@ -196,7 +196,7 @@ def lab(sim: SimulatedBench, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(session, "WallClock", lambda _begun: sim.clock)
     monkeypatch.setattr(session, "ConsoleOperator", Person)
     monkeypatch.setattr(operator, "at_terminal", lambda: sys.stdin is not None)
-    Path("lab.toml").write_text(sim.description.to_toml(), encoding="utf-8")
+    Path("lab.toml").write_text(sim.description.patient().to_toml(), encoding="utf-8")
     return "lab.toml"
 
 

@@ -18,6 +18,7 @@ from palpate.simulators import bench as simulated_bench
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.wire.modbus import ServerThread
 from tests.conftest import hasty
+from tests.drivers.benches import altered
 from tests.procedures.conftest import Benches, Palpate, outputs
 
 SWEEP = ("sweep", "loads")
@@ -37,33 +38,44 @@ def bench_file(description: BenchDescription) -> str:
 
 
 @pytest.mark.parametrize(
-    ("part", "update", "message"),
+    ("form", "name", "update", "message"),
     [
-        ("signal_generator", {"port": None}, "nothing answers at 127.0.0.1:"),
-        ("shaker_amplifier", {"port": None}, "nothing answers at 127.0.0.1:"),
-        ("line", {"port": "/dev/ttyNONE"}, "there is no serial port /dev/ttyNONE"),
-        ("strain_indicator", {"unit": 9}, "unit 9: no valid answer"),
-        ("can", {"nodes": (9,)}, "sensor node 9 at virtual:"),
-        ("can", {"interface": "socketcan", "channel": "can_none"}, "CAN bus socketcan:can_none cannot be opened"),
-        ("positioner", {"unit": 9}, "unit 9: no valid answer"),
+        ("link", "signal_generator", {"port": None}, "nothing answers at 127.0.0.1:"),
+        ("link", "shaker_amplifier", {"port": None}, "nothing answers at 127.0.0.1:"),
+        ("link", "line", {"port": "/dev/ttyNONE"}, "there is no serial port /dev/ttyNONE"),
+        ("device", "strain_indicator", {"unit": 9}, "unit 9: no valid answer"),
+        ("device", "sensor_node_1", {"node": 9}, "sensor node 9 at virtual:"),
+        (
+            "link",
+            "can",
+            {"interface": "socketcan", "channel": "can_none"},
+            "CAN bus socketcan:can_none cannot be opened",
+        ),
+        ("device", "positioner", {"unit": 9}, "unit 9: no valid answer"),
     ],
 )
 def test_an_absent_device_is_named(
-    palpate: Palpate, lab: str, sim: SimulatedBench, closed_port: int, part: str, update: dict[str, Any], message: str
+    palpate: Palpate,
+    lab: str,
+    sim: SimulatedBench,
+    closed_port: int,
+    form: str,
+    name: str,
+    update: dict[str, Any],
+    message: str,
 ) -> None:
     update = {key: closed_port if value is None else value for key, value in update.items()}
-    section = getattr(sim.description, part).model_copy(update=update)
-    said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={part: section})))
+    said = palpate(*SWEEP, "--bench", bench_file(altered(sim.description, **{form: {name: update}})))
     assert said.status == 1
     assert message in said.complaint
     assert nothing_in_runs()
 
 
 def test_two_devices_of_one_number_on_a_line_are_refused(palpate: Palpate, lab: str, sim: SimulatedBench) -> None:
-    section = sim.description.strain_indicator.model_copy(update={"unit": sim.description.positioner.unit})
-    said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={"strain_indicator": section})))
+    device = {**sim.description.device, "positioner": {"kind": "positioner", "link": "line", "unit": 1}}
+    said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={"device": device})))
     assert (said.status, said.complaint) == (
-        2, "lab.toml: strain_indicator and positioner both have the address 2 on line; correct one",
+        2, "lab.toml: strain_indicator and positioner both have the address 1 on line; correct one",
     )  # fmt: skip
     assert nothing_in_runs()
 

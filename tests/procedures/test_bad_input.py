@@ -259,7 +259,7 @@ def test_a_wrong_value_of_a_scene_is_named(palpate: Palpate, old: str, new: str,
         ('force_limit = "10.0 N"', "force_limit = 10.0", "force_limit: 10.0 needs a unit"),
         ('force_limit = "10.0 N"', 'force_limit = "10 kPa"', "force_limit: '10 kPa' is in kPa where N belongs"),
         ('force_limit = "10.0 N"', 'force_limit = "-1 N"', "force_limit: "),
-        ("baudrate = 4000000", "baudrate = 1", "line.baudrate: "),
+        ("baudrate = 4000000", "baudrate = 1", "link.line: baudrate: 1 is too small; give at least 300"),
         ("unit = 1", "unit = 300", "unit: "),
     ],
 )

@@ -46,8 +46,8 @@ def test_a_run_without_an_optional_device_is_replayed_without_it(
     palpate: Palpate, lab: str, closed_port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tables = tomllib.loads(Path(lab).read_text(encoding="utf-8"))
-    tables["link"] = {"far": {"kind": "modbus-tcp", "host": "127.0.0.1", "port": closed_port}}
-    tables["device"] = {"ring": {"kind": "sample_changer", "link": "far", "unit": 1, "optional": True}}
+    tables["link"]["far"] = {"kind": "modbus-tcp", "host": "127.0.0.1", "port": closed_port}
+    tables["device"]["ring"] = {"kind": "sample_changer", "link": "far", "unit": 1, "optional": True}
     Path(lab).write_text(tomli_w.dumps(tables), encoding="utf-8")
     first, second = same_again(palpate, monkeypatch, *SWEEP, "--bench", lab, "--assume-mounted")
     assert first.digest() == second.digest()

@@ -75,17 +75,32 @@ def test_a_device_is_found_with_its_map_and_the_bench_file_can_be_used(
     assert (listed.kind.name, listed.unit) == ("my-oven", 1)
 
 
+@pytest.mark.parametrize(("units", "found"), [("255", 255), ("0", 0), ("3-4", 0)])
+def test_a_device_is_found_at_the_unit_that_means_its_address_itself(
+    palpate: Palpate, oven: tuple[Path, int], tmp_path: Path, units: str, found: int
+) -> None:
+    path, port = oven
+    out = tmp_path / "begun.toml"
+    spoken = palpate(
+        "bus", "scan", f"--tcp=127.0.0.1:{port}", f"--units={units}", f"--map={path}", f"--out={out}", "--json"
+    )
+    (device,) = json.loads(spoken.out)["devices"]
+    assert (device["unit"], device["fits"]) == (found, ["my-oven"])
+    assert read_bench(out).devices[0].unit == found
+
+
 def test_what_is_impossible_is_refused_before_anything_is_sent(palpate: Palpate) -> None:
     for arguments, message in (
-        (["--units=0-3", "--tcp=localhost"], "0 is asked by itself where no other answers"),
-        (["--units=4-2", "--tcp=localhost"], "is not within 1 to 247"),
+        (["--units=0-3", "--line=/dev/null"], "0 is asked by itself where no other answers"),
+        (["--units=4-2", "--tcp=localhost"], "is not within 0 to 247 and 255"),
+        (["--units=255", "--line=/dev/null"], "is not within 1 to 247"),
         (["--nodes=128", "--can=virtual:x"], "is not within 1 to 127"),
         ([], "nothing to search"),
         (["--tcp=a b:c:d"], "is no address"),
         (["--tcp=host:70000"], "70000"),
         (["--line=/dev/null", "--line=/dev/null"], "is given twice"),
         (["--line=/dev/null", "--baudrates=fast"], "'fast' is no rate"),
-        (["--line=/dev/null", "--baudrates=300"], "300"),
+        (["--line=/dev/null", "--baudrates=299"], "299"),
         (["--line=/dev/null", "--parities=X"], "'X' is no parity"),
         (["--tcp=localhost", "--timeout=0 s"], "--timeout 0 s is outside"),
         (["--can=gs_usb:0"], "cannot be told only to listen"),

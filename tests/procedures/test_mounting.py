@@ -52,7 +52,9 @@ def test_without_a_terminal_nothing_is_asked_of_a_bench_on_which_nobody_could_co
     for (command, work), console in zip(BY_HAND.items(), itertools.cycle([StringIO("1\n" * 99), None])):
         monkeypatch.setattr(sys, "stdin", console)
         design = "common_base" if "position" in command else "single"
-        Path(headless).write_text(sim.description.model_copy(update={"design": design}).to_toml(), encoding="utf-8")
+        Path(headless).write_text(
+            sim.description.patient().model_copy(update={"design": design}).to_toml(), encoding="utf-8"
+        )
         said = palpate(*command, "--bench", headless)
         assert (said.status, sim.servers.transactions) == (2, 0)
         assert said.complaint.startswith(
@@ -87,7 +89,7 @@ def test_a_changer_that_is_absent_mounts_nothing(palpate: Palpate, headless: str
     tables = tomllib.loads(Path(headless).read_text(encoding="utf-8"))
     changer = {"kind": "sample_changer", "link": "changer", "unit": 1, "optional": True}
     link = {"kind": "modbus-tcp", "host": "127.0.0.1", "port": closed_port}
-    tables |= {"link": {"changer": link}, "device": {"ring": changer}}
+    tables["link"]["changer"], tables["device"]["ring"] = link, changer
     Path(headless).write_text(tomli_w.dumps(tables), encoding="utf-8")
     said = palpate(*SWEEP, "--bench", headless)
     assert (said.status, said.complaint.split(" and")[0]) == (2, "a person mounts the samples on this bench")

@@ -43,7 +43,7 @@ def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
 
 def test_a_bench_file_with_a_sample_changer_tells_its_time(sim: SimulatedBench, tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
-    file.write_text(sim.description.to_toml(), encoding="utf-8")
+    file.write_text(sim.description.patient().to_toml(), encoding="utf-8")
     assert choose(file).target.mounts == CHANGER
     assert choose(None).target.mounts == BY_HAND
     unknown = replace(KINDS["sample_changer"], exchange=None)

@@ -13,8 +13,9 @@ from tests.procedures.conftest import Palpate
 
 BENCH = """name = "lab"
 force_limit = "10 N"
-line = {port = "/dev/none"}
-can = {interface = "virtual", channel = "x"}
+[link.line]
+kind = "modbus-rtu"
+port = "/dev/none"
 """
 
 
@@ -32,17 +33,17 @@ def files(palpate: Palpate) -> None:
     [
         (
             ("calibrate", "accept", "bench.toml"),
-            "bench.toml: is no calibration of a load cell: it has can, force_limit,",
+            "bench.toml: is no calibration of a load cell: it has force_limit, link, name,",
         ),
         (("calibrate", "accept", "scene.toml"), "scene.toml: is no calibration of a load cell: it has design, "),
         (("sweep", "loads", "--bench", "scene.toml"), "scene.toml: is no bench: it has "),
         (("sweep", "loads", "--bench", "cell.toml"), "cell.toml: is no bench: it has astm_e74, "),
         (
             ("sweep", "loads", "--scene", "bench.toml"),
-            "bench.toml: is no scene: it has can, force_limit, line, and it l",
+            "bench.toml: is no scene: it has force_limit, link, and it l",
         ),
         (("sweep", "loads", "--scene", "study.toml"), "study.toml: is no scene: it has axes, "),
-        (("study", "bench.toml"), "bench.toml: is no study: it has can, force_limit, line, and it lacks axes; give"),
+        (("study", "bench.toml"), "bench.toml: is no study: it has force_limit, link, and it lacks axes; give"),
         (("study", "cell.toml"), "cell.toml: is no study: it has astm_e74, "),
         (("runs", "show", "bench.toml"), "bench.toml is a file, and no run; give the folder of a run"),
     ],
@@ -55,5 +56,5 @@ def test_a_file_of_another_kind_is_named_as_such(palpate: Palpate, words: tuple[
 
 
 def test_a_few_wrong_keys_are_still_told_one_by_one(palpate: Palpate) -> None:
-    Path("bench.toml").write_text(BENCH + 'watchdgo = "2 s"\n', encoding="utf-8")
+    Path("bench.toml").write_text('watchdgo = "2 s"\n' + BENCH, encoding="utf-8")
     assert "watchdgo: unknown key (did you mean 'watchdog'?)" in palpate("sweep", "loads", "--bench", "bench.toml").err

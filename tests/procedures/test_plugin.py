@@ -111,7 +111,7 @@ def test_busy(bench):
 
 
 def test_on_a_real_bench_what_needs_a_simulation_is_skipped(pytester: pytest.Pytester, sim: SimulatedBench) -> None:
-    (pytester.path / "lab.toml").write_text(sim.description.to_toml(), encoding="utf-8")
+    (pytester.path / "lab.toml").write_text(sim.description.patient().to_toml(), encoding="utf-8")
     result = run(
         pytester,
         f"""

@@ -121,6 +121,20 @@ def test_what_the_policy_stops_is_not_repeated() -> None:
     assert (len(calls), told) == (1, [])
 
 
+def test_where_the_watchdog_trips_while_a_silent_device_is_waited_for_that_device_is_told_first() -> None:
+    with attended() as (sim, bench, _told):
+
+        def step() -> None:
+            sim.amplifier.trip("watchdog")
+            raise LinkTimeout("sensor node 1: no valid answer within 10 s")
+
+        with pytest.raises(SafetyError) as caught:
+            carry_out(bench, "a step", step)
+    said = str(caught.value)
+    assert said.startswith("a step: sensor node 1: no valid answer within 10 s; ")
+    assert re.search(r"\. After that, shaker amplifier at .*: tripped on watchdog; the output is off$", said)
+
+
 def test_a_bench_that_nobody_attends_raises_the_first_failure(bench: Bench, sim: SimulatedBench) -> None:
     calls: list[int] = []
 

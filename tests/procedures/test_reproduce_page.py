@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from skfem import ElementQuadP
 
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.bench.usual import RtuAddress, TcpAddress
 from palpate.instrument.models.evidence import REPEATS, Evidence
 from palpate.instrument.models.foundation import springs
 from palpate.instrument.sensor.designs import get_design
@@ -50,12 +49,19 @@ from tests.procedures.test_reproduce_all import pressed, row, swept, weighed
 BENCH = BenchDescription.model_validate(
     {
         "name": "drawn",
-        "signal_generator": {"host": "here", "unit": 7},
-        "shaker_amplifier": {"host": "here", "unit": 8},
-        "line": {"port": "/dev/line", "baudrate": 57600},
-        "strain_indicator": {"unit": 11},
-        "positioner": {"unit": 12},
-        "can": {"interface": "virtual", "channel": "here", "nodes": [3, 4]},
+        "link": {
+            "rack": {"kind": "modbus-tcp", "host": "here"},
+            "line": {"kind": "modbus-rtu", "port": "/dev/line", "baudrate": 57600},
+            "can": {"kind": "canopen", "interface": "virtual", "channel": "here"},
+        },
+        "device": {
+            "signal_generator": {"kind": "signal_generator", "link": "rack", "unit": 7},
+            "shaker_amplifier": {"kind": "shaker_amplifier", "link": "rack", "unit": 8},
+            "strain_indicator": {"kind": "strain_indicator", "link": "line", "unit": 11},
+            "positioner": {"kind": "positioner", "link": "line", "unit": 12},
+            "sensor_node_1": {"kind": "sensor_node", "link": "can", "node": 3},
+            "sensor_node_2": {"kind": "sensor_node", "link": "can", "node": 4},
+        },
     }
 )
 
@@ -470,7 +476,10 @@ def test_the_set_up_is_that_of_the_bench(whole: Whole, tmp_path: Path, monkeypat
     assert "sample changer" not in texts(axes)
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
-    other = BENCH.model_copy(update={"sample_changer": TcpAddress(host="here"), "positioner": RtuAddress(unit=9)})
+    changer = {"kind": "sample_changer", "link": "rack", "unit": 1}
+    positioner = {"kind": "positioner", "link": "line", "unit": 9}
+    devices = {**BENCH.device, "sample_changer": changer, "positioner": positioner}
+    other = BENCH.model_copy(update={"device": devices})
     setup.draw(Measured(other, {}, {}, {}, {}), tmp_path)
     assert {"sample changer", "unit 9", "mounts"} <= set(texts(drawn[0].axes[0]))
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,11 @@ import pytest
 from rich.console import Console
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.description import read_bench
+from palpate.instrument.contracts.shaker_amplifier import CONTRACT as AMPLIFIER
+from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab import open as session
@@ -249,8 +254,8 @@ def test_json_says_where_everything_is(palpate: Palpate, monkeypatch: pytest.Mon
         ).object
     assert (found["scene"], found["seed"], found["speed"], found["bench_file"]) == ("thesis_single", 3, 1.0, "b.toml")
     assert found["bench"] == read_bench(Path("b.toml")).model_dump(mode="json")
-    assert found["bench"]["can"]["channel"] == "mine"
-    assert found["bench"]["line"]["port"] == str(Path("line").absolute())
+    assert found["bench"]["link"]["can"]["channel"] == "mine"
+    assert found["bench"]["link"]["line"]["port"] == str(Path("line").absolute())
     assert not Path("line").is_symlink()
 
 
@@ -265,9 +270,25 @@ def test_the_watchdog_of_a_fast_bench_counts_the_time_of_its_clients(wish: Wish)
         assert not sim.amplifier.settings["enable"]
 
 
+def test_a_stranger_cannot_tell_the_owners_ticket_from_his_own(wish: Wish) -> None:
+    with serving(wish) as served:
+        link = ModbusLink.tcp(served.description.links["shaker_amplifier"])
+        link.open()
+        amplifier = ModbusDevice(link, 1, served.sim.clock, AMPLIFIER)
+        owners = int(amplifier.get("ticket"))
+        amplifier.set(token=owners, counter=1)
+        tickets = [int(amplifier.get("ticket")) for _ in range(3)]
+        steps = {(later - before) % 2**32 for before, later in pairwise(tickets)}
+        for step in steps:  # one that is constant leads from his first ticket to the owner's
+            with pytest.raises(DeviceError, match="device busy"):
+                amplifier.set(release=(tickets[0] - step) % 2**32)
+        assert amplifier.get("status") == 2.0  # it is still owned
+        link.close()
+
+
 def test_a_name_for_the_line_leads_to_its_terminal(wish: Wish, tmp_path: Path) -> None:
     with serving(replace(wish, line=tmp_path / "line")) as served:
-        assert str((tmp_path / "line").readlink()) == served.sim.description.line.port
+        assert str((tmp_path / "line").readlink()) == served.sim.description.links["line"].port
 
 
 def test_a_scene_file_that_changes_while_it_is_served_changes_nothing(
@@ -327,7 +348,7 @@ def test_the_page_shows_outputs_readings_faults_and_traffic(wish: Wish) -> None:
     with (
         serving(wish) as served,
         socket.create_connection(
-            (served.description.signal_generator.host, served.description.signal_generator.port)
+            (served.description.links["signal_generator"].host, served.description.links["signal_generator"].port)
         ) as client,
     ):
         sim = served.sim

@@ -9,13 +9,18 @@ from queue import SimpleQueue
 
 import can
 import pytest
+from can.interfaces.udp_multicast.bus import GeneralPurposeUdpMulticastBus
 
 from palpate.drivers.links.can import CanLink
+from palpate.instrument.bench import links
 from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
 from palpate.instrument.contracts.contract import PROBE
 from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import Place
 from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.can_bus import own_channel
+
+PORT = 43113  # of python-can's multicast buses
 
 
 @pytest.fixture
@@ -26,14 +31,14 @@ def wish(scene: Scene, nothing_left_behind: None) -> Wish:
 @contextmanager
 def plain_bus(channel: str) -> Iterator[can.BusABC]:
     with can.Bus(interface=MULTICAST, channel=channel, hop_limit=0) as bus:
-        keep_to_group(bus.fileno())
+        keep_to_group(bus)
         yield bus
 
 
 def test_a_plain_can_master_on_multicast_sees_each_sync_sampled_once(wish: Wish) -> None:
     """The server's own SYNC comes back to it there, and is none of the master's."""
     with serving(wish) as served:
-        channel = served.description.can.channel
+        channel = served.description.links["can"].channel
         with plain_bus(channel) as bus:
             answers = _Answers(bus)
             answers.ask(0x601, "2f 00 00 00 00 00 00 00", 0x581)  # no such object
@@ -49,14 +54,51 @@ def test_a_plain_can_master_on_multicast_sees_each_sync_sampled_once(wish: Wish)
     assert counters == [1, 2, 3, 4]
 
 
-def test_rubbish_on_multicast_ends_nothing(wish: Wish) -> None:
+def send_rubbish(channel: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as rude:
+        rude.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        for data in (b"", b"\xc1\xc1", b"\x93\x01", b"\x81\xa3dlc\x63", bytes(5000)):
+            rude.sendto(data, (channel, PORT))
+
+
+def test_rubbish_on_multicast_ends_neither_the_bench_nor_its_client(wish: Wish) -> None:
     with serving(wish) as served:
-        channel = served.description.can.channel
+        link = CanLink(served.description.links["can"])
+        link.open()
+        node = link.add_node(1)
+        for _ in range(3):
+            send_rubbish(served.description.links["can"].channel)
+            assert link.upload("it", node, 0x2000, 0) == PROBE.to_bytes(4, "little")
+        link.close()
+
+
+def test_frames_of_another_bench_that_come_while_a_bus_is_opened_are_not_heard(
+    monkeypatch: pytest.MonkeyPatch, nothing_left_behind: None
+) -> None:
+    theirs, ours, heard = own_channel(MULTICAST), own_channel(MULTICAST), SimpleQueue[int]()
+    begin = GeneralPurposeUdpMulticastBus.__init__
+    with plain_bus(theirs) as other, plain_bus(ours) as own:
+
+        def meanwhile(bus: GeneralPurposeUdpMulticastBus, *arguments: object) -> None:
+            begin(bus, *arguments)  # its socket is bound from here on, and set up later
+            other.send(_frame(0x000, "81 00"))  # resets all nodes
+            send_rubbish(theirs)
+
+        monkeypatch.setattr(GeneralPurposeUdpMulticastBus, "__init__", meanwhile)
+        link = CanLink(links.CanLink(interface=MULTICAST, channel=ours))
+        link.tap(lambda _sent, frame: heard.put(frame.arbitration_id))
+        link.open()
+        own.send(_frame(0x123, ""))
+        first = heard.get(timeout=10)
+        link.close()
+    assert first == 0x123
+
+
+def test_rubbish_on_multicast_ends_no_exchange_with_a_plain_master(wish: Wish) -> None:
+    with serving(wish) as served:
+        channel = served.description.links["can"].channel
         with plain_bus(channel) as bus:
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as rude:
-                rude.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
-                for data in (b"", b"\xc1\xc1", b"\x93\x01"):
-                    rude.sendto(data, (channel, 43113))
+            send_rubbish(channel)
             for data in ("", "01", "40 00 10"):
                 bus.send(_frame(0x000, data[:2]))
                 bus.send(_frame(0x601, data))
@@ -67,10 +109,13 @@ def test_rubbish_on_multicast_ends_nothing(wish: Wish) -> None:
 def test_benches_side_by_side_on_multicast_do_not_hear_each_other(wish: Wish) -> None:
     heard: SimpleQueue[int] = SimpleQueue()  # its thread may tell of an answer after who asked has it
     with serving(wish) as one, serving(wish) as other:
-        link = CanLink(one.description.can)
+        link = CanLink(one.description.links["can"])
         link.tap(lambda _sent, frame: heard.put(frame.arbitration_id))
         link.open()
-        with plain_bus(other.description.can.channel) as of_theirs, plain_bus(one.description.can.channel) as of_own:
+        with (
+            plain_bus(other.description.links["can"].channel) as of_theirs,
+            plain_bus(one.description.links["can"].channel) as of_own,
+        ):
             assert _Answers(of_theirs).ask(0x601, "40 00 10 00 00 00 00 00", 0x581).startswith("430010")
             assert _Answers(of_own).ask(0x601, "40 00 20 00 00 00 00 00", 0x581).startswith("430020")
         link.upload("it", link.add_node(1), 0x2000, 0)

@@ -30,7 +30,7 @@ def test_a_point_that_a_second_client_spoils_and_puts_right_between_two_looks_is
     acquire, spoilt, dwell = Films.acquire, [False], 0.3
 
     with SimulatedBench(scene_of(IDEAL_SCENE, tmp_path)) as sim, ExitStack() as stack:
-        address = sim.description.signal_generator
+        address = sim.description.links["signal_generator"]
         other = ModbusTcpClient(address.host, port=address.port)
         stack.callback(other.close)
         assert other.connect()

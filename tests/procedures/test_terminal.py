@@ -13,7 +13,7 @@ import pytest
 
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
-from palpate.instrument.bench.usual import TcpAddress
+from palpate.instrument.bench.links import TcpLink
 from palpate.instrument.errors import LinkError
 from palpate.procedures.console.terminal import clean, console
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
@@ -124,7 +124,7 @@ def test_a_link_that_fails_for_want_of_files_says_so(monkeypatch: pytest.MonkeyP
     def full(*_: Any, **__: Any) -> int:
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
-    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=9))
+    link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=9))
     monkeypatch.setattr(link._client, "connect", lambda: False)
     monkeypatch.setattr(os, "open", full)
     with pytest.raises(LinkError, match=r"cannot be opened: Too many open files in this program; .* ulimit -n"):

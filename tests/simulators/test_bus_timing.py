@@ -134,7 +134,7 @@ def test_a_frame_on_the_line_takes_11_bits_a_character_and_is_followed_by_silenc
 def test_a_transaction_takes_request_and_reply_of_the_benchs_clock(scene: Scene, baudrate: str) -> None:
     timing = SerialTiming(baudrate=baudrate)
     with opened(scene, ("serial_timing", timing)) as bench:
-        assert bench.description.line.baudrate == int(timing.baudrate)
+        assert bench.description.links["line"].baudrate == int(timing.baudrate)
         start = bench.clock.now_ns()
         bench.device("positioner").get("position")  # two registers: 8 bytes out, 9 back
         read = bench.clock.now_ns()

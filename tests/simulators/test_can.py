@@ -27,7 +27,7 @@ SATURATED = bytes.fromhex("01 FF 04 00 00 00 00 00")  # code FF01h, voltage bit 
 
 @pytest.fixture
 def listener(sim: SimulatedBench) -> Iterator[can.BusABC]:
-    with can.Bus(interface="virtual", channel=sim.description.can.channel) as bus:
+    with can.Bus(interface="virtual", channel=sim.description.links["can"].channel) as bus:
         yield bus
 
 
@@ -161,7 +161,7 @@ def test_a_node_samples_at_the_sync_of_a_master(sim: SimulatedBench, bench: Benc
 def test_frames_come_sync_by_sync(scene: Scene) -> None:
     with (
         SimulatedBench(replace(scene, nodes=2)) as sim,
-        can.Bus(interface="virtual", channel=sim.description.can.channel) as listener,
+        can.Bus(interface="virtual", channel=sim.description.links["can"].channel) as listener,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
         acquire(bench.all(SensorNode), 0.003)

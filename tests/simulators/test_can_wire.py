@@ -20,7 +20,7 @@ class Master:
 
     def __init__(self, sim: SimulatedBench) -> None:
         self.sim = sim
-        bus = sim.description.can
+        bus = sim.description.links["can"]
         self._bus = can.Bus(interface=bus.interface, channel=bus.channel)
 
     def close(self) -> None:

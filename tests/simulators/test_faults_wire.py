@@ -89,7 +89,7 @@ def test_faults_of_a_connection_withstand_what_any_client_sends(scene: Scene, ca
     for kind in TCP:
         faults = parse_faults([{"kind": kind, "on": "signal_generator", "probability": 1.0}], places(1), "here")
         with SimulatedBench(replace(scene, faults=faults)) as sim, ExitStack() as stack:
-            generator = sim.description.signal_generator
+            generator = sim.description.links["signal_generator"]
             assert generator is not None
             address = generator.host, generator.port
             clients = [stack.enter_context(socket.create_connection(address, 5.0)) for _ in requests]
@@ -111,7 +111,7 @@ def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: 
         SimulatedBench(struck, Place("127.0.0.2", port)) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
-        links = (sim.description.signal_generator, sim.description.shaker_amplifier)
+        links = (sim.description.links["signal_generator"], sim.description.links["shaker_amplifier"])
         assert [(link.host, link.port) for link in links] == [("127.0.0.2", port), ("127.0.0.2", port + 1)]
         sim.clock.wait(1.0)
         with pytest.raises(LinkError):
@@ -130,7 +130,7 @@ def test_a_refused_connection_comes_back_while_another_request_waits_for_the_clo
         sim.clock.wait(1.0)
         with pytest.raises(LinkError):
             bench.device("signal_generator").read()
-        amplifier = sim.description.shaker_amplifier
+        amplifier = sim.description.links["shaker_amplifier"]
         with socket.create_connection((amplifier.host, amplifier.port)) as client:
             with sim.clock.lock:
                 client.sendall(bytes.fromhex("0001 0000 0006 01 03 0000 0001"))

@@ -11,7 +11,7 @@ import pytest
 
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.usual import TcpAddress
+from palpate.instrument.bench.links import TcpLink
 from palpate.instrument.contracts.contract import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
@@ -27,22 +27,22 @@ def framed(pdu: bytes, transaction: int = 7) -> bytes:
 
 
 @pytest.fixture
-def address(scene: Scene) -> Iterator[TcpAddress]:
+def address(scene: Scene) -> Iterator[TcpLink]:
     with SimulatedBench(scene) as simulated:
-        yield simulated.description.signal_generator
+        yield simulated.description.links["signal_generator"]
 
 
 @pytest.fixture
-def own(address: TcpAddress) -> Iterator[SignalGenerator]:
+def own(address: TcpLink) -> Iterator[SignalGenerator]:
     """The bench's own client, connected."""
     link = ModbusLink.tcp(address.model_copy(update={"timeout": 10.0}))
     link.open()
-    yield SignalGenerator(link, address.unit, VirtualClock())
+    yield SignalGenerator(link, 1, VirtualClock())
     link.close()
 
 
 @contextlib.contextmanager
-def clients(address: TcpAddress, count: int, says: bytes = b"") -> Iterator[list[socket.socket]]:
+def clients(address: TcpLink, count: int, says: bytes = b"") -> Iterator[list[socket.socket]]:
     with contextlib.ExitStack() as stack:
         found = []
         for _ in range(count):
@@ -63,13 +63,13 @@ def served(own: SignalGenerator) -> bool:
     return own.get("probe") == PROBE
 
 
-def test_the_servers_listen_on_loopback(address: TcpAddress) -> None:
+def test_the_servers_listen_on_loopback(address: TcpLink) -> None:
     assert address.host == "127.0.0.1"
 
 
 @pytest.mark.parametrize("says", [b"", framed(READ)[:7]], ids=["half-open", "slow"])
 def test_clients_that_ask_nothing_make_room_for_those_that_come(
-    address: TcpAddress, own: SignalGenerator, says: bytes
+    address: TcpLink, own: SignalGenerator, says: bytes
 ) -> None:
     assert served(own)
     with clients(address, 3 * MOST_CONNECTIONS, says) as many:
@@ -79,7 +79,7 @@ def test_clients_that_ask_nothing_make_room_for_those_that_come(
             assert late.recv(100)[7:] == b"\x03\x04" + PROBE.to_bytes(4, "big")
 
 
-def test_one_client_too_many_is_refused_and_the_others_stay(address: TcpAddress, own: SignalGenerator) -> None:
+def test_one_client_too_many_is_refused_and_the_others_stay(address: TcpLink, own: SignalGenerator) -> None:
     assert served(own)
     with clients(address, MOST_CONNECTIONS - 1, framed(READ)) as many:
         assert all(client.recv(100) for client in many)
@@ -91,7 +91,7 @@ def test_one_client_too_many_is_refused_and_the_others_stay(address: TcpAddress,
 
 
 def test_clients_that_have_asked_once_and_idle_make_room_the_longest_silent_first(
-    address: TcpAddress, own: SignalGenerator, monkeypatch: pytest.MonkeyPatch
+    address: TcpLink, own: SignalGenerator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(modbus_server, "IDLE", 0.0)
     assert served(own)
@@ -105,7 +105,7 @@ def test_clients_that_have_asked_once_and_idle_make_room_the_longest_silent_firs
         assert served(own)
 
 
-def test_clients_that_flood_take_their_turns(address: TcpAddress, own: SignalGenerator) -> None:
+def test_clients_that_flood_take_their_turns(address: TcpLink, own: SignalGenerator) -> None:
     flood = framed(READ) * 400
     with clients(address, 3, flood) as many:
         for client in many:
@@ -119,7 +119,7 @@ def test_clients_that_flood_take_their_turns(address: TcpAddress, own: SignalGen
 
 
 def test_a_client_that_leaves_its_answers_unread_is_cut(
-    address: TcpAddress, own: SignalGenerator, monkeypatch: pytest.MonkeyPatch
+    address: TcpLink, own: SignalGenerator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert served(own)
     with monkeypatch.context() as patch, clients(address, 1, framed(READ)) as (client,):
@@ -137,7 +137,7 @@ def test_a_client_that_leaves_its_answers_unread_is_cut(
     "rubbish", [bytes(range(256)) * 16, framed(READ)[:4] + b"\xff\xff" + bytes(70_000), b"\0\1\0\0\0\0" * 99]
 )
 def test_rubbish_and_oversized_frames_end_their_own_connection(
-    address: TcpAddress, own: SignalGenerator, rubbish: bytes
+    address: TcpLink, own: SignalGenerator, rubbish: bytes
 ) -> None:
     with clients(address, 2) as many:
         for client in many:
@@ -147,7 +147,7 @@ def test_rubbish_and_oversized_frames_end_their_own_connection(
         assert served(own)
 
 
-def test_a_request_whose_end_comes_after_the_answer_to_the_one_before_is_answered(address: TcpAddress) -> None:
+def test_a_request_whose_end_comes_after_the_answer_to_the_one_before_is_answered(address: TcpLink) -> None:
     with clients(address, 1, framed(READ, 1) + framed(READ, 2)[:5]) as (client,):
         assert client.recv(13)[:2] == b"\0\1"
         client.sendall(framed(READ, 2)[5:])

@@ -34,7 +34,7 @@ def served(scene: Scene) -> Iterator[SimulatedBench]:
 
 @pytest.fixture
 def client(served: SimulatedBench) -> Iterator[socket.socket]:
-    address = served.description.signal_generator
+    address = served.description.links["signal_generator"]
     with socket.create_connection((address.host, address.port), timeout=5) as connected:
         yield connected
 
@@ -145,7 +145,7 @@ def test_one_register_is_echoed_as_written_though_a_command_falls_back(
     "rubbish", [b"GET / HTTP/1.1\r\n\r\n", bytes(64), b"\xff" * 300, framed(b"\x03", unit=1)[:4] + b"\xff\xff"]
 )
 def test_rubbish_ends_its_own_connection_alone(client: socket.socket, served: SimulatedBench, rubbish: bytes) -> None:
-    address = served.description.signal_generator
+    address = served.description.links["signal_generator"]
     with socket.create_connection((address.host, address.port), timeout=5) as other:
         other.sendall(rubbish)
         with suppress(ConnectionResetError):
@@ -158,7 +158,7 @@ def test_rubbish_ends_its_own_connection_alone(client: socket.socket, served: Si
 
 @pytest.fixture
 def line(served: SimulatedBench) -> Iterator[int]:
-    descriptor = os.open(served.description.line.port, os.O_RDWR | os.O_NOCTTY)
+    descriptor = os.open(served.description.links["line"].port, os.O_RDWR | os.O_NOCTTY)
     tty.setraw(descriptor)
     yield descriptor
     os.close(descriptor)

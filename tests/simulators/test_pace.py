@@ -35,7 +35,7 @@ def test_a_pacer_that_comes_late_lets_requests_be_answered_before_time_goes_on(
 
 
 def test_what_has_come_is_answered_though_the_server_had_no_turn_meanwhile(sim: SimulatedBench) -> None:
-    address, turn = sim.description.shaker_amplifier, threading.Event()
+    address, turn = sim.description.links["shaker_amplifier"], threading.Event()
     with socket.create_connection((address.host, address.port), timeout=10) as client:
         client.sendall(READ)
         assert client.recv(64)

@@ -14,9 +14,10 @@ from pydantic import Field as Key
 
 from palpate.instrument.config import MOST_PROBLEMS, Config, Name, check, parse, read_bytes
 from palpate.instrument.contracts.contract import Contract, Identity
-from palpate.instrument.contracts.manners import USUAL, Manners
+from palpate.instrument.contracts.manners import ITSELF, USUAL, Manners
 from palpate.instrument.contracts.maps import tables
 from palpate.instrument.contracts.maps.frame_tables import Frame, FrameTable, frame_of
+from palpate.instrument.contracts.rates import Baudrate, Bitrate
 from palpate.instrument.errors import ConfigError
 
 SHIPPED = Path(__file__).parent
@@ -45,11 +46,11 @@ class DeviceTable(Config):
 class Line(Config):
     """The table `[line]`: settings of the device's serial line or CAN bus, as it leaves the factory."""
 
-    baudrate: Annotated[int, Key(ge=300, le=4_000_000, strict=True)] | None = None
+    baudrate: Baudrate | None = None
     parity: Literal["N", "E", "O"] | None = None
     stopbits: Annotated[int, Key(ge=1, le=2, strict=True)] | None = None
-    unit: Annotated[int, Key(ge=0, le=247, strict=True)] | None = None
-    bitrate: Annotated[int, Key(ge=10_000, le=1_000_000, strict=True)] | None = None
+    unit: Annotated[int, Key(ge=0, le=255, strict=True)] | None = None
+    bitrate: Bitrate | None = None
     node: Annotated[int, Key(ge=1, le=127, strict=True)] | None = None
 
 
@@ -229,7 +230,8 @@ class _Reader:
                 f"{self._where}: line.{other[0]}: is not for bus = {device.bus!r}; valid: {', '.join(of_bus)}"
             )
         low, high = manners.units
-        if line.unit is not None and not low <= line.unit <= high:
+        itself = line.unit in ITSELF and "modbus-tcp" in device.links
+        if line.unit is not None and not low <= line.unit <= high and not itself:
             self._problems.append(f"{self._where}: line.unit = {line.unit}, but manners.units are {low} to {high}")
 
     def refuse(self) -> None:

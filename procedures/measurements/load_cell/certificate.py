@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import html
 import math
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.description import recorded_bench
 from palpate.instrument.calibration.classification import Classification, iso_376_class_of
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
-from palpate.instrument.config import check
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
 from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
@@ -55,7 +53,7 @@ def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
 def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
     header: dict[str, Any] = dict(run.header)
     settings = header["settings"]
-    bench = check(tomllib.loads(header["bench"]), BenchDescription, f"{run.folder}: its bench file")
+    bench = recorded_bench(header["bench"], f"{run.folder}: its bench file")
     settings_of = bench.filling("load_indicator")[0].settings
     indicator = settings_of.model_dump(mode="json", exclude={"gage_factor"}, exclude_none=True)
     points = run.points()
