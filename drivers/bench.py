@@ -109,6 +109,11 @@ class Bench(Fitted):
         """Pickle it as `ClosedBench`, because nobody else can use its links."""
         return ClosedBench, (self.description, self.simulated)
 
+    @property
+    def elsewhere(self) -> bool:
+        """Whether this process is a child that was forked from the one that opened the bench."""
+        return self._stack.elsewhere
+
     def check_process(self) -> None:
         """Raises BenchError: this process is a child that was forked from the one that opened the bench."""
         self._stack.check()

@@ -161,7 +161,7 @@ class ModbusDevice(Device):
         try:
             return self.contract.decode_text(name, data)
         except ValueError as error:
-            raise DeviceError(f"{self.name}: {name} holds no text in UTF-8 ({error}); write it anew") from None
+            raise DeviceError(f"{self.name}: {name} holds no text ({error}); write it anew") from None
 
     def _read(self, names: tuple[str, ...]) -> list[bytes]:
         """The bytes of each field, without what tells their scales and signs."""

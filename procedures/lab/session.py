@@ -310,7 +310,7 @@ def _kept(record: Recorder, bench: Bench, remedy: str) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        if record.elsewhere:
+        if bench.elsewhere:
             raise
         if isinstance(error, Exception) and not isinstance(error, PalpateError):  # a defect, also of a package
             with suppress(RecordError):  # the exception that is being raised says more

@@ -144,11 +144,6 @@ class Recorder:
         return point_id
 
     @property
-    def elsewhere(self) -> bool:
-        """Whether this process is a child that was forked from the one that writes the run."""
-        return self._open.elsewhere
-
-    @property
     def points(self) -> int:
         """Number of stored points."""
         return self._points
@@ -221,7 +216,7 @@ class Recorder:
     ) -> None:
         if self._writer is None:  # nothing was written yet
             self.close()
-        if self._closed or self.elsewhere:
+        if self._closed or self._open.elsewhere:
             return
         if error is None:
             self.finish("stopped", {}, "the procedure ended without a result")

@@ -191,7 +191,7 @@ def test_a_missing_or_malformed_file_is_refused(
     [
         ((*SMALL, "--dry-run", "--scene"), IDEAL_SCENE),
         (("contracts", "check"), TRANSMITTER),
-        (("study", "--quiet"), 'name = "small"\nloads = "2 N"\n[axes]\nscene = ["ideal"]\nsample = ["1"]\n'),
+        (("scene", "check"), IDEAL_SCENE),
     ],
 )
 def test_a_file_with_a_byte_order_mark_is_read_as_without(
