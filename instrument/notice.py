@@ -35,10 +35,10 @@ def price(what: str, seconds: float, then: str = "") -> None:
     """
     listener = _listener.get()
     if listener is not None and seconds > LONG:
-        listener(f"{what} takes about {_duration(seconds)}{then}")
+        listener(f"{what} takes about {duration(seconds)}{then}")
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
     """A duration [s] to one or two digits, for people."""
     if seconds < 90:
         return f"{round(seconds, -1 if seconds > 20 else 0):.0f} s"

@@ -15,7 +15,7 @@ import click
 
 from palpate.instrument.errors import UsageError
 from palpate.procedures.commands.texts import loads, quantity, share
-from palpate.procedures.console.progress import Progress, bar, silent
+from palpate.procedures.console.progress import Progress, shown, silent
 from palpate.procedures.console.terminal import say
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -258,8 +258,8 @@ class Output:
         return nullcontext() if self.quiet else told(lambda text: say(f"palpate: note: {text}", err=True))
 
     def progress(self, first: str = "opening the bench") -> AbstractContextManager[Progress]:
-        """A progress bar on stderr, if stderr is a terminal."""
-        return nullcontext(silent) if self.quiet else bar(first)
+        """A progress bar on stderr if it is a terminal, else a line now and then, but none beside JSON."""
+        return nullcontext(silent) if self.quiet else shown(first, lines=not self.as_json)
 
 
 def _text(value: Mapping[str, object]) -> str:

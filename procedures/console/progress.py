@@ -1,18 +1,26 @@
-"""Progress of a long job, and a bar on the terminal that shows it."""
+"""Progress of a long job: a bar on the terminal; without one, a line now and then."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from time import monotonic
 from typing import TYPE_CHECKING
 
-from palpate.procedures.console.terminal import Spoken, console
+from palpate.instrument.notice import duration
+from palpate.procedures.console.terminal import Spoken, console, say
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress as Bar
+    from rich.progress import Task
+    from rich.text import Text
 
 Progress = Callable[[int, int, str], None]
 """Called with the number of finished points, of all points, and what is done now."""
+
+LEAST, SHARE = 30.0, 0.1  # least time between two lines [s], also as a share of the time so far
 
 _bars: list[Bar] = []  # that are on the terminal now
 
@@ -21,27 +29,113 @@ def silent(_done: int, _total: int, _what: str) -> None:
     """A `Progress` that does nothing."""
 
 
+class Shown:
+    """A `Progress` for people, which knows how much time is left.
+
+    A run on a bench whose time is that of the wall has a plan. The time that is left is then the plan's, corrected by
+    how long the steps so far took. Any other job is taken to go on as fast as it was.
+    """
+
+    def __init__(self, show: Callable[[int, int, str], object]) -> None:
+        """Make one; `show` is called after each report with the same arguments."""
+        self._show = show
+        self._steps: Sequence[float] = ()
+        self._planned = 0.0
+        self._now, self._total = (0, ""), 0
+        self._begun = self._since = monotonic()
+        self._took = self._expected = 0.0  # of the steps that were taken: their time, and by the plan [s]
+
+    def expect(self, steps: Sequence[float], planned: float) -> None:
+        """From now on tell the time that is left by a plan: each step's seconds, and those of the whole [s]."""
+        self._steps, self._planned = steps, planned
+        self._since = monotonic()
+
+    def __call__(self, done: int, total: int, what: str) -> None:
+        if done != self._now[0]:
+            now = monotonic()
+            if (done - 1, what) == self._now and done <= len(self._steps):  # else steps were skipped
+                self._took += now - self._since
+                self._expected += self._steps[done - 1]
+            self._since = now
+        self._now = done, what
+        self._total = total
+        self._show(done, total, what)
+
+    def left(self) -> float | None:
+        """Time that is left [s]; None: it is not known."""
+        done, now = self._now[0], monotonic()
+        if not self._steps:
+            return (now - self._begun) * (self._total - done) / done if 0 < done <= self._total else None
+        if done >= len(self._steps):
+            return 0.0
+        # One step is as little as nothing to judge by: so the plan counts as much as one step.
+        usual = self._planned / len(self._steps)
+        pace = (self._took + usual) / (self._expected + usual)
+        planned = max(self._planned - math.fsum(self._steps[:done]), self._steps[done])
+        return max(0.0, pace * planned - (now - self._since))
+
+
+def expect(progress: Progress, steps: Sequence[float], planned: float) -> None:
+    """Tell a progress what a plan expects, in seconds of the wall; one that shows no time takes no notice."""
+    if isinstance(progress, Shown):
+        progress.expect(steps, planned)
+
+
 @contextmanager
-def bar(first: str) -> Iterator[Progress]:
-    """A progress bar on stderr, if stderr is a terminal. `first` is its text at the beginning."""
-    shown = console(file=Spoken())
-    if not shown.is_terminal:
-        yield silent
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+def shown(first: str, lines: bool = True) -> Iterator[Progress]:
+    """A progress bar on stderr if it is a terminal, else a line now and then.
+
+    Args:
+        first: text of the bar at the beginning.
+        lines: False: no lines.
+    """
+    screen = console(file=Spoken())
+    if screen.is_terminal:
+        with _bar(screen, first) as progress:
+            yield progress
+    else:
+        yield _in_lines() if lines else silent
+
+
+def _in_lines() -> Progress:
+    begun = last = monotonic()
+
+    def show(done: int, total: int, what: str) -> None:
+        nonlocal last
+        now = monotonic()
+        if now - last < max(LEAST, SHARE * (now - begun)):
+            return
+        last, left = now, progress.left()
+        of = f"{done} of {total}" if total else f"{done} done"
+        until = f", about {duration(left)} left" if left else ""
+        say(f"palpate: progress: {of}{until}; {what}", err=True)
+
+    progress = Shown(show)
+    return progress
+
+
+@contextmanager
+def _bar(screen: Console, first: str) -> Iterator[Progress]:
+    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
     from rich.progress import Progress as Bar
+    from rich.text import Text
 
-    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-    with Bar(*columns, console=shown) as drawn:
+    class Left(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            left = progress.left()
+            return Text("" if left is None else duration(left), style="progress.remaining")
+
+    def show(done: int, total: int, what: str) -> None:
+        begins = drawn.tasks[0].total is None  # how much there is to do is shown at once, however short it is
+        drawn.update(task, completed=done, total=total, description=what, refresh=begins)
+
+    progress = Shown(show)
+    columns = (BarColumn(), MofNCompleteColumn(), Left(), TextColumn("{task.description}"))
+    with Bar(*columns, console=screen) as drawn:
         task = drawn.add_task(first, total=None)
-
-        def report(done: int, total: int, what: str) -> None:
-            begins = drawn.tasks[0].total is None  # how much there is to do is shown at once, however short it is
-            drawn.update(task, completed=done, total=total, description=what, refresh=begins)
-
         _bars.append(drawn)
         try:
-            yield report
+            yield progress
         finally:
             _bars.remove(drawn)
 

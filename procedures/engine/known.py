@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.additions import Addition, addition, additions, check_ours, load_addition, unusable
 from palpate.instrument.errors import UnknownName, UsageError
@@ -72,6 +72,19 @@ def class_of(run: Run, done: str) -> type[Procedure[Step, DataclassInstance, Res
             f"{run.folder}: {run.procedure!r}{origin} cannot be {done}d without its class: install its package, or "
             f"give the class to palpate.{done} in a script; known: {', '.join(names())}"
         ) from None
+
+
+def class_before(run: Run, kind: type[Procedure[Any, Any, Any]]) -> type[Procedure[Any, Any, Any]]:
+    """The class of a run that came before one of class `kind` on the same bench.
+
+    A script may have defined it: then it is known as soon as the script has. Raises as `class_of` does.
+    """
+    defined = [kind, *reversed(Procedure.__subclasses__())]
+    for each in defined:
+        if getattr(each, "name", None) == run.procedure and run.procedure not in names():
+            return each
+        defined += reversed(each.__subclasses__())
+    return class_of(run, "resume")
 
 
 def outside(kind: type[Procedure[S, P, R]]) -> Addition | None:

@@ -11,8 +11,8 @@ from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.result import Result
 from palpate.procedures.engine.run import concluded, open_and_run
+from palpate.procedures.lab.before import before_of
 from palpate.procedures.lab.chosen import Chosen, choose
-from palpate.procedures.lab.session import RUNS_BEFORE
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.headers import header_of
 from palpate.procedures.records.record import put_file
@@ -92,18 +92,22 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
     """The procedure of a run that can go on, with its settings.
 
     Raises:
-        UsageError: a run of another procedure, a bench for a simulated run, a later run on an open simulated bench, or
-            points on a real bench that belong together.
+        UsageError: a run of another procedure, a bench for a simulated run, a run on a simulated bench of which not
+            everything is known that was done before, or points on a real bench that belong together.
         RecordError: its header is none of a procedure's.
     """
     header, procedure = header_of(run), kind.recorded(run)
     if header["scene"] is not None:
         if bench is not None:
             raise UsageError("--bench: the run used a simulated bench; leave this option out")
-        if before := header.get(RUNS_BEFORE):
+        before = before_of(run)
+        unknown = before.unknown if before else ""
+        if header.get("runs_before"):
+            unknown = "the version of palpate that recorded it kept no account of the runs before it"
+        if unknown:
             raise UsageError(
-                f"{run.folder}: it was run {before + 1} on an open simulated bench, which cannot be brought back to "
-                "where it was; run it anew"
+                f"{run.folder}: the simulated bench cannot be brought back to where the run began: {unknown}; run it "
+                "anew"
             )
     elif not kind.resumable_on_real_bench and run.points():
         raise UsageError(

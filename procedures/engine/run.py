@@ -9,6 +9,7 @@ from pathlib import Path
 from palpate.instrument.additions import check_ours
 from palpate.instrument.errors import UsageError
 from palpate.procedures.console.progress import Progress, silent
+from palpate.procedures.engine.again import bring_back
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.known import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.plan import Plan
@@ -16,6 +17,7 @@ from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.promise import achieved, expected_of, greatest
 from palpate.procedures.engine.returned import asked, calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
+from palpate.procedures.lab.before import before_of
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.lab import Lab, Target
@@ -106,7 +108,11 @@ def open_and_run(
     refuse(procedure, chosen.target, by_store=chosen.logged is None)
     chosen.mounting(procedure.manual_work, procedure.automated_by)
     if resumed is not None:
-        with opened(chosen, log, resumed) as bench:
+        before = before_of(resumed.run)
+        first = before.runs["1"].run.started if before and before.runs else None
+        with opened(chosen, log, resumed, first) as bench:
+            if before is not None:
+                bring_back(bench, before, type(procedure), progress)
             return record_run(procedure, bench, resumed.folder, progress, pause, resumed)
     started = datetime.now(UTC) if chosen.logged is None else chosen.logged.run.started
     with places(out, log, procedure.name, started) as folder, opened(chosen, log, started=started) as bench:
@@ -138,7 +144,7 @@ def record_run(
         ) as session,
     ):
         if resumed is not None:
-            pause = PausedAgain(resumed, session.lab.bench, pause)
+            pause = PausedAgain(resumed.paused, session.lab.bench, pause)
         # The bench's time begins with its first run. A log holds one run, with as many looks at the clock as it had.
         before = 0.0 if len(bench.runs) == 1 else 1e-9 * session.lab.bench.clock.now_ns()
         result = conduct(procedure, session.lab, session.record, progress, pause)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Self, get_args
 
 from palpate.drivers.logs.bus_replay import BusReplay
 from palpate.instrument.calibration.films import FilmCalibration
@@ -23,16 +24,41 @@ from palpate.simulators.scenes.scene import Scene, SceneFile
 KEPT = ("scene", "seed", "bench")  # keys of the header that a replay takes over unchanged
 
 
+@dataclass(frozen=True, slots=True)
+class Used:
+    """What a recorded run knew of its sensor from earlier runs.
+
+    Attributes:
+        calibration: the load-cell calibration that it used.
+        films: the film calibration that it used; None: it used none.
+        references: the calibration of a model by references that it used; None: it used none.
+        mountings: the scatter of the sensor's mountings that was stored when it began; None: none was.
+    """
+
+    calibration: LoadCellCalibration
+    films: FilmCalibration | None
+    references: ModelCalibration | None
+    mountings: MountingScatter | None
+
+    @classmethod
+    def of(cls, header: Mapping[str, Any], where: str) -> Self:
+        """By the header of the run. Raises KeyError: it lacks one; ConfigError: one is wrong."""
+        films, references = header["film_calibration"], header.get("model_calibration")
+        return cls(
+            check(header["calibration"], LoadCellCalibration, where),
+            None if films is None else check(films, FilmCalibration, where),
+            None if references is None else check(references, ModelCalibration, where),
+            mountings_in(header, where),
+        )
+
+
 class LoggedRun:
     """The run in a bus log.
 
     Attributes:
         wire: the logged traffic, which answers in place of the devices.
         run: the run as it began.
-        calibration: the load-cell calibration that it used.
-        films: the film calibration that it used; None: it used none.
-        references: the calibration of a model by references that it used; None: it used none.
-        mountings: the scatter of the sensor's mountings that was stored when it began; None: none was.
+        used: what it knew from earlier runs.
         scene: the scene that it simulated; None: it ran on a real bench.
     """
 
@@ -45,12 +71,7 @@ class LoggedRun:
             self.run = Run(
                 self.wire.path, header["procedure"], header["simulated"], started, "running", header, {}, hashed=True
             )
-            self.calibration = check(header["calibration"], LoadCellCalibration, where)
-            films = header["film_calibration"]
-            self.films = None if films is None else check(films, FilmCalibration, where)
-            references = header.get("model_calibration")
-            self.references = None if references is None else check(references, ModelCalibration, where)
-            self.mountings = mountings_in(header, where)
+            self.used = Used.of(header, where)
             scene = header["scene"]
             self.scene = None if scene is None else _scene(scene["toml"], self.wire.path)
         except (KeyError, TypeError, ValueError) as error:

@@ -22,6 +22,7 @@ from palpate.instrument.bench.operator import Operator
 from palpate.instrument.errors import BenchError, RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
+from palpate.procedures.lab.before import History
 from palpate.procedures.lab.calibrations import (
     check_nameable,
     films_of,
@@ -32,6 +33,7 @@ from palpate.procedures.lab.calibrations import (
 )
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.operator import ConsoleOperator, assume
 from palpate.procedures.records.resumed import Resumed
 from palpate.simulators.bench import SimulatedBench
@@ -56,6 +58,7 @@ class OpenBench:
         wall_start: `time.monotonic()` when it was opened [s].
         log: log of its traffic; None: no log is written.
         runs: folders of the runs so far.
+        history: what was done on a simulated bench so far; None: it is real, or a log answers in its place.
     """
 
     bench: Bench
@@ -65,6 +68,7 @@ class OpenBench:
     wall_start: float
     log: BusLog | None
     runs: list[Path] = field(default_factory=list)
+    history: History | None = None
     _taking: Lock = field(default_factory=Lock, init=False, repr=False)
 
     def __reduce__(self) -> NoReturn:
@@ -83,7 +87,12 @@ class OpenBench:
         return self.chosen.target
 
     def lab(
-        self, run: str, started: datetime, calibrating: Calibrating | None = None, question: Question | None = None
+        self,
+        run: str,
+        started: datetime,
+        calibrating: Calibrating | None = None,
+        question: Question | None = None,
+        used: Used | None = None,
     ) -> Lab:
         """The bench with the calibrations that are stored now; a logged run has its own calibrations.
 
@@ -93,21 +102,24 @@ class OpenBench:
             calibrating: what the run calibrates. The load cell then needs no calibration that holds: the last one, or
                 the thesis', says what to expect of it. No stored calibration of the films is used.
             question: what the run asks a sensor model, which may be calibrated by references; None: it asks none.
+            used: calibrations to use instead of the stored ones; None: the stored ones.
 
         Raises:
             ConfigError: a calibration is missing, damaged, expired, or belongs to another device.
             RangeError: no model answers the question.
         """
-        description, logged = self.bench.description, self.chosen.logged
-        if calibrating and logged is None:
+        description = self.bench.description
+        if self.chosen.logged is not None:
+            used = self.chosen.logged.used
+        if calibrating and used is None:
             check_nameable(self.bench, "load_indicator" if calibrating == "load cell" else "sensor_node")
         design = get_design(description.design).with_pickup(description.pickup).with_noise(description.noise)
         simulated = self.scene
         scene = None if simulated is None else simulated.identity
         references, mountings = None, None
-        if logged is not None:
-            calibration, films, references = logged.calibration, logged.films, logged.references
-            mountings = logged.mountings
+        if used is not None:
+            calibration, films, references = used.calibration, used.films, used.references
+            mountings = used.mountings
         else:
             weighing = calibrating == "load cell"
             calibration = known_load_cell(self.bench) if weighing else load_cell_of(self.bench, self.today)
@@ -215,7 +227,8 @@ def opened(
         if chosen.logged is not None:
             chosen.logged.wire.attach(bench)
         stack.enter_context(bench)
-        yield OpenBench(bench, chosen, now.date(), started, wall_start, traffic, runs)
+        history = None if simulated is None else History(simulated)
+        yield OpenBench(bench, chosen, now.date(), started, wall_start, traffic, runs, history)
 
 
 @contextmanager

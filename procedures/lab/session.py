@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from traceback import format_exception
@@ -20,6 +20,7 @@ from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.console.terminal import say
+from palpate.procedures.lab.before import BEFORE
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.lab.logged import mountings_in
 from palpate.procedures.lab.open import Calibrating, OpenBench
@@ -27,14 +28,13 @@ from palpate.procedures.lab.operator import Mounting, weaker
 from palpate.procedures.lab.software import added_by, commit, versions
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.encoding import as_json
-from palpate.procedures.records.record import Recorder, put_file
+from palpate.procedures.records.record import PAUSED, Recorder, put_file
 from palpate.procedures.records.resumed import Resumed
+from palpate.procedures.records.run import Run
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from palpate.instrument.models.ratio import Question
-
-RUNS_BEFORE = "runs_before"  # header key: number of earlier runs on the same open simulated bench
 
 
 class Promise(TypedDict):
@@ -236,6 +236,8 @@ def recording(
     logged, scene = opened.chosen.logged, opened.scene
     mounting = opened.chosen.mounting(manual_work, automated_by, opened.bench.fills)
     started = datetime.now(UTC) if opened.runs else opened.started
+    if resumed is not None:
+        started = resumed.run.started
     lab = opened.lab(folder.name, started, calibrating, question)
     if resumed is not None:  # it was planned with what was stored when it began
         lab = replace(lab, mountings=mountings_in(resumed.run.header, str(folder)))
@@ -270,9 +272,12 @@ def recording(
         **({} if outside is None else {"procedure_from": outside.package}),
         **(logged.header if logged is not None else {}),
     }
-    later = scene is not None and bool(opened.runs)  # a simulated bench depends on everything that was done before
-    if later:
-        header[RUNS_BEFORE] = len(opened.runs)
+    before = None if opened.history is None else opened.history.begin()
+    if before is not None:
+        header[BEFORE] = asdict(before)
+        if before.unknown:
+            say(f"palpate: note: this run cannot be resumed if it is interrupted: {before.unknown}", err=True)
+    begun_ns = 0 if opened.history is None else opened.history.now_ns
     opened.runs.append(folder)
     with ExitStack() as stack:
         if opened.log is not None:
@@ -285,7 +290,8 @@ def recording(
             record = stack.enter_context(resumed)
         failing = stack.enter_context(ExitStack())  # ends before the record does, because its disk may be slow
         failing.push(lab.bench)
-        with _kept(record, lab.bench, "" if logged or later else f"; go on with: palpate runs resume {record.folder}"):
+        lost = logged is not None or (before is not None and before.unknown)
+        with _kept(record, lab.bench, "" if lost else f"; go on with: palpate runs resume {record.folder}"):
             lab.bench.attend(record.event)
             for caution in lab.bench.cautions:
                 say(f"palpate: note: {caution}", err=True)
@@ -296,6 +302,9 @@ def recording(
             yield Session(opened, lab, record, mounting)
         failing.pop_all()
         lab.bench.incidents.hold()
+        if opened.history is not None:
+            paused = [each["bench_ns"] for each in Run.open(folder).events() if each["kind"] == PAUSED]
+            opened.history.end(header, begun_ns, paused, folder)
 
 
 @contextmanager

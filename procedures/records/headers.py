@@ -84,6 +84,7 @@ def comparable(header: Mapping[str, Any]) -> dict[str, Any]:
     found = {key: header[key] for key in COMPARED}
     found["maps"] = header.get("maps", {})  # a bench without makers' devices has none
     found["model_calibration"] = header.get("model_calibration")  # of runs that ask a model which references calibrated
+    found["before"] = header.get("before")  # of runs that did not begin on a bench as it was opened
     found["devices"] = {}
     listed = [(name.partition(" at ")[0], serial) for name, serial in header["devices"].items()]
     if found["scene"] is not None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
 from palpate.drivers.bench import Bench
 from palpate.procedures.records.record import PAUSED, Recorder
-
-if TYPE_CHECKING:
-    from palpate.procedures.records.resumed import Resumed
 
 
 class Pause(Protocol):
@@ -35,14 +33,17 @@ NOBODY: Pause = Nobody()
 
 
 class PausedAgain:
-    """A `Pause` for a run that is done again: it rests for no time where the run was paused, or where somebody asks."""
+    """A `Pause` for a run that is done again: it rests for no time where the run was paused, or where somebody asks.
 
-    def __init__(self, record: Resumed, bench: Bench, pause: Pause) -> None:
-        self._record, self._bench, self._pause = record, bench, pause
+    `paused` tells whether the run was paused at a bench time [ns].
+    """
+
+    def __init__(self, paused: Callable[[int], bool], bench: Bench, pause: Pause) -> None:
+        self._paused, self._bench, self._pause = paused, bench, pause
         self._before = False
 
     def asked(self) -> bool:
-        self._before = self._record.paused(self._bench.clock.now_ns())
+        self._before = self._paused(self._bench.clock.now_ns())
         return self._before or self._pause.asked()
 
     def wait(self) -> None:

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor
+from scipy.linalg.blas import dsyrk, dtrsm
+from scipy.linalg.lapack import dpotrf
 
-from palpate.instrument import notice
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import assembled, fronts, rational, set_up
+from palpate.instrument.models.finite_elements import assembled, cost, dense, fronts, rational
 from palpate.instrument.models.finite_elements.dissection import dissected
 from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
 from palpate.instrument.models.finite_elements.poles import Sensor, curve
@@ -97,36 +97,37 @@ def test_a_part_that_nothing_holds_is_refused() -> None:
 
 def test_fronts_that_do_not_fit_into_memory_are_refused_before_they_begin(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, _ = square()
-    monkeypatch.setattr(fronts, "machine_memory", lambda: 10_000)
+    monkeypatch.setattr(cost, "free_memory", lambda: 10_000)
 
     def begun(_elements: object) -> Array:
         raise AssertionError
 
-    with pytest.raises(EstimateError, match=r"171 unknowns need 0.0 GB of memory, .* give a larger tolerance"):
+    with pytest.raises(EstimateError, match=r"171 unknowns needs 0.0 GB of memory, .* give a larger tolerance"):
         condense(replace(mesh, matrices=begun))
 
 
-def test_a_long_set_up_is_told_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh, _ = square()
-    said: list[str] = []
+@pytest.mark.parametrize("size", [0, 1, 7, 300])
+def test_what_lets_other_threads_run_gives_the_digits_of_scipy(size: int) -> None:
+    rng = np.random.default_rng(1)
+    columns = rng.standard_normal((size + 5, size))
+    matrix = columns.T @ columns + np.eye(size)
+    factor = dense.factorised(matrix.copy())
+    assert factor is not None
+    if size:
+        assert np.array_equal(np.tril(factor), dpotrf(matrix, lower=1, clean=1)[0])
+        expected = dtrsm(1.0, factor, columns, side=1, lower=1, trans_a=1)
+        assert np.array_equal(dense.solved(factor, columns.copy()), expected)
+        whole = columns @ columns.T
+        expected = dsyrk(-1.0, columns, beta=1.0, c=whole, lower=1)
+        assert np.array_equal(np.tril(dense.less_square(whole.copy(), columns)), np.tril(expected))
+        assert dense.factorised(-matrix) is None
 
-    def matrices(elements: NDArray[np.intp]) -> Array:
-        assert len(said) == 1
-        return mesh.matrices(elements)
 
-    with notice.told(said.append):
-        condense(mesh)  # a short one
-        monkeypatch.setattr(set_up, "RATE", 1.0)
-        condense(replace(mesh, matrices=matrices))
-    condense(mesh)
-    (sentence,) = said
-    assert sentence.startswith(f"setting up a mesh of {len(mesh.kept)} unknowns takes about ")
-
-
-def test_the_memory_of_this_machine_is_known_where_the_system_tells_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert (fronts.machine_memory() or 1e9) > 1e8
-    monkeypatch.delattr(fronts.os, "sysconf", raising=False)
-    assert fronts.machine_memory() is None
+def test_the_free_memory_is_known_and_a_limit_of_this_process_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = cost.free_memory() or 0
+    assert known > 1e8
+    monkeypatch.setattr(cost.resource, "getrlimit", lambda _which: (1024, 1024))
+    assert cost.free_memory() == 0
 
 
 def test_a_pair_is_cut_between_its_cells_where_the_fewest_unknowns_are_passed_on() -> None:
@@ -173,7 +174,7 @@ def test_poles_of_a_projected_contact_give_what_all_poles_give(
     """Three moduli alone leave 1.2 % of the second contact's voltage."""
     sensor, sensed, mode, row = projectable(softest)
     taken: list[int] = []
-    monkeypatch.setattr(rational, "cho_factor", lambda *a, **k: taken.append(1) or cho_factor(*a, **k))
+    monkeypatch.setattr(rational, "factorised", lambda matrix: taken.append(1) or dense.factorised(matrix))
     fewer = projected(sensor.stiffness, sensed.stiffness, sensed.loads, row[:, None], sensor.charges, mode, 24e3)
     assert len(taken) >= moduli
     assert fewer is not None and fewer.onto.shape[1] < SIZE / 3

@@ -32,7 +32,9 @@ def made_up(asked: list[int]) -> Ladder[int, tuple[int, float, float]]:
     def read(mesh: int, moduli: Array, bounds: Array) -> list[tuple[int, float, float]]:
         return [(mesh, float(modulus), float(bound)) for modulus, bound in zip(moduli, bounds, strict=True)]
 
-    return Ladder("made up", (5, 6, 7), mesh, lambda of: cast(Any, of), estimates, read, rounding=1e-8)
+    return Ladder(
+        "made up", (5, 6, 7), lambda _count: None, mesh, lambda of: cast(Any, of), estimates, read, rounding=1e-8
+    )
 
 
 def test_each_modulus_is_answered_by_the_first_mesh_that_meets_the_tolerance() -> None:

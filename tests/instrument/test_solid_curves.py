@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.instrument import notice
-from palpate.instrument.models.finite_elements.rational import projected
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution
 from palpate.instrument.models.solid.model import curve_on, solve_on
@@ -67,12 +65,3 @@ def test_the_energy_that_tears_a_closed_gap_is_finite_for_an_incompressible_ring
     closed = replace(SolidParameters(), **RIGID, ring_inner_radius=1.4e-3)
     soft, stiff = (curve_on(replace(closed, compliant_poisson=each), SMALL).poles.least for each in (0.498, 0.5))
     assert stiff == pytest.approx(soft, rel=5e-3)
-
-
-def test_the_price_of_the_poles_of_a_large_contact_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(notice, "LONG", 0.0)
-    said: list[str] = []
-    with notice.told(said.append):
-        one = np.ones((200, 1))
-        projected(np.eye(200), np.diag(np.arange(200.0)), one, one, one, np.zeros((200, 0)), 1.0)
-    assert len(said) == 1 and "200 unknowns" in said[0]

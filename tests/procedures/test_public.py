@@ -61,7 +61,7 @@ SIGNATURES = {
         "expires"
     ),
     "ModulusTest": "sample strain steps extrapolate",
-    "OpenBench": "bench chosen today started wall_start log runs",
+    "OpenBench": "bench chosen today started wall_start log runs history",
     "ObjectModulus": ("object tolerance time relative_to_model model load frequency mountings mounting_scatter"),
     "Plan": "procedure steps likely",
     "Predicted": "seconds u told lines",
@@ -106,7 +106,7 @@ MEMBERS = {  # what a script or a class of its own uses
     "DynamicLoadWork": "again end held hold load_set measured press set",
     "Finished": "folder outcome plot procedure replayed result run session",
     "Lab": "bench calibration design film_hash films mountings references run same_films scene started target",
-    "OpenBench": "bench chosen lab log runs scene started target today wall_start",
+    "OpenBench": "bench chosen history lab log runs scene started target today wall_start",
     "Plan": "likely predicted procedure seconds steps summary",
     "Procedure": (
         "automated_by begin calibrating check check_result constants dwells enough evaluate manual_work "
@@ -335,23 +335,6 @@ def test_a_run_cannot_begin_on_a_bench_while_another_one_is_there(
         assert refused
         assert done.run.status == "complete"
         assert palpate.run(Relaxation(readings=1), bench, out="third").run.status == "complete"
-
-
-def test_a_later_run_on_an_open_simulated_bench_says_that_it_cannot_be_resumed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-
-    def stop(done: int, _total: int, _what: str) -> None:
-        if done == 1:
-            raise KeyboardInterrupt
-
-    with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt) as ended:
-        palpate.run(Relaxation(readings=1), bench, out="first")
-        palpate.run(Relaxation(), bench, out="second", progress=stop)
-    assert not any("palpate runs resume" in note for note in ended.value.__notes__)
-    with pytest.raises(palpate.UsageError, match=r"second: it was run 2 on an open simulated bench, .*; run it anew"):
-        palpate.resume("second", Relaxation)
 
 
 @pytest.mark.slow

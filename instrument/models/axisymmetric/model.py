@@ -90,6 +90,7 @@ def ladder(parameters: RoundParameters) -> Ladder[Curve, Solution]:
     return Ladder(
         "axisymmetric",
         refinements=REFINEMENTS,
+        judge=lambda _count: None,  # even the finest takes a second
         mesh=lambda refinement: curve(parameters, refinement),
         poles=lambda mesh: mesh,
         estimates=lambda curves, moduli: estimates(curves, parameters, moduli),

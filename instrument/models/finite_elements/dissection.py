@@ -68,6 +68,11 @@ class Order:
     fronts: list[Front]
 
     @property
+    def eliminated(self) -> int:
+        """Number of all unknowns that are eliminated."""
+        return self.inside + sum(front.count for front in self.fronts)
+
+    @property
     def operations(self) -> float:
         """Multiplications of the elimination."""
         return sum(f.count**3 / 6 + f.count**2 * f.passed / 2 + f.count * f.passed**2 / 2 for f in self.fronts)

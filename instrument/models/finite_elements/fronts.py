@@ -10,28 +10,25 @@ eliminated along with the matrix.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk, dtrsm
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.blas import dtrsm
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import set_up
 from palpate.instrument.models.finite_elements.assembled import Assembled
+from palpate.instrument.models.finite_elements.cost import Cost, of_elimination, require_memory
+from palpate.instrument.models.finite_elements.dense import factorised, less_square, solved
 from palpate.instrument.models.finite_elements.dissection import Indices, Order, dissected, numbers
+from palpate.instrument.models.finite_elements.threads import go_on
 
 Array = NDArray[np.float64]
 
 # Elements whose matrices are made at once: fewer cost more calls, more cost memory.
 AT_ONCE = 16
-COPIES = 10  # of the kept unknowns' matrix, as its poles are found
 BLOCK = 256  # rows
-# Least share of the machine's memory that is left to everything else.
-LEFT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +81,7 @@ def condense(mesh: Mesh, remembers: bool = False) -> Condensed:
             precision: a part is not held.
     """
     order = dissected(mesh.unknowns, mesh.coordinates, mesh.kept)
-    _require_memory(order, mesh, remembers)
-    set_up.begin(order.operations, len(mesh.kept))
+    require_memory(_cost(order, mesh, remembers), "give a larger tolerance")
     elimination = _Elimination(mesh, order, remembers)
     stiffness, loads, work = elimination.run()
     places = order.rank[mesh.kept] - (len(mesh.kept) - np.count_nonzero(mesh.kept))
@@ -110,26 +106,14 @@ def _mirror(matrix: Array) -> None:
         own[:] = np.tril(own) + np.tril(own, -1).T
 
 
-def _require_memory(order: Order, mesh: Mesh, remembers: bool) -> None:
-    """Check that the fronts fit into memory. Raises EstimateError."""
-    entries = order.entries + 2 * mesh.loads.size + AT_ONCE * mesh.unknowns.shape[1] ** 2
-    entries += COPIES * int(np.count_nonzero(mesh.kept)) ** 2
-    if remembers:
-        entries += sum(front.count * front.size for front in order.fronts)
-    needed, has = 8 * entries, machine_memory()
-    if has is not None and needed > (1 - LEFT) * has:
-        raise EstimateError(
-            f"finite elements: {len(mesh.kept)} unknowns need {needed / 1e9:.1f} GB of memory, and this machine has"
-            f" {has / 1e9:.1f} GB; give a larger tolerance"
-        )
+def cost_of(mesh: Mesh) -> Cost:
+    """The cost of `condense`; of the loads only their number counts, and no matrix is made."""
+    return _cost(dissected(mesh.unknowns, mesh.coordinates, mesh.kept), mesh)
 
 
-def machine_memory() -> int | None:
-    """Memory of this machine in bytes; None: it does not tell."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
+def _cost(order: Order, mesh: Mesh, remembers: bool = False) -> Cost:
+    elements, unknowns = mesh.unknowns.shape
+    return of_elimination(order, (elements, unknowns), mesh.loads.shape[1], AT_ONCE, remembers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +153,7 @@ class _Elimination:
         """Matrix (lower triangle) and loads of the kept unknowns, in the order of elimination, and work (the same)."""
         passed: list[tuple[Indices, Array]] = []
         for front in self._order.fronts:
+            go_on()
             runs = np.concatenate([front.rest, self._behind])
             added = Assembled(front, runs)
             if front.halves:
@@ -249,15 +234,15 @@ class _Elimination:
         """
         if not len(own):
             return rest
-        factor, failed = dpotrf(own, lower=1, clean=0, overwrite_a=1)
-        if failed:
+        factor = factorised(own)
+        if factor is None:
             raise EstimateError(
                 "finite elements: the stiffness of a part is not positive definite to working precision; bring moduli"
                 " and dimensions closer together"
             )
         if len(between):
-            between = dtrsm(1.0, factor, between, side=1, lower=1, trans_a=1, overwrite_b=1)
-            rest = dsyrk(-1.0, between, beta=1.0, c=rest, lower=1, overwrite_c=1)
+            between = solved(factor, between)
+            rest = less_square(rest, between)
         if self._remembers:
             self._remembered.append(_Remembered(first, others, factor, between))
         return rest

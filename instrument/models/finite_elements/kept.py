@@ -76,6 +76,12 @@ def keep(text: str, kind: type[Kept], find: Callable[[], Kept]) -> Kept:
     return found
 
 
+def is_kept(text: str) -> bool:
+    """Whether `keep` will find a result under a text on disk."""
+    room = folder()
+    return room is not None and (room / f"{key_of(text)}{SUFFIX}").is_file()
+
+
 def folder() -> Path | None:
     """The folder of kept curves; None: there is no home to have one in."""
     named = os.environ.get(VARIABLE)

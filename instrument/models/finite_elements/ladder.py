@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 M = TypeVar("M")  # what is known of a mesh over the modulus of the object
 S = TypeVar("S")  # answer of a mesh at one modulus
 
+LEAST = 2  # meshes, of which the second knows its error
+
 
 @dataclass(frozen=True, slots=True)
 class Ladder(Generic[M, S]):
@@ -29,6 +31,8 @@ class Ladder(Generic[M, S]):
     Attributes:
         model: name of the model.
         refinements: numbers of the meshes.
+        judge: function that is called before so many meshes, from the first on, are set up. It says what they cost, and
+            raises EstimateError if they do not fit into memory.
         mesh: function that sets up the mesh of a refinement; it is called for none that is not needed.
         poles: function that gives the curve of a mesh.
         estimates: function of the curves of two or more meshes from the first on, and of moduli of the object [Pa]. It
@@ -40,6 +44,7 @@ class Ladder(Generic[M, S]):
 
     model: str
     refinements: Sequence[int]
+    judge: Callable[[int], object]
     mesh: Callable[[int], M]
     poles: Callable[[M], Curve]
     estimates: Callable[[Sequence[Curve], Array], tuple[Array, Array]]
@@ -92,9 +97,11 @@ class Ladder(Generic[M, S]):
                 " give a larger one"
             )
         curves: list[Curve] = []
-        for mesh in map(self.mesh, self.refinements):
+        for count, refinement in enumerate(self.refinements, 1):
+            self.judge(max(LEAST, count))
+            mesh = self.mesh(refinement)
             curves.append(self.poles(mesh))
-            if len(curves) > 1:
+            if count >= LEAST:
                 yield mesh, curves
 
     def _out_of_reach(self, tolerance: float, best: float) -> RangeError:

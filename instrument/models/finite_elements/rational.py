@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, qr, solve_triangular
+from scipy.linalg import cho_solve, qr, solve_triangular
 
-from palpate.instrument.models.finite_elements import set_up
+from palpate.instrument.models.finite_elements.dense import factorised
+from palpate.instrument.models.finite_elements.threads import go_on
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,7 @@ MOST = 9
 TERMS, TERMS_OF_GOALS = 8, 3
 # Bounds on what an answer may miss; most miss a hundredth of these.
 RATIO_ERROR, GOAL_ERROR = 1e-10, 1e-8  # of the greatest force ratio, and of the greatest value of another goal
+ALL_POLES = 3.5  # multiplications to find them all, over the cube of their number [M]
 DEPENDENT = 1e-12  # share of a column that counts as nothing new
 
 
@@ -63,10 +65,9 @@ def projected(
         LinAlgError: the sensor is not held.
     """
     main, others = _independent(np.concatenate([loads, ratio], axis=1)), _independent(goals)
-    fewer = len(FIRST) * (TERMS * main.shape[1] + TERMS_OF_GOALS * others.shape[1]) + modes.shape[1]
+    fewer = _most(main.shape[1], others.shape[1]) + modes.shape[1]
     if 2 * fewer > len(stiffness):
         return None
-    set_up.begin(len(FIRST) * len(stiffness) ** 3 / 6, len(stiffness))
     factors: dict[float, Array] = {}
     onto = _independent(modes)
     pushed = [matrix @ onto for matrix in (stiffness, sensed)]
@@ -77,13 +78,16 @@ def projected(
             # The matrix is symmetric, and its transpose is already as LAPACK wants it.
             matrix = place * sensed
             matrix += stiffness
-            factor = cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)
-            factors[place] = factor[0]
+            go_on()
+            factor = factorised(matrix.T)
+            if factor is None:
+                raise np.linalg.LinAlgError("not positive definite")
+            factors[place] = factor
             term = np.concatenate([main, others], axis=1)
             for count in range(TERMS):
                 if count == TERMS_OF_GOALS:
                     term = term[:, : main.shape[1]]
-                term = cho_solve(factor, term, check_finite=False)
+                term = cho_solve((factor, True), term, check_finite=False)
                 found.append(term)
                 term = sensed @ (term / np.linalg.norm(term, axis=0))
         new = _independent(np.concatenate(found, axis=1), onto)
@@ -102,6 +106,26 @@ def projected(
         if wanted[0] in factors:
             return None
     return None
+
+
+def _most(main: int, others: int) -> int:
+    """Number of displacements that the first moduli give for some columns."""
+    return len(FIRST) * (TERMS * main + TERMS_OF_GOALS * others)
+
+
+def operations(contact: int, loads: int, goals: int) -> float:
+    """Multiplications in which the poles of a contact are found, projected or not [M].
+
+    Args:
+        contact: number of its unknowns.
+        loads: number of loads.
+        goals: number of all goals but the force ratio.
+    """
+    fewer = _most(loads + 1, goals)
+    if 2 * fewer > contact:
+        return ALL_POLES * contact**3
+    checked = len(CHECKED) * (loads + 1 + goals) / 2
+    return len(FIRST) * contact**3 / 6 + contact**2 * (4 * fewer + checked)
 
 
 def _left(

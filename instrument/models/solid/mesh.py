@@ -8,6 +8,7 @@ mirrored; steps shrink geometrically towards the edges of tooth, gap and ring, w
 from __future__ import annotations
 
 import itertools
+import logging
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 from skfem import Mesh, MeshQuad1, MeshQuad2
 
 from palpate.instrument.models.solid.curve import Resolution
+
+logging.getLogger("skfem").addHandler(logging.NullHandler())  # it tells of copies of large meshes
 
 Vector = NDArray[np.float64]
 

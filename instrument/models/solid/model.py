@@ -10,25 +10,34 @@ of them. Contact holds in both directions (no lift-off). Symmetry planes of sens
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import error_estimate as between
-from palpate.instrument.models.finite_elements.kept import keep
-from palpate.instrument.models.finite_elements.ladder import Ladder
+from palpate.instrument.models.finite_elements.cost import Cost, fits, judge, total
+from palpate.instrument.models.finite_elements.kept import is_kept, keep
+from palpate.instrument.models.finite_elements.ladder import LEAST, Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.finite_elements.threads import single
 from palpate.instrument.models.parameters import SHARED_LENGTHS, SolidParameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
+from palpate.instrument.notice import LONG, duration
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.solid.system import System
 
 ROUND_OFF = 1e-8  # of the force ratio of most sensors
 # Object over the length of a cell: meshes of thinner ones may lose digits. In another unit of length a mesh is rounded
 # otherwise. What its answers differ by, times this, bounds their rounding.
 SHEET, UNIT, ROUNDING = 0.1, 1.37, 20.0
+LARGER_TOLERANCE = "give a larger tolerance, or take another model"
+SMALLER_QUESTION = "take another model or a design of fewer teeth, or spread the load evenly"
 LENGTHS = (*SHARED_LENGTHS, "cell_length", "cell_width")
 
 Array = NDArray[np.float64]
@@ -138,22 +147,81 @@ def curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
     Raises:
         EstimateError: the stiffness is singular to working precision.
     """
-    return _curve_on(replace(parameters, sensed_modulus=1.0, force=1.0), resolution)
+    return _curve_on(_of_one(parameters), resolution)
+
+
+def _of_one(parameters: SolidParameters) -> SolidParameters:
+    """A sensor whose object has 1 Pa, under 1 N: of others curves know."""
+    return replace(parameters, sensed_modulus=1.0, force=1.0)
 
 
 @functools.lru_cache(maxsize=64)
 def _curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
-    text = f"solid;{resolution};{parameters.canonical()}"
-    return keep(text, SolidCurve, lambda: found_on(parameters, resolution))
+    return keep(_text(parameters, resolution), SolidCurve, lambda: found_on(parameters, resolution))
+
+
+def _text(parameters: SolidParameters, resolution: Resolution) -> str:
+    """Name under which a curve is kept."""
+    return f"solid;{resolution};{parameters.canonical()}"
 
 
 def found_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
     """Compute what `curve_on` gives, without keeping it; the parameters have an object of 1 Pa and a force of 1 N."""
+    system = _priced.pop((parameters, resolution), None) or _system(parameters, resolution)
+    return system.curve([system.load(parameters.load_at)])
+
+
+def _system(parameters: SolidParameters, resolution: Resolution) -> System:
     # What builds meshes takes a moment to import, and kept curves do not need it.
     from palpate.instrument.models.solid.system import System
 
-    system = System(parameters, resolution)
-    return system.curve([system.load(parameters.load_at)])
+    return System(parameters, resolution)
+
+
+_priced: dict[tuple[SolidParameters, Resolution], System] = {}  # those whose cost is known and that are needed next
+
+
+@functools.lru_cache(maxsize=64)
+def _judge(parameters: SolidParameters, meshes: int) -> None:
+    """Judge, before anything is solved, what the first meshes of a sensor cost, with all that their estimate asks.
+
+    If they take long, it is also said what the next one would need. Parameters are as in `found_on`.
+
+    Raises:
+        EstimateError: they do not fit into memory.
+    """
+    finer = len(ladders.refinements(parameters)) > meshes
+    try:
+        needed = _cost(_new(parameters, meshes), _priced)
+        then = "; answers for all moduli are then kept"
+        if finer and needed.seconds > LONG and fits(needed):
+            further = _cost(set(_new(parameters, meshes + 1)) - set(_new(parameters, meshes)), {})
+            more = f"takes {duration(further.seconds)} more" if fits(further) else "does not fit into memory"
+            then += f"; a finer mesh, if these do not meet the tolerance, {more}"
+        judge(needed, LARGER_TOLERANCE if meshes > LEAST else SMALLER_QUESTION, then)
+    except EstimateError:
+        _priced.clear()
+        raise
+
+
+def _new(parameters: SolidParameters, meshes: int) -> list[tuple[SolidParameters, Resolution]]:
+    """Sensors and meshes that so many meshes and their estimate need, and of which no curve is kept."""
+    own = ladders.meshes(parameters).resolutions[:meshes]
+    asked = [(parameters, each) for each in own] + beside(parameters, meshes)
+    if _may_lose_digits(parameters):
+        asked.append((in_other_units(parameters), own[-1]))
+    return [each for each in dict.fromkeys(asked) if not is_kept(_text(*each))]
+
+
+def _cost(
+    of: Iterable[tuple[SolidParameters, Resolution]], systems: dict[tuple[SolidParameters, Resolution], System]
+) -> Cost:
+    """The cost of some curves; what is set up for it is put into `systems`."""
+    costs = []
+    for each in of:
+        systems[each] = _system(*each)
+        costs.append(systems[each].cost())
+    return total(costs)
 
 
 def point_loads(
@@ -197,6 +265,7 @@ def ladder(parameters: SolidParameters) -> Ladder[SolidCurve, SolidSolution]:
     return Ladder(
         "solid",
         refinements=ladders.refinements(parameters),
+        judge=lambda count: _judge(_of_one(parameters), count),
         mesh=lambda refinement: curve(parameters, refinement),
         poles=lambda mesh: mesh.poles,
         estimates=lambda curves, moduli: estimates(curves, parameters, moduli),
@@ -266,9 +335,13 @@ def in_other_units(parameters: SolidParameters) -> SolidParameters:
     return replace(parameters, load_at=place, **{name: UNIT * getattr(parameters, name) for name in LENGTHS})
 
 
+def _may_lose_digits(parameters: SolidParameters) -> bool:
+    return parameters.sensed_thickness <= SHEET * min(parameters.cell_length, parameters.cell_width)
+
+
 def _rounding(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
     """Bounds on the rounding errors of the last of some meshes; as `estimates`."""
-    if parameters.sensed_thickness > SHEET * min(parameters.cell_length, parameters.cell_width):
+    if not _may_lose_digits(parameters):
         return np.full(len(moduli), ROUND_OFF), np.zeros(len(moduli))
     twin = curve(in_other_units(parameters), len(curves) - 1).poles
     # In a larger unit of length, films of 1 N have a smaller stress by its square, and are thicker by itself.

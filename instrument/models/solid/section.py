@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from skfem import FacetBasis
 
+from palpate.instrument.models.finite_elements.cost import judge
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.body import PlanElements, height_basis
 from palpate.instrument.models.solid.ladders import resolution
@@ -65,6 +66,7 @@ def section(p: SolidParameters, refinement: int) -> Section:
         RangeError, EstimateError: as in `palpate.instrument.models.solid.model.solve`.
     """
     system = System(p, resolution(p, refinement))
+    judge(system.cost(), "take a coarser mesh")
     stack, moved = system.stack, p.force * system.displacement(system.load(p.load_at))
     height = (p.rows // 2 + 0.5) * p.cell_width
     line, face = (_Line(stack, height, points) for points in (POINTS, GAUSS))

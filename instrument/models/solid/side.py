@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
-from palpate.instrument.models.finite_elements.incompressible import extrapolated
+from palpate.instrument.models.finite_elements.cost import Cost, total
+from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense, cost_of
+from palpate.instrument.models.finite_elements.incompressible import NODES, extrapolated
 from palpate.instrument.models.solid.body import Names
-from palpate.instrument.models.solid.cells import Alike, alike, condensed
+from palpate.instrument.models.solid.cells import Alike, alike, condensed, costs
 from palpate.instrument.models.solid.diagonal import Diagonal
 from palpate.instrument.models.solid.parts import Part
 
@@ -78,6 +79,13 @@ class Side:
         if remembers:
             return self._at(1.0, contact, loads, remembers)
         return extrapolated(lambda added: self._at(added, contact, loads, remembers), 1.0)
+
+    def cost(self, contact: NDArray[np.bool_], loads: int) -> Cost:
+        """What `condensed` will cost, with a number of loads."""
+        kept = contact[self.has]
+        mesh = Mesh(self._unknowns, self._coordinates, lambda _: [], kept, np.broadcast_to(0.0, (len(kept), loads)))
+        one = cost_of(mesh) if self._alike is None else costs(mesh, self._alike)
+        return total([one] * (len(NODES) if self.keeps_volume else 1))
 
     def _at(
         self, added: float, contact: NDArray[np.bool_], loads: Callable[[float], Vector], remembers: bool

@@ -9,11 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.models.finite_elements.cost import Cost
 from palpate.instrument.models.finite_elements.coupling import capacitance
 from palpate.instrument.models.finite_elements.fronts import Condensed
 from palpate.instrument.models.finite_elements.incompressible import extrapolated_number
 from palpate.instrument.models.finite_elements.poles import Sensor, curve
-from palpate.instrument.models.finite_elements.threads import single
+from palpate.instrument.models.finite_elements.rational import operations
+from palpate.instrument.models.finite_elements.threads import interruptible, single
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.curve import Resolution, SolidCurve
 from palpate.instrument.models.solid.diagonal import Diagonal
@@ -48,7 +50,7 @@ class System:
     def __init__(
         self, parameters: SolidParameters, resolution: Resolution, mirrored: tuple[bool, bool] | None = None
     ) -> None:
-        self._start = time.process_time()
+        start = time.process_time()
         self.parameters = parameters
         self.mirrored = symmetry(parameters) if mirrored is None else mirrored
         self.stack = Stack(replace(parameters, sensed_modulus=1.0), resolution, self.mirrored)
@@ -61,6 +63,7 @@ class System:
         self._diagonal = Diagonal(self.stack)
         self._sensor, self._sensed = Side(self._diagonal, rest), Side(self._diagonal, [self.stack.object])
         self.contact = self._sensor.has & self._sensed.has
+        self._built = time.process_time() - start
 
     def load(self, load_at: tuple[float, float] | None) -> Vector:
         """Forces of 1 N in all on the unknowns, by a point load, or by a uniform pressure or platen."""
@@ -89,6 +92,13 @@ class System:
         columns: Vector = np.stack(found, axis=1) @ self._goals.shares.T / self.copies
         return columns
 
+    def cost(self, loads: int = 1) -> Cost:
+        """What `curve` will cost, with a number of loads."""
+        goals, films = len(self._goals.shares) - 1, len(self.polarised)
+        contact = int(np.count_nonzero(self.contact))
+        both = self._sensor.cost(self.contact, films + goals + 1) + self._sensed.cost(self.contact, loads + goals + 1)
+        return replace(both + Cost(operations(contact, loads, goals + films)), unknowns=self.stack.unknowns)
+
     def curve(self, loads: Sequence[Vector]) -> SolidCurve:
         """Answers to loads on the object's unknowns.
 
@@ -96,10 +106,10 @@ class System:
             EstimateError: a mesh does not fit into memory, or its stiffness is singular to working precision.
         """
         with single():
-            return self._curve(loads)
+            return interruptible(lambda: self._curve(loads))
 
     def _curve(self, loads: Sequence[Vector]) -> SolidCurve:
-        built = time.process_time()
+        start = time.process_time()
         asked = self._goals
         sensor_side, sensed_side = (self._condensed(side, loads) for side in (self._sensor, self._sensed))
         sensor = self._open(sensor_side)
@@ -130,7 +140,7 @@ class System:
             teeth=asked.teeth,
             bases=asked.bases,
             unknowns=self.stack.unknowns,
-            seconds=(built - self._start, time.process_time() - built),
+            seconds=(self._built, time.process_time() - start),
         )
 
     def _condensed(self, side: Side, loads: Sequence[Vector], remembers: bool = False) -> Condensed:
@@ -187,8 +197,8 @@ class System:
         """
         modulus = self.parameters.sensed_modulus
         with single():
-            sensor_side, sensed_side = (
-                self._condensed(side, [load], remembers=True) for side in (self._sensor, self._sensed)
+            sensor_side, sensed_side = interruptible(
+                lambda: [self._condensed(side, [load], remembers=True) for side in (self._sensor, self._sensed)]
             )
         sensor = self._open(sensor_side)
         stiffness = sensor.stiffness + modulus * sensed_side.stiffness

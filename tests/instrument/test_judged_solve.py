@@ -1,0 +1,138 @@
+"""What a solve takes is known before anything is solved, and a solve can be interrupted."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.instrument import notice
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.models.finite_elements import cost, fronts, kept, threads
+from palpate.instrument.models.parameters import solid_parameters
+from palpate.instrument.models.ratio import Question, ask
+from palpate.instrument.models.solid import model
+from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.system import System
+
+AT = (3e-3, 3e-3)
+
+
+@pytest.fixture(autouse=True)
+def nothing_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """No curve is kept, neither on disk nor in memory."""
+    monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "curves"))
+    model._curve_on.cache_clear()
+    model._judge.cache_clear()
+    yield
+    model._curve_on.cache_clear()
+    model._judge.cache_clear()
+
+
+@pytest.fixture
+def unsolved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing may be solved."""
+
+    def solved(*_: object) -> None:
+        raise AssertionError("an elimination has begun")
+
+    monkeypatch.setattr(fronts, "factorised", solved)
+
+
+@pytest.mark.usefixtures("unsolved")
+@pytest.mark.parametrize("design", ["array", "single"])
+def test_what_does_not_fit_into_memory_is_refused_before_anything_is_solved(
+    design: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cost, "free_memory", lambda: 500_000_000)
+    said: list[str] = []
+    remedy = "take another model or a design of fewer teeth, or spread the load evenly"
+    with (
+        notice.told(said.append),
+        pytest.raises(EstimateError, match=rf"a mesh of \d+ unknowns needs [\d.]+ GB of memory, .* free; {remedy}$"),
+    ):
+        ask(Question(design, "solid", at=AT), [1e5])
+    assert said == []
+
+
+def test_a_finer_mesh_that_does_not_fit_is_refused_with_a_larger_tolerance_as_the_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(cost, "free_memory", lambda: 150_000_000)
+    monkeypatch.setattr(notice, "LONG", 0.0)
+    monkeypatch.setattr(model, "LONG", 0.0)
+    said: list[str] = []
+    with (
+        notice.told(said.append),
+        pytest.raises(EstimateError, match=r"give a larger tolerance, or take another model$"),
+    ):
+        ask(Question("single", "solid", tolerance=1e-6), [1e5])
+    (sentence,) = said
+    assert sentence.endswith("kept; a finer mesh, if these do not meet the tolerance, does not fit into memory")
+
+
+def test_the_whole_price_is_said_once_and_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "RATE", 1e9)
+    said: list[str] = []
+    eliminate = fronts.factorised
+
+    def checked(matrix: np.ndarray) -> np.ndarray | None:
+        assert len(said) == 1
+        return eliminate(matrix)
+
+    monkeypatch.setattr(fronts, "factorised", checked)
+    with notice.told(said.append):
+        ask(Question("single", "solid"), [1e5, 2e5])
+        ask(Question("single", "solid"), [3e5])
+    (sentence,) = said
+    assert sentence.startswith("setting up meshes of up to 37212 unknowns takes about ")
+
+
+@pytest.mark.parametrize("design", ["single", "common_base"])
+def test_the_cost_of_a_mesh_is_that_of_the_eliminations_that_follow(
+    design: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the work of the fronts themselves; what a second does of it is measured by `tests.benchmarks solve_price`."""
+    question = Question(design, "solid", at=AT)
+    parameters = replace(solid_parameters(question.sensor(), question.load(1.0)), force=1.0)
+    system = System(parameters, Resolution(layers=1, ratio=0.15, sectors=1, degree=2))
+    expected, done = system.cost(), []
+    judged = fronts.require_memory
+    monkeypatch.setattr(fronts, "require_memory", lambda own, remedy: (done.append(own), judged(own, remedy)))
+    system.curve([system.load(AT)])
+    poles = model.total([expected, *(replace(each, operations=-each.operations) for each in done)]).operations
+    assert 0 < poles < expected.operations
+    assert expected.entries == max(each.entries for each in done)
+
+
+def test_a_solve_ends_at_once_when_it_is_interrupted_and_does_not_go_on_behind() -> None:
+    ended = threading.Event()
+
+    def endless() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        try:
+            while True:
+                threads.go_on()
+        finally:
+            ended.set()
+
+    with pytest.raises(KeyboardInterrupt):
+        threads.interruptible(endless)
+    assert ended.wait(60)
+    threads.go_on()  # nobody has given up this thread
+
+
+def test_an_error_of_a_solve_is_raised_where_it_was_asked_for() -> None:
+    with pytest.raises(ZeroDivisionError):
+        threads.interruptible(lambda: 1 / 0)
+    found: list[float] = []
+    own = threading.Thread(target=lambda: found.append(threads.interruptible(lambda: 2.0)))
+    own.start()
+    own.join()
+    assert found == [2.0]

@@ -1,0 +1,206 @@
+"""Each run on an open simulated bench can be resumed, and ends as if it had not been interrupted."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import palpate
+from palpate.procedures.console.progress import Progress
+from palpate.procedures.steps.pause import NOBODY
+from tests.examples.relaxation import Relaxation
+from tests.runs import rehash
+
+pytestmark = pytest.mark.usefixtures("own_store")
+
+CELL = palpate.LoadCellSeries(loads=(1.4, 3.3, 7.2), runs=1, creep=False)
+FILMS = palpate.FilmSeries(loads=(2.0, 3.0, 4.0), dwell=0.2)
+SWEEP = palpate.LoadSweep(samples=("2",), loads=(2.0, 3.0), dwell=0.2)
+CHAIN = (CELL, FILMS, SWEEP)
+NOISY = ("thesis_single", "everything", "long_drift")
+
+
+def copying(run: Path, into: Path, at: list[int]) -> Progress:
+    """A progress that copies a run whenever something is reported: what is on disk then is what a kill would leave."""
+
+    def copy(done: int, _total: int, _what: str) -> None:
+        if done not in at:
+            at.append(done)
+            shutil.copytree(run, into / f"{run.name}-{done}")
+
+    return copy
+
+
+def interrupt_at(points: int) -> Progress:
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == points:
+            raise KeyboardInterrupt
+
+    return stop
+
+
+@pytest.mark.parametrize("scene", ["ideal", *(pytest.param(name, marks=pytest.mark.slow) for name in NOISY)])
+def test_each_run_of_a_chain_that_was_killed_at_any_point_ends_as_it_would_have(scene: str, tmp_path: Path) -> None:
+    killed = tmp_path / "killed"
+    whole, at = [], {}
+    with palpate.open_bench(scene=scene) as bench:
+        for number, procedure in enumerate(CHAIN):
+            out, cuts = tmp_path / f"run{number}", at.setdefault(number, [])
+            found = palpate.run(procedure, bench, out=out, progress=copying(out, killed, cuts))
+            whole.append((found.run.digest(), found.run.summary))
+            cuts.pop()  # complete
+    assert at[1] == [0, 1, 2]
+    assert at[2] == [0, 1]
+    for number in (2, 1):  # what was stored when the last was interrupted is still stored
+        for points in at[number]:
+            again = palpate.resume(killed / f"run{number}-{points}")
+            assert (again.run.digest(), again.run.summary) == whole[number], (number, points)
+            assert again.outcome["achieved_seconds"] == whole[number][1]["achieved_seconds"]
+
+
+class Once:
+    """Asks for a pause before a point, in which time passes."""
+
+    def __init__(self, bench: palpate.OpenBench) -> None:
+        self.bench, self.asks = bench, True
+
+    def asked(self) -> bool:
+        asks, self.asks = self.asks, False
+        return asks
+
+    def wait(self) -> None:
+        """A simulated bench takes no notice of the time of the wall."""
+
+
+FAULTY = """
+name = "faulty"
+purpose = "A chain in which runs get wrong replies, and sensors drift."
+design = "single"
+[effects.humidity_leak]
+[effects.white_noise]
+[[fault]]
+kind = "wrong_count"
+on = "shaker_amplifier"
+probability = 0.04
+"""
+
+
+def test_what_happened_before_a_run_happens_again(tmp_path: Path) -> None:
+    """Pauses, incidents, and the time that a script lets pass between two runs."""
+    scene, killed = tmp_path / "scene.toml", tmp_path / "killed"
+    scene.write_text(FAULTY)
+    whole = {}
+    with palpate.open_bench(scene=scene) as bench:
+        for number, pause in enumerate((NOBODY, Once(bench), NOBODY)):
+            bench.bench.clock.wait(60.0 * number)
+            out = tmp_path / f"run{number}"
+            done = palpate.run(SWEEP, bench, out=out, progress=copying(out, killed, []), pause=pause)
+            whole[number] = done.run
+    happened = [{event["kind"] for event in run.events()} for run in whole.values()]
+    assert happened == [{"incident"}, {"incident", "paused", "resumed"}, {"incident"}]
+    assert len({run.digest() for run in whole.values()}) == len(whole)
+    for number, run in list(whole.items())[1:]:
+        again = palpate.resume(killed / f"run{number}-1").run
+        assert again.digest() == run.digest(), number
+        assert again.header.get("before") == run.header.get("before")
+
+
+def worked_on(bench: palpate.OpenBench) -> None:
+    bench.bench.operator.mount(palpate.get_sample("3"))
+
+
+def set_by_hand(bench: palpate.OpenBench) -> None:
+    bench.bench.device("strain_indicator").set(filter=0.4)
+
+
+@pytest.mark.parametrize("something_else", [worked_on, set_by_hand])
+@pytest.mark.parametrize("runs", [0, 1])
+def test_a_run_after_something_that_nobody_knows_says_as_it_begins_that_it_cannot_be_resumed(
+    something_else: Callable[[palpate.OpenBench], None], runs: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt) as ended:
+        for number in range(runs):
+            palpate.run(Relaxation(readings=1), bench, out=tmp_path / str(number))
+        assert "cannot be resumed" not in capsys.readouterr().err
+        something_else(bench)
+        palpate.run(Relaxation(), bench, out=tmp_path / "last", progress=interrupt_at(1))
+    when = "after run 1" if runs else "before its first run"
+    why = f"something else was done with the bench {when}"
+    assert capsys.readouterr().err == f"palpate: note: this run cannot be resumed if it is interrupted: {why}\n"
+    assert not any("palpate runs resume" in note for note in ended.value.__notes__)
+    with pytest.raises(palpate.UsageError, match=f"last: the simulated bench cannot be brought back .*: {why}; run it"):
+        palpate.resume(tmp_path / "last", Relaxation)
+
+
+@dataclass(frozen=True)
+class Slower(Relaxation):
+    name = "slower relaxation"
+    readings: int = 3
+
+
+def test_a_run_after_those_of_a_script_goes_on_where_their_classes_are_known(
+    tmp_path: Path,
+) -> None:
+    with palpate.open_bench(scene="ideal") as bench:
+        palpate.run(Slower(), bench, out=tmp_path / "first")
+        out = tmp_path / "second"
+        whole = palpate.run(SWEEP, bench, out=out, progress=copying(out, tmp_path / "killed", []))
+    cut = tmp_path / "killed" / "second-1"
+    shutil.rmtree(tmp_path / "first")  # the second one's header tells enough
+    gone = shutil.copytree(cut, tmp_path / "gone")
+    rehash(gone, header=lambda header: header["before"]["runs"]["1"]["header"].update(procedure="uninstalled"))
+    with pytest.raises(palpate.UsageError, match=r"first: 'uninstalled' .* cannot be resumed without its class"):
+        palpate.resume(gone)
+    assert palpate.resume(cut).run.digest() == whole.run.digest()
+
+
+def test_a_run_of_an_earlier_version_that_tells_only_how_many_came_before_it_is_run_anew(tmp_path: Path) -> None:
+    with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt):
+        palpate.run(SWEEP, bench, out=tmp_path / "old", progress=interrupt_at(1))
+
+    rehash(tmp_path / "old", header=lambda header: header.update(runs_before=1))
+    with pytest.raises(palpate.UsageError, match=r"kept no account of the runs before it; run it anew"):
+        palpate.resume(tmp_path / "old")
+    assert len(palpate.read(tmp_path / "old").points()) == 1
+
+
+SCRIPT = """
+import os, sys, palpate
+from tests.procedures.test_chained_runs import CHAIN
+cut, points = map(int, sys.argv[1:])
+def kill(done, total, what):
+    if number == cut and done == points: os.kill(os.getpid(), {signal})
+with palpate.open_bench(scene="thesis_single") as bench:
+    for number, procedure in enumerate(CHAIN):
+        print(palpate.run(procedure, bench, out=f"run{{number}}", progress=kill).run.digest(), flush=True)
+"""
+RESUME = "import sys, palpate; print(palpate.resume(sys.argv[1]).run.digest())"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_chain_that_was_ended_by_a_signal_goes_on_in_another_process(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def python(folder: Path, code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+        folder.mkdir(exist_ok=True)
+        monkeypatch.setenv("PALPATE_STORE", str(folder / "store"))
+        monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+        command = [sys.executable, "-c", code, *map(str, arguments)]
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True)
+
+    script = SCRIPT.format(signal=int(number))
+    whole = python(tmp_path / "whole", script, -1, 0).stdout.split()
+    for run, points in ((1, 0), (1, 2), (2, 1)):
+        folder = tmp_path / f"{run}-{points}"
+        ended = python(folder, script, run, points)
+        assert ended.returncode != 0
+        assert ended.stdout.split() == whole[:run]
+        assert python(folder, RESUME, f"run{run}").stdout.split() == [whole[run]]
