@@ -15,6 +15,7 @@ from palpate.instrument.bench.links import CAN, LINE
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.bench.this_machine import LOOPBACK
 from palpate.instrument.config import check
+from palpate.instrument.contracts.pdo import NODES
 from palpate.instrument.errors import BenchError
 from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.design import USUAL_NOISE
@@ -105,11 +106,18 @@ class SimulatedBench:
         self.operator = SimulatedOperator(self.rig, self.clock)
         self._stack = Ends()
 
+    def _free_node_id(self, kind: DeviceKind) -> int:
+        """The node id at which alone the COB-IDs of a device are known, if there is one; else the next that is free."""
+        taken: set[int] = {*self._node_ids, *(guest.id for guest in self.can.guests)}
+        known: list[int] = [pdo.node for pdo in (*kind.contract.pdos, *kind.contract.receives) if pdo.node]
+        free: int = next(each for each in (*known, *NODES) if each not in taken)
+        return free
+
     def _add(self, name: str, kind: DeviceKind, settings: Any) -> None:
         count = Counter(each.name for each in self._kinds.values())[kind.name] + 1
         link, serial = kind.links[0], f"SIM-{kind.contract.identity.product.partition('-')[0]}-{count:04d}"
         if link == "canopen":
-            unit = self._addresses[name] = 1 + max([0, *self._node_ids, *(guest.id for guest in self.can.guests)])
+            unit = self._addresses[name] = self._free_node_id(kind)
             number = 1 + self._sampling.index(name) if name in self._sampling else 0
             place = wire.Place(self.clock, self.rig, unit, SERIAL + unit, settings, kind, self._find, number=number)
         else:

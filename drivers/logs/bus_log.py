@@ -5,16 +5,13 @@ from __future__ import annotations
 import stat
 import struct
 import threading
-import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
 import can
-from can.io.blf import BLFParseError
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import Clock
@@ -26,8 +23,10 @@ from palpate.instrument.contracts import sensor_node
 from palpate.instrument.errors import RecordError, UsageError, check_path
 from palpate.instrument.own_process import Ends
 
-CAN_FORMATS: dict[str, tuple[Any, str]] = {".blf": (can.BLFReader, "rb"), ".asc": (can.ASCReader, "r")}
+CAN_FORMATS = (".blf", ".asc")
+CANDUMP = ".log"  # is read, and not written
 WHOLE_FORMAT = ".pcapng"
+READ = (WHOLE_FORMAT, *CAN_FORMATS, CANDUMP)
 UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # index of the unit id in a frame
 CLOCK, RUN = "clock", "run"  # two notes: a time that the program read from the bench's clock [ns]; the run's header
 NODES = sensor_node.CONTRACT.name
@@ -60,10 +59,8 @@ def check_log(path: Path) -> None:
 def logged(path: Path) -> Path:
     """Check the path of a log to read, and return it. Raises UsageError: the suffix is wrong, or it is no file."""
     check_path(path)
-    if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
-        raise UsageError(
-            f"{path}: no bus log, whose name would end in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}; check the name"
-        )
+    if path.suffix.lower() not in READ:
+        raise UsageError(f"{path}: no bus log, whose name would end in {', '.join(READ)}; check the name")
     try:
         kind = path.stat().st_mode
     except OSError as error:
@@ -112,10 +109,17 @@ def can_links(bench: Bench) -> list[tuple[CanLink, Callable[[bytes], str]]]:
     found: list[tuple[CanLink, Callable[[bytes], str]]] = []
     for name, link in bench.links.items():
         if isinstance(link, CanLink):
-            names = {device.unit: called(device) for device in bench.description.devices if device.link == name}
+            devices = [device for device in bench.description.devices if device.link == name]
+            names = {device.unit: called(device) for device in devices}
+            of_pdo = {
+                pdo.cob_id(device.unit): called(device)
+                for device in devices
+                for pdo in (*device.kind.contract.pdos, *device.kind.contract.receives)
+            }
 
-            def whom(data: bytes, names: dict[int, str] = names) -> str:
-                return names.get(FRAME.unpack_from(data)[0] & NODE_ID, NODES)
+            def whom(data: bytes, names: dict[int, str] = names, of_pdo: dict[int, str] = of_pdo) -> str:
+                identifier = FRAME.unpack_from(data)[0]
+                return of_pdo.get(identifier) or names.get(identifier & NODE_ID, NODES)
 
             found.append((link, whom))
     return found
@@ -178,8 +182,8 @@ class BusLog:
             raise _unwritable(self._path, error) from error
         for _, modbus, kind, whom in modbus_links(self._bench):
             self._listen(modbus, kind, whom)
-        for link, of in can_links(self._bench):
-            link.tap(partial(self._heard_frame, of))
+        for channel, (link, of) in enumerate(can_links(self._bench)):
+            link.tap(partial(self._heard_frame, of, channel))
         self._bench.clock.tap(self._told_time)
         return self
 
@@ -215,13 +219,13 @@ class BusLog:
 
         link.tap(heard)
 
-    def _heard_frame(self, whom: Callable[[bytes], str], sending: bool, frame: can.Message) -> None:
+    def _heard_frame(self, whom: Callable[[bytes], str], channel: int, sending: bool, frame: can.Message) -> None:
         data = packed(frame)
         stamped = unpacked(data)
         with self._lock:
             now = self._now_ns()
             self._write(self._whole.write, Packet(now, whom(data), Link.CAN, sending, data))
-            stamped.timestamp, stamped.is_rx, stamped.channel = now / 1e9, not sending, 0
+            stamped.timestamp, stamped.is_rx, stamped.channel = now / 1e9, not sending, channel
             for log in self._frames:
                 self._write(log, stamped)
 
@@ -243,29 +247,3 @@ class BusLog:
                     write(what)
                 except (OSError, ValueError) as error:
                     self._failure = error
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """A CAN frame of a log; `time` is in seconds since 1970 (UTC)."""
-
-    time: float
-    identifier: int
-    data: bytes
-
-
-def frame_of(packet: Packet) -> Frame:
-    """The CAN frame of a packet."""
-    frame = unpacked(packet.data)
-    return Frame(packet.time_ns / 1e9, frame.arbitration_id, bytes(frame.data))
-
-
-def read_frames(path: Path) -> Iterator[Frame]:
-    """The frames of a log, in their order. Raises OSError, ValueError: it cannot be read, or is damaged."""
-    reader, mode = CAN_FORMATS[path.suffix.lower()]
-    try:
-        with path.open(mode) as file:  # python-can would leave a file with a damaged header open
-            for frame in reader(file):
-                yield Frame(frame.timestamp, frame.arbitration_id, bytes(frame.data))
-    except (can.CanError, BLFParseError, struct.error, EOFError, zlib.error) as error:
-        raise ValueError(str(error)) from error

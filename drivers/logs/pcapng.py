@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 SECTION, INTERFACE, PACKET = 0x0A0D0D0A, 1, 6  # block types
+SECTION_TYPE = SECTION.to_bytes(4, "little")
 BYTE_ORDER = 0x1A2B3C4D
 COMMENT, FLAGS, RESOLUTION, NANOSECONDS = 1, 2, 9, 9  # options
 INBOUND, OUTBOUND = 1, 2  # flags
@@ -23,7 +24,12 @@ IP_HEADER, TCP_HEADER = 20, 20  # bytes
 SENT, CAME = 1, 2  # events of a serial line
 APPLICATION, HASHED = 4, b"palpate, with the SHA-256 at its end"  # option of the section block
 SHA256 = "sha256"  # name of the last note
+MOST_WRONG = 2  # bytes of a beginning; those of other programs' files differ in more
 NOTE_HEADER = struct.pack(">HH4sHH", 12, 4, b"json", 0, 0)  # names Wireshark's dissector for a note
+
+
+class NotALog(ValueError):
+    """A file is no log that can be read; it is nothing damaged."""
 
 
 class Link(IntEnum):
@@ -154,15 +160,16 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
     """Packets of a file that `PcapngWriter` wrote.
 
     Raises:
-        ValueError: the file is no capture of palpate, or is damaged or cut off. Damage that the packets themselves do
-            not show is found after the last one, by the hash.
+        NotALog: the file is no capture of palpate.
+        ValueError: it is damaged or cut off. Damage that the packets themselves do not show is found after the last
+            one, by the hash.
     """
     data = path.read_bytes()
-    if struct.unpack_from("<I4xI", data.ljust(12)) != (SECTION, BYTE_ORDER):
-        raise ValueError("no capture file of palpate")
     # Without this check a single wrong bit could make a cut-off file look like one of the version without a hash.
     if not data.startswith((BEGINNING, EARLIER)):
-        raise ValueError("its first bytes are damaged")
+        if not any(_resembles(data, ours) for ours in (BEGINNING, EARLIER)):
+            raise NotALog("no capture file of palpate, but another program's")
+        raise ValueError("its first bytes are damaged or missing")
     at = 0
     while at < len(data):
         kind, size = struct.unpack_from("<II", data.ljust(at + 8, b"\0"), at)
@@ -178,6 +185,13 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
         at += size
     if is_hashed(data):
         raise ValueError("it was cut off: its end is missing")
+
+
+def _resembles(data: bytes, ours: bytes) -> bool:
+    """Whether a file that does not begin as ours do began so once: it is cut off there, or has some wrong bytes."""
+    first = data[: len(ours)]
+    wrong = sum(here != there for here, there in zip(first, ours, strict=False))
+    return len(first) >= len(SECTION_TYPE) and wrong <= MOST_WRONG
 
 
 def is_hashed(data: bytes) -> bool:

@@ -254,9 +254,13 @@ def _check_identifiers(link: str, nodes: Sequence[Listed]) -> None:
     for each in nodes:
         contract = each.kind.contract
         own = [(f"{what} of {each.name}", base + each.unit) for what, base in OF_A_NODE.items()]
-        data = [
-            (f"PDO {pdo.name} of {each.name}", pdo.cob_id(each.unit)) for pdo in (*contract.pdos, *contract.receives)
-        ]
+        try:
+            data = [
+                (f"PDO {pdo.name} of {each.name}", pdo.cob_id(each.unit))
+                for pdo in (*contract.pdos, *contract.receives)
+            ]
+        except ConfigError as error:
+            raise ConfigError(f"{each.name} on {link}: {error}") from None
         for what, identifier in (*own, *data):
             if identifier in known:
                 raise ConfigError(

@@ -120,7 +120,8 @@ def _wire(contract: Contract) -> str:
 
 
 def _pdo_line(pdo: Pdo, what: str) -> str:
-    return f"{what} ({pdo.name}), COB-ID 0x{pdo.base:X} + node id: {', '.join(pdo.fields)}."
+    cob_id = f"0x{pdo.cob_id(pdo.node):X} at node id {pdo.node} alone" if pdo.node else f"0x{pdo.base:X} + node id"
+    return f"{what} ({pdo.name}), COB-ID {cob_id}: {', '.join(pdo.fields)}."
 
 
 def _row(contract: Contract, f: Field) -> tuple[str, ...]:

@@ -52,28 +52,35 @@ def object_dictionary(contract: Contract) -> Any:
             _add_group(od, index, fields[0].name.rsplit("_", 1)[0], [_variable(f, mapped) for f in fields])
     for first, pdos in ((SENT, contract.pdos), (TAKEN, contract.receives)):
         for index, pdo in enumerate(pdos, first + PDOS):
+            if pdo.index or pdo.fixed:
+                _add_communication(od, pdo)
             if pdo.index:
-                _add_set_up(od, pdo)
+                _add_mapping(od, pdo)
                 continue
+            at = pdo.fixed + PDOS if pdo.fixed else index
             entries = []
             for sub, name in enumerate(pdo.fields, 1):
                 f = contract[name]
-                entry = ODVariable(name, index, sub)
+                entry = ODVariable(name, at, sub)
                 entry.data_type, entry.access_type = datatypes.UNSIGNED32, "const"
                 entry.default = f.index << 16 | f.subindex << 8 | 8 * f.size
                 entries.append(entry)
-            _add_group(od, index, f"mapping of {pdo.name}", entries)
+            _add_group(od, at, f"mapping of {pdo.name}", entries)
     return od
 
 
-def _add_set_up(od: Any, pdo: Pdo) -> None:
-    """The objects by which a client sets a PDO up: it may write them all."""
+def _add_communication(od: Any, pdo: Pdo) -> None:
+    """The communication objects of a PDO: a client may write them all, or none if the node has it fixed."""
     unsigned = {8: datatypes.UNSIGNED8, 16: datatypes.UNSIGNED16, 32: datatypes.UNSIGNED32}
     parts: list[Any] = []
     for sub, (name, bits) in enumerate((("COB-ID", 32), ("transmission type", 8), ("inhibit time", 16)), 1):
-        parts.append(ODVariable(f"{name} of {pdo.name}", pdo.index, sub))
-        parts[-1].data_type, parts[-1].access_type = unsigned[bits], "rw"
-    _add_group(od, pdo.index, f"communication of {pdo.name}", parts)
+        parts.append(ODVariable(f"{name} of {pdo.name}", pdo.index or pdo.fixed, sub))
+        parts[-1].data_type, parts[-1].access_type = unsigned[bits], "rw" if pdo.index else "const"
+    _add_group(od, pdo.index or pdo.fixed, f"communication of {pdo.name}", parts)
+
+
+def _add_mapping(od: Any, pdo: Pdo) -> None:
+    """The mapping objects by which a client sets a PDO up."""
     mapping: list[Any] = [ODVariable(f"object {sub}", pdo.index + PDOS, sub) for sub in range(1, MOST_ENTRIES + 1)]
     for entry in mapping:
         entry.data_type, entry.access_type, entry.default = datatypes.UNSIGNED32, "rw", 0

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from palpate.instrument.errors import ConfigError
+
+NODES = range(1, 128)
 LARGEST = 0x7FF  # identifier of a frame
 # Identifiers of other messages, whatever the node: of NMT, SYNC and time stamps, with those that CiA 301 keeps free;
 # of node guarding. Those that a node has beside its PDOs are below.
@@ -29,6 +32,8 @@ class Pdo:
             the node has it as it is.
         transmission: its transmission type, which is then set; 1: at every SYNC, 255: when the node wants.
         inhibit: least time between two frames that a node sends, which is then set [s].
+        fixed: its communication object, if the node lets nobody set the PDO up; 0: it is not known, or it can be.
+        node: the node id at which alone its COB-ID is known; 0: any.
     """
 
     name: str
@@ -37,9 +42,22 @@ class Pdo:
     index: int = 0
     transmission: int = 1
     inhibit: float = 0.0
+    fixed: int = 0
+    node: int = 0
 
     def cob_id(self, node_id: int) -> int:
+        """Its COB-ID at a node id. Raises ConfigError: it is known at another node id alone."""
+        if self.node not in (0, node_id):
+            raise ConfigError(
+                f"PDO {self.name} has the COB-ID 0x{self.base + self.node:X} at node id {self.node}, and none that is "
+                f"known at node id {node_id}; give the device node id {self.node}, or import the maker's file anew"
+            )
         return self.base + node_id
+
+    def node_of(self, cob_id: int) -> int:
+        """The node id at which it has a COB-ID; 0: there is none."""
+        node_id = cob_id - self.base
+        return node_id if node_id in NODES and self.node in (0, node_id) else 0
 
 
 def is_relative(index: int, subindex: int) -> bool:

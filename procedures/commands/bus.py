@@ -28,9 +28,10 @@ bus.add_command(lss)
 @click.argument("log", type=FILE_NAME, metavar="FILE")
 @output_options
 def show(log: Path, as_json: bool, quiet: bool) -> None:
-    """Decode a log of all traffic (.pcapng) or of CAN (.blf, .asc), with names, values and units.
+    """Decode a log of all traffic (.pcapng) or of CAN (.blf, .asc, .log of candump), with names, values and units.
 
-    Times are those of the bench's clock, in seconds since the first message.
+    Times are those of the bench's clock, in seconds since the first message. Exit status 1: the log is damaged, or was
+    cut off; what precedes that is shown.
     """
     from palpate.procedures.logs.shown import Line, read_log
     from palpate.procedures.records.holes import check_holes
@@ -43,8 +44,11 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
         if output.as_json:
             output.json({"file": str(log), "messages": [asdict(message) for message in messages]})
     finally:
+        channels = {message.channel for message in messages if message.channel}
+        width = max(map(len, channels)) + 2 if len(channels) > 1 else 0
         for message in messages:
-            output.line(f"{message.time - messages[0].time:12.6f}  {message.who:16}  {message.text}")
+            place = message.channel.ljust(width)[:width]
+            output.line(f"{message.time - messages[0].time:12.6f}  {place}{message.who:16}  {message.text}")
 
 
 @bus.command(

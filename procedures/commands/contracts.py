@@ -90,16 +90,22 @@ def frames(file: Path, as_json: bool, quiet: bool) -> None:
 def import_(
     file: Path, out: Path, objects: tuple[str, ...], name: str, node: int | None, as_json: bool, quiet: bool
 ) -> None:
-    """Make a map file from a maker's EDS or DCF FILE: its PDOs with their objects, and those that you name."""
+    """Make a map file from a maker's EDS or DCF FILE: its PDOs with their objects, and those that you name.
+
+    What of the file a map cannot hold, and what in it contradicts itself, is told, and stands in the map as a comment.
+    """
     from palpate.instrument.contracts.maps.imported import imported
     from palpate.procedures.records.run import storing
 
     output = Output(as_json, quiet)
     if out.exists():
         raise UsageError(f"--out {out}: is there already; name a new file, or delete it")
-    text = imported(file, objects, name, node)
+    notes: list[str] = []
+    text = imported(file, objects, name, node, notes.append)
     with storing(out, "a writable file with --out"):
         out.write_text(text, encoding="utf-8")
     if output.as_json:
-        output.json({"files": [str(out)]})
+        output.json({"files": [str(out)], "notes": notes})
+    for note in notes:
+        output.line(note)
     output.line(str(out))

@@ -10,13 +10,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.drivers.logs.bus_log import RUN, WHOLE_FORMAT, Frame, frame_of, kind_called, logged, read_frames
-from palpate.drivers.logs.pcapng import Link, Packet, read_pcapng
+from palpate.drivers.logs.bus_log import RUN, WHOLE_FORMAT, kind_called, logged
+from palpate.drivers.logs.can_frames import Frame, frame_of, read_frames
+from palpate.drivers.logs.pcapng import Link, NotALog, Packet, read_pcapng
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, sdo
 from palpate.instrument.contracts.maps.map_file import read_map
-from palpate.instrument.errors import ConfigError, PalpateError, UsageError
+from palpate.instrument.errors import PalpateError, RecordError, UsageError
+from palpate.instrument.quantity import counted
 from palpate.procedures.logs.modbus_shown import Conversation, take
 
 NODE = sensor_node.CONTRACT
@@ -36,20 +38,22 @@ class Line:
         who: the device that sent or received it.
         text: its decoded content.
         raw: its bytes in hexadecimal digits.
+        channel: the CAN bus, as the log numbers or names it; "": the log does not say.
     """
 
     time: float
     who: str
     text: str
     raw: str
+    channel: str = ""
 
 
 def read_log(path: Path) -> Iterator[Line]:
     """The messages of a log, in their order.
 
     Raises:
-        UsageError: the file is no log, or cannot be read.
-        ConfigError: the log is damaged; the message says where.
+        UsageError: the file is no log that can be shown, or cannot be read.
+        RecordError: the log is damaged or was cut off; the message says where, and the messages before it were given.
     """
     try:
         if logged(path).suffix.lower() == WHOLE_FORMAT:
@@ -58,8 +62,10 @@ def read_log(path: Path) -> Iterator[Line]:
             yield from map(_frame, read_frames(path))
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
+    except NotALog as error:
+        raise UsageError(f"{path}: is no log of palpate's: {error}; give one that --log recorded") from error
     except (ValueError, struct.error) as error:
-        raise ConfigError(f"{path}: damaged: {error}; the messages before the damage are good") from error
+        raise RecordError(f"{path}: damaged: {error}; the messages before the damage are good") from error
 
 
 def _messages(packets: Iterator[Packet]) -> Iterator[Line]:
@@ -121,15 +127,28 @@ def _maps(packet: Packet) -> dict[str, Contract]:
 
 
 def _frame(frame: Frame, contract: Contract = NODE, known: dict[str, float] | None = None) -> Line:
+    if frame.kind != "data" or frame.extended:
+        return Line(frame.time, "bus", _no_message(frame), frame.data.hex(" "), frame.channel)
     node, kind = frame.identifier & NODE_BITS, frame.identifier & ~NODE_BITS
     who = f"node {node}" if node else "all nodes"
     text = _message(contract, frame.identifier, node, kind, frame.data, {} if known is None else known)
-    return Line(frame.time, who, text, frame.data.hex(" "))
+    return Line(frame.time, who, text, frame.data.hex(" "), frame.channel)
+
+
+def _no_message(frame: Frame) -> str:
+    """Text of a frame that is no message of CANopen: those have 11 bits and data."""
+    if frame.kind == "error":
+        return "error frame"
+    bits = "29-bit " if frame.extended else ""
+    if frame.kind == "remote":
+        return f"{bits}remote frame for {counted(frame.size, 'byte')} of 0x{frame.identifier:X}"
+    name = "CAN FD frame" if frame.kind == "fd" else "frame"
+    return f"{bits}{name} 0x{frame.identifier:X}" + (f": {frame.data.hex(' ')}" if frame.data else "")
 
 
 def _message(contract: Contract, identifier: int, node: int, kind: int, data: bytes, known: dict[str, float]) -> str:
-    pdo = next((pdo for pdo in (*contract.pdos, *contract.receives) if pdo.base == kind), None)
-    if pdo is not None and node:
+    pdo = next((pdo for pdo in (*contract.pdos, *contract.receives) if pdo.node_of(identifier)), None)
+    if pdo is not None:
         parts = contract.parts(pdo, data)
         take(contract, parts, known)
         return ", ".join(contract.shown(name, part, known) for name, part in parts.items())

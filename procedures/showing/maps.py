@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.bench.mapped import serves
 from palpate.instrument.contracts.field import Field, Table
-from palpate.instrument.contracts.maps.eds import FOLDERS, disagreements, folders, own_copy, read_sheet
+from palpate.instrument.contracts.maps.data_sheet import read_sheet
+from palpate.instrument.contracts.maps.eds import FOLDERS, disagreements, fixed_otherwise, folders, own_copy
 from palpate.instrument.contracts.maps.golden_frames import Proof, prove
 from palpate.instrument.contracts.maps.map_file import DeviceMap, read_map
 from palpate.instrument.quantity import counted
@@ -95,7 +96,8 @@ def _sheet(found: DeviceMap) -> tuple[str, list[str]]:
         return f"{path}: another file", [
             f"eds: {path} has the SHA-256 {sheet.sha256}, the map was made from {found.eds.sha256}; import it anew"
         ]
-    return f"{path}: compared", list(disagreements(sheet, found.contract.fields))
+    sheet = replace(sheet, node=found.line.node or sheet.node)
+    return f"{path}: compared", [*disagreements(sheet, found.contract.fields), *fixed_otherwise(sheet, found.contract)]
 
 
 def print_checked(found: Checked) -> None:

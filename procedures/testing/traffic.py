@@ -88,14 +88,16 @@ class Traffic:
 
     def _listen_can(self, link: CanLink) -> None:
         upload, download, command, subscribe, send = link.upload, link.download, link.command, link.subscribe, link.send
-        names = {
-            device.id: device.name
-            for device in self._bench.devices
-            if isinstance(device, CanopenDevice) and device.link is link
+        nodes = [each for each in self._bench.devices if isinstance(each, CanopenDevice) and each.link is link]
+        names = {device.id: device.name for device in nodes}
+        of_pdo = {
+            pdo.cob_id(device.id): device.name
+            for device in nodes
+            for pdo in (*device.contract.pdos, *device.contract.receives)
         }
 
         def called(cob_id: int) -> str:
-            return names.get(cob_id & BROADCAST, f"node {cob_id & BROADCAST}")
+            return of_pdo.get(cob_id) or names.get(cob_id & BROADCAST, f"node {cob_id & BROADCAST}")
 
         def uploaded(who: str, node: Any, index: int, subindex: int, size: int | None = None) -> bytes:
             data: bytes = self._answered(
@@ -171,7 +173,7 @@ class Traffic:
         if contract is None:
             return None
         known = contract.receives if message.verb == "send" else contract.pdos
-        return next((pdo for pdo in known if pdo.base == message.address & ~BROADCAST), None)
+        return next((pdo for pdo in known if pdo.node_of(message.address)), None)
 
     def _is_stream(self, message: Message) -> bool:
         return message.verb == "frame" and self._pdo(message) is not None

@@ -7,11 +7,23 @@ from dataclasses import dataclass, field, replace
 from canopen.sdo.exceptions import SdoAbortedError
 
 from palpate.instrument.contracts.contract import Contract, Pdo, sdo
-from palpate.instrument.contracts.pdo import AT_SYNC, COB_ID, MOST_ENTRIES, PDOS, SENT, TRANSMISSION_TYPE
+from palpate.instrument.contracts.pdo import (
+    AT_SYNC,
+    COB_ID,
+    KEPT,
+    MOST_ENTRIES,
+    OF_A_NODE,
+    PDOS,
+    SENT,
+    TRANSMISSION_TYPE,
+)
 
 OFF, NO_RTR = 0x8000_0000, 0x4000_0000  # bits of a COB-ID
 IDENTIFIER = 0x7FF
 WHEN_IT_WANTS = 255  # transmission type
+RESERVED = range(0xF1, 0xFC)  # transmission types
+REMOTE = (0xFC, 0xFD)  # transmission types of what a node sends when it is asked to
+OF_OTHERS = [range(base + 1, base + 128) for what, base in OF_A_NODE.items() if what != "emergencies"]
 LARGEST = 8  # bytes of a frame
 NOT_MAPPABLE, TOO_LONG = 0x0604_0041, 0x0604_0042
 NOT_NOW, WRONG_VALUE = 0x0800_0022, 0x0609_0030
@@ -29,17 +41,22 @@ class _State:
 
 
 class PdoObjects:
-    """Communication and mapping objects of the PDOs that a driver sets up."""
+    """Communication and mapping objects of the PDOs that a driver sets up, and of those that nobody can set up."""
 
     def __init__(self, contract: Contract, node_id: int) -> None:
         self._contract, self._id = contract, node_id
         self._fields = {f.address: f for f in contract.fields if f.type != "text"}
-        self._pdos = {pdo.index: pdo for pdo in (*contract.pdos, *contract.receives) if pdo.index}
+        self._pdos = {at: pdo for pdo in (*contract.pdos, *contract.receives) if (at := pdo.index or pdo.fixed)}
         self.reset()
 
     def reset(self) -> None:
         """Return to the state after power-on."""
         self._states = {index: _State(pdo.cob_id(self._id) | NO_RTR) for index, pdo in self._pdos.items()}
+        for index, pdo in self._pdos.items():
+            if pdo.fixed:
+                fields = [self._contract[name] for name in pdo.fields]
+                entries = {number: f.address << 8 | 8 * f.size for number, f in enumerate(fields, 1)}
+                self._states[index] = _State(pdo.cob_id(self._id), pdo.transmission, 0, len(entries), entries)
 
     def has(self, index: int) -> bool:
         """Whether an object is one of these."""
@@ -56,18 +73,22 @@ class PdoObjects:
     def write(self, index: int, subindex: int, value: int) -> None:
         """Take what a client writes. Raises SdoAbortedError: the node must refuse it."""
         if index in self._states:
-            self._write_communication(self._states[index], subindex, value)
+            self._write_communication(self._states[index], index >= SENT, subindex, value)
         else:
             self._write_mapping(self._states[index - PDOS], index - PDOS >= SENT, subindex, value)
 
     @staticmethod
-    def _write_communication(state: _State, subindex: int, value: int) -> None:
+    def _write_communication(state: _State, sent: bool, subindex: int, value: int) -> None:
         if subindex == COB_ID:
+            identifier = value & ~(OFF | NO_RTR)
             moved = (value ^ state.cob_id) & IDENTIFIER and not (value | state.cob_id) & OFF
-            if moved or (value ^ state.cob_id) & NO_RTR:
+            kept = identifier > IDENTIFIER or any(identifier in each for each in (*KEPT, *OF_OTHERS))
+            if moved or (value ^ state.cob_id) & NO_RTR or (kept and not value & OFF):
                 raise SdoAbortedError(WRONG_VALUE)
             state.cob_id = value
         elif subindex == TRANSMISSION_TYPE:
+            if value in RESERVED or (value in REMOTE and not sent):
+                raise SdoAbortedError(WRONG_VALUE)
             state.transmission = value
         else:
             state.inhibit = value
@@ -89,7 +110,7 @@ class PdoObjects:
 
     def as_set(self, pdo: Pdo) -> Pdo | None:
         """A PDO as it is set now; None: it is off, or holds nothing."""
-        if not pdo.index:
+        if not pdo.index:  # nobody can set it up
             return pdo
         state = self._states[pdo.index]
         if state.cob_id & OFF or not state.count:
@@ -100,8 +121,8 @@ class PdoObjects:
 
     def at_sync(self, pdo: Pdo, held: dict[str, float]) -> bool:
         """Whether a PDO is sent at each SYNC; `held`: the node's settings."""
-        if pdo.index:
-            return self._states[pdo.index].transmission in AT_SYNC
+        if at := pdo.index or pdo.fixed:
+            return self._states[at].transmission in AT_SYNC
         number = self._contract.pdos.index(pdo)
         name = next((f.name for f in self._contract.fields if f.address == sdo(SENT + number, TRANSMISSION_TYPE)), None)
         return name is not None and int(held[name]) in AT_SYNC

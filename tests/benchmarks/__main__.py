@@ -21,6 +21,7 @@ from tests.benchmarks import (
     damages,
     disk,
     driver_call,
+    eds,
     estimates,
     estimates_solid,
     estimators,
@@ -64,6 +65,7 @@ from tests.benchmarks.row import Row
 
 PARTS = {
     "driver_call": driver_call.measure,
+    "eds": eds.measure,
     "sweep": sweep.measure,
     "array": array.measure,
     "numbers": numbers.measure,

@@ -15,17 +15,16 @@ from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.bus_log import (
     BusLog,
-    Frame,
     check_log,
-    frame_of,
     kind_called,
     log_files,
     logged,
     packed,
-    read_frames,
     unpacked,
 )
+from palpate.drivers.logs.can_frames import Frame, frame_of, read_frames
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.simulators.clock import VirtualClock
 
@@ -83,7 +82,7 @@ def test_a_log_to_read_is_a_file_of_a_known_format(tmp_path: Path) -> None:
     log.rmdir()
     log.touch()
     assert logged(log) == log
-    with pytest.raises(UsageError, match=r"^t\.txt: no bus log, whose name would end in \.blf, \.asc, \.pcapng; check"):
+    with pytest.raises(UsageError, match=r"^t\.txt: no bus log, .*end in \.pcapng, \.blf, \.asc, \.log; "):
         logged(Path("t.txt"))
 
 
@@ -127,6 +126,9 @@ class Clock(VirtualClock):
         self.heard = heard
 
 
+NODE = CONTRACTS["sensor_node"]
+
+
 class Bench(SimpleNamespace):
     """A bench with one link of each kind, and what its log listens with."""
 
@@ -157,7 +159,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
             taps[self.name] = heard
 
     devices = [
-        SimpleNamespace(name=name, kind=SimpleNamespace(name=kind), link=link, unit=unit)
+        SimpleNamespace(name=name, kind=SimpleNamespace(name=kind, contract=NODE), link=link, unit=unit)
         for name, kind, link, unit in (
             ("left", "oven", "rack", 7),
             ("stage", "stage", "line", 2),

@@ -24,7 +24,8 @@ from palpate.drivers.roles import Exciter
 from palpate.drivers.safe_end import insist
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.contracts.cyclic import MOST, Receiver, hand_over
-from palpate.instrument.contracts.maps.eds import disagreements, identity, read_sheet
+from palpate.instrument.contracts.maps.data_sheet import read_sheet
+from palpate.instrument.contracts.maps.eds import disagreements, identity
 from palpate.instrument.errors import BenchInUse, DeviceError, LinkError, RangeError, SafetyError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene

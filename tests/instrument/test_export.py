@@ -22,6 +22,7 @@ from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
 from palpate.instrument.contracts.export import bench_dbc, export_contracts, node_eds, register_table
 from palpate.instrument.contracts.object_dictionary import object_dictionary
 from palpate.instrument.errors import RecordError, UsageError
+from tests.second_reader import hold
 
 NODE = CONTRACTS["sensor_node"]
 NAMES = ["registers.md", "sensor_node.eds", "bench.dbc"]
@@ -118,6 +119,11 @@ def test_the_deprecated_clock_in_canopen_is_silenced_and_nothing_else(monkeypatc
     Deprecated.message = "something else is deprecated"
     with pytest.raises(DeprecationWarning, match="something else"):
         node_eds(NODE)
+
+
+def test_the_node_s_sheet_is_read_back_whole_by_the_importer_and_by_a_second_reader(folder: Path) -> None:
+    found = hold(folder / "sensor_node.eds", 5)
+    assert (found.objects > 20, found.faults) == (True, [])
 
 
 # --- the register tables -------------------------------------------------------------------------------

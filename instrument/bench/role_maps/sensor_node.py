@@ -65,7 +65,7 @@ class SensorNodeMap(RoleMap):
         problems += [
             f"channels: PDO {pdo.name} has transmission = {pdo.transmission}; give 1, so that it answers every SYNC"
             for pdo in contract.pdos
-            if pdo.index and pdo.transmission != 1 and set(pdo.fields) & {*self.channels}
+            if (pdo.index or pdo.fixed) and pdo.transmission != 1 and set(pdo.fields) & {*self.channels}
         ]
         writable = {f.address for f in contract.fields if f.access == "rw"}
         if self.sends_sync and not {SYNC_COB_ID, SYNC_PERIOD} <= writable:

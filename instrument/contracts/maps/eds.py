@@ -1,4 +1,4 @@
-"""Map files made from a maker's electronic data sheet (EDS) or configuration (DCF) by CiA 306.
+"""What a map takes from a maker's electronic data sheet (EDS) or configuration (DCF): its fields, and its identity.
 
 Such a file belongs to its maker. A map made from it keeps addresses, types and limits, which are facts, the file's name
 and its SHA-256; names and meanings of objects are our own.
@@ -6,111 +6,30 @@ and its SHA-256; names and meanings of objects are our own.
 
 from __future__ import annotations
 
-import hashlib
-import io
-import logging
 import os
 import re
-import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from canopen.objectdictionary import ODVariable, datatypes
-from canopen.objectdictionary.eds import import_eds
-
-from palpate.instrument.contracts.field import Access, Field, sdo
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.field import Field, sdo
+from palpate.instrument.contracts.maps.data_sheet import DataSheet, Entry, called, objects_of, whole, word
 from palpate.instrument.contracts.maps.objects import STANDARD
+from palpate.instrument.contracts.maps.sheet_pdos import pdos
+from palpate.instrument.contracts.maps.sheet_values import access_of, split, type_of, value_of
 from palpate.instrument.contracts.maps.tables import OBJECT
-from palpate.instrument.contracts.pdo import COB_ID, LARGEST, PDOS, TRANSMISSION_TYPE, is_relative
-from palpate.instrument.contracts.wire_types import Type, codec
-from palpate.instrument.errors import ConfigError, check_path
+from palpate.instrument.contracts.pdo import SENT, TAKEN, is_relative
+from palpate.instrument.contracts.wire_types import Type
+from palpate.instrument.errors import ConfigError
 
-logging.getLogger("canopen").addHandler(logging.NullHandler())  # its warnings print names of a file as they are
 FOLDERS = "PALPATE_EDS"  # environment variable: folders of makers' own files
-LARGEST_SHEET = 10_000_000  # bytes; files of thousands of objects have one or two million
-TYPES: dict[int, Type] = {
-    datatypes.BOOLEAN: "bool", datatypes.INTEGER8: "int8", datatypes.INTEGER16: "int16",
-    datatypes.INTEGER24: "int24", datatypes.INTEGER32: "int32", datatypes.INTEGER64: "int64",
-    datatypes.UNSIGNED8: "uint8", datatypes.UNSIGNED16: "uint16", datatypes.UNSIGNED24: "uint24",
-    datatypes.UNSIGNED32: "uint32", datatypes.UNSIGNED64: "uint64", datatypes.REAL32: "float32",
-    datatypes.REAL64: "float64", datatypes.VISIBLE_STRING: "text",
-}  # fmt: skip
-ACCESS: dict[str, Access] = {"const": "ro", "ro": "ro", "wo": "wo", "rw": "rw", "rwr": "rw", "rww": "rw"}
-EMPTY_NUMBER = re.compile(r"(?m)^(?:VendorNumber|ProductNumber|RevisionNumber|Granularity|NrOf\wXPDO)\s*=\s*$")
-COMMENTS = re.compile(r"(?ms)^\[Comments\].*?(?=^\[|\Z)")  # their number of lines is often wrong
 IDENTITY = 0x1018
-INVALID = 1 << 31  # bit of a COB-ID: the PDO is not used
+NUMBERS = ("VendorNumber", "ProductNumber", "RevisionNumber")  # keys of [DeviceInfo]
+MOST = 0xFFFF_FFFF  # of a part of the identity
 
 
-@dataclass(frozen=True)
-class DataSheet:
-    """A maker's EDS or DCF.
-
-    Attributes:
-        name: name of the file.
-        sha256: its SHA-256, hexadecimal.
-        objects: its object dictionary, a `canopen.ObjectDictionary`; COB-IDs without the node id.
-        node: the node id for which a DCF was made; 0: none.
-    """
-
-    name: str
-    sha256: str
-    objects: Any
-    node: int
-
-
-def read_sheet(path: Path) -> DataSheet:
-    """Read an EDS or DCF. Raises ConfigError: it is missing, too large, or no such file."""
-    check_path(path)
-    try:
-        if not path.is_file():
-            raise ConfigError(f"{path}: is no file; give the path of an EDS or DCF")
-        if path.stat().st_size > LARGEST_SHEET:
-            raise ConfigError(f"{path}: larger than {LARGEST_SHEET} bytes; this is no EDS or DCF")
-        content = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}; give a readable file") from None
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")  # CiA 306 asks for ASCII; makers use what their editors do
-    if "[DeviceInfo]" not in text:
-        raise ConfigError(f"{path}: has no section [DeviceInfo]; give an EDS or DCF")
-    text = COMMENTS.sub("", EMPTY_NUMBER.sub("", text))
-    try:
-        objects: Any = import_eds(io.StringIO(text), 0)  # type: ignore[no-untyped-call]
-        node = re.search(r"(?mi)^NodeID\s*=\s*(\w+)", text)
-        node_id = int(node[1], 0) if node else 0
-    except Exception as error:  # the library raises whatever a wrong line leads to
-        raise ConfigError(
-            f"{path}: is no EDS or DCF that can be read: {type(error).__name__}: {' '.join(str(error).split())}"
-        ) from None
-    if not list(objects):
-        raise ConfigError(f"{path}: has no objects; give an EDS or DCF")
-    return DataSheet(path.name, hashlib.sha256(content).hexdigest(), objects, node_id)
-
-
-def variable(sheet: DataSheet, address: int) -> Any:
-    """The object at an address, an `ODVariable`. Raises ConfigError: the sheet has none."""
-    index, subindex = address >> 8, address & 0xFF
-    entry = sheet.objects.get(index)
-    if isinstance(entry, ODVariable):
-        entry = {0: entry}
-    if entry is None or subindex not in entry:
-        has = "no such object" if entry is None else "subindices " + ", ".join(f"{sub:X}" for sub in entry)
-        raise ConfigError(f"{sheet.name}: {called(address)}: it has {has}")
-    return entry[subindex]
-
-
-def called(address: int) -> str:
-    """An object's index and subindex in hexadecimal."""
-    return f"{address >> 8:04X}:{address & 0xFF:X}"
-
-
-def field_of(sheet: DataSheet, address: int, name: str = "") -> Field:
-    """The field of an object.
+def field_of(sheet: DataSheet, address: int, name: str = "") -> tuple[Field, list[str]]:
+    """The field of an object, and what the sheet says of it that the field does not have, and why.
 
     Args:
         sheet: the data sheet.
@@ -119,60 +38,72 @@ def field_of(sheet: DataSheet, address: int, name: str = "") -> Field:
 
     Raises ConfigError: the sheet has no such object, or it is of a type or an access that cannot be used.
     """
-    found = variable(sheet, address)
-    where = f"{sheet.name}: {called(address)}"
-    type_ = TYPES.get(found.data_type)
-    if type_ is None:
-        kind = datatypes_name(found.data_type)
-        raise ConfigError(f"{where}: its type {kind} cannot be used; valid: {', '.join(map(datatypes_name, TYPES))}")
-    if found.access_type not in ACCESS:
-        raise ConfigError(f"{where}: its access {found.access_type!r} is unknown; valid: {', '.join(ACCESS)}")
+    found = sheet.entry(address)
+    try:
+        type_, access = type_of(found), access_of(found)
+    except ValueError as error:
+        raise ConfigError(f"{sheet.name}: {called(address)}: {error}") from None
     own, meaning = STANDARD.get(address, (f"object_{called(address).replace(':', '_').lower()}", ""))
-    keys: dict[str, Any] = {}
+    left_out: list[str] = []
+    low = high = default = None
     if type_ != "text":
-        low, high = _limits(found, type_)
-        default = _start(found, address, low, high)
-        keys = {"minimum": low, "maximum": high} | ({} if default is None else {"default": default})
-    return Field(
+        low, high = _limits(found, type_, left_out)
+        default = _default(sheet, found, address, type_, left_out)
+        if default is not None and ((low is not None and default < low) or (high is not None and default > high)):
+            left_out.append(f"its default {found.default} is outside its limits")
+            default = None
+    field = Field(
         name or own,
         address,
         type_,
         meaning or f"object {called(address)} of the device",
-        access=ACCESS[found.access_type],
+        access=access,
+        minimum=low,
+        maximum=high,
         source=f"[1] {sheet.name}",
-        **keys,
+        default=0.0 if default is None else default,
     )
+    return field, [f"{called(address)}: {each}" for each in left_out]
 
 
-def datatypes_name(number: int) -> str:
-    """The name of a data type in CiA 301."""
-    return next((name for name, value in vars(datatypes).items() if value == number and name.isupper()), f"{number:X}h")
-
-
-def _fits(value: Any, type_: Type) -> bool:
-    try:
-        codec(type_, "<").pack(value)
-    except (struct.error, TypeError, OverflowError):
-        return False
-    return True
-
-
-def _limits(found: Any, type_: Type) -> tuple[float | None, float | None]:
+def _limits(found: Entry, type_: Type, left_out: list[str]) -> tuple[float | None, float | None]:
     """Least and greatest value that the sheet gives; None where it gives none, or one that says nothing."""
-    low, high = (None if value is None or not _fits(value, type_) else float(value) for value in (found.min, found.max))
-    if low is not None and high is not None and low >= high:  # makers write 0 and 0 for: no limits
-        return None, None
-    return low, high
+    limits: list[float | None] = []
+    for what, text in (("least", found.low), ("greatest", found.high)):
+        try:
+            limits.append(value_of(text, type_) if text else None)
+        except ValueError as error:
+            left_out.append(f"its {what} value: {error}")
+            limits.append(None)
+    low, high = limits
+    if low is None or high is None or low < high:
+        return low, high
+    if low > high:
+        left_out.append(f"its limits {found.low} to {found.high} contradict each other")
+    elif low != 0:  # makers write 0 to 0 for: no limits
+        left_out.append(f"its limits {found.low} to {found.high} leave one value")
+    return None, None
 
 
-def _start(found: Any, address: int, low: float | None, high: float | None) -> float | None:
-    """The value after power-on; None: the sheet does not tell, or only for a node id."""
-    relative = "$NODEID" in str(getattr(found, "default_raw", "")).upper()
-    if relative != is_relative(address >> 8, address & 0xFF) and relative:
+def _default(sheet: DataSheet, found: Entry, address: int, type_: Type, left_out: list[str]) -> float | None:
+    """The value after power-on, of a COB-ID without the node id; None: it is not known."""
+    of_cob_id = is_relative(address >> 8, address & 0xFF)
+    text = found.default or ("" if of_cob_id else found.configured)
+    if not text:
         return None
-    value = found.default if found.default is not None or is_relative(address >> 8, address & 0xFF) else found.value
-    fits = _fits(value, TYPES[found.data_type]) and not (low is not None and value < low)
-    return float(value) if fits and not (high is not None and value > high) else None
+    try:
+        relative, rest = split(text)
+        value = value_of(rest, type_)
+        if relative and not of_cob_id:
+            raise ValueError(f"{text} counts from the node id")
+        if of_cob_id and not relative:
+            if not sheet.node or value < sheet.node:
+                raise ValueError(f"{text} is that of one node id")
+            value -= sheet.node
+    except ValueError as error:
+        left_out.append(f"its default: {error}")
+        return None
+    return value
 
 
 def identity(sheet: DataSheet) -> tuple[str, str, str]:
@@ -180,53 +111,37 @@ def identity(sheet: DataSheet) -> tuple[str, str, str]:
 
     A DCF may have them as the value of the configured device alone.
     """
-    parts = []
-    for subindex in (1, 2, 3):
-        try:
-            found = variable(sheet, sdo(IDENTITY, subindex))
-        except ConfigError:
-            parts.append("")
-            continue
-        value = found.default if found.default is not None else found.value
-        parts.append(f"{value:08X}" if value else "")
-    return parts[0], parts[1], parts[2]
+    vendor, product, revision = (f"{n:08X}" if (n := _part(sheet, sub, [])) else "" for sub in (1, 2, 3))
+    return vendor, product, revision
 
 
-@dataclass(frozen=True)
-class Mapped:
-    """A PDO as the maker maps it: its communication object, the base of its COB-ID, and its objects' addresses."""
-
-    index: int
-    base: int
-    objects: tuple[int, ...]
-    transmission: int
-
-
-def mapped(sheet: DataSheet, first: int) -> Iterator[Mapped]:
-    """The PDOs that are in use; `first` is 1800h for those that the node sends, and 1400h for those that it takes."""
-    for number in range(PDOS):
-        if first + number not in sheet.objects or first + PDOS + number not in sheet.objects:
-            continue
-        try:
-            place = variable(sheet, sdo(first + number, COB_ID))
-            kind = _told(variable(sheet, sdo(first + number, TRANSMISSION_TYPE)))
-            count = _told(variable(sheet, sdo(first + PDOS + number, 0))) or 0
-            entries = [_told(variable(sheet, sdo(first + PDOS + number, n))) for n in range(1, count + 1)]
-        except (ConfigError, TypeError):
-            continue
-        cob_id = place.default  # without the node id; a DCF's own value is for one node id
-        used = _told(place)
-        if cob_id is None and used is not None:
-            cob_id = used - sheet.node
-        if cob_id is None or (used or cob_id) & INVALID or not cob_id & LARGEST > 0 or not entries or None in entries:
-            continue
-        objects = tuple(int(entry or 0) >> 8 for entry in entries)
-        yield Mapped(first + number, cob_id & LARGEST, objects, 255 if kind is None else kind)
+def doubts(sheet: DataSheet) -> list[str]:
+    """What of the identity cannot be used, and where 1018h and `[DeviceInfo]` contradict each other."""
+    found: list[str] = []
+    for subindex, key in enumerate(NUMBERS, 1):
+        number = _part(sheet, subindex, found)
+        also = _whole(word(sheet.device.get(key.lower(), "")), f"[DeviceInfo] {key}", found)
+        if number and also and number != also:
+            found.append(f"{called(sdo(IDENTITY, subindex))} is 0x{number:X}, [DeviceInfo] {key} 0x{also:X}")
+    return found
 
 
-def _told(found: Any) -> Any:
-    """The value of an object: as a DCF has configured it, or as it is after power-on."""
-    return found.value if found.value is not None else found.default
+def _part(sheet: DataSheet, subindex: int, doubts: list[str]) -> int:
+    entry = sheet.objects.get(IDENTITY, {}).get(subindex)
+    text = "" if entry is None else entry.default or entry.configured
+    return _whole(text, called(sdo(IDENTITY, subindex)), doubts)
+
+
+def _whole(text: str, what: str, doubts: list[str]) -> int:
+    """A part of the identity; 0: none that can be used."""
+    try:
+        number = whole(text) if text else 0
+        if not 0 <= number <= MOST:
+            raise ValueError(f"{text[:40]} has more than 32 bits")
+    except ValueError as error:
+        doubts.append(f"{what}: {error}; it is not used")
+        return 0
+    return number
 
 
 def chosen(sheet: DataSheet, texts: Sequence[str]) -> dict[int, str]:
@@ -237,11 +152,9 @@ def chosen(sheet: DataSheet, texts: Sequence[str]) -> dict[int, str]:
     found: dict[int, str] = {}
     for text in texts:
         place, _, name = text.partition("=")
-        whole = re.fullmatch(r"[0-9A-Fa-f]{4}", place)
-        if whole and not name:
-            entry = sheet.objects.get(int(place, 16))
-            subs = [0] if entry is None or isinstance(entry, ODVariable) else [sub for sub in entry if sub]
-            found |= {sdo(int(place, 16), sub): "" for sub in subs}
+        whole_index = re.fullmatch(r"[0-9A-Fa-f]{4}", place)
+        if whole_index and not name:
+            found |= dict.fromkeys(objects_of(sheet, int(place, 16)), "")
             continue
         match = OBJECT.fullmatch(place if ":" in place else f"{place}:0")
         if match is None or (name and not re.fullmatch("[a-z][a-z0-9_]*", name)):
@@ -266,10 +179,27 @@ def disagreements(sheet: DataSheet, fields: Sequence[Field]) -> Iterator[str]:
     """Where fields of a map say something else than the data sheet from which it was made."""
     for f in fields:
         try:
-            said = field_of(sheet, f.address)
+            said, _ = field_of(sheet, f.address)
         except ConfigError as error:
             yield f"{f.name}: {error}"
             continue
         for what, here, there in (("type", f.type, said.type), ("access", f.access, said.access)):
             if here != there:
                 yield f"{f.name}: {what} is {here!r}, in {sheet.name} it is {there!r}"
+
+
+def fixed_otherwise(sheet: DataSheet, contract: Contract) -> Iterator[str]:
+    """Where a map says something else of a PDO than the data sheet, which lets nobody set it up."""
+    for ours, first in ((contract.pdos, SENT), (contract.receives, TAKEN)):
+        known = {each.index: each for each in pdos(sheet, first)[0] if each.fixed}
+        for pdo in ours:
+            there = known.get(pdo.index or pdo.fixed)
+            if there is None:
+                continue
+            if pdo.index:
+                yield f"PDO {pdo.name}: index: nobody can set it up, because in {sheet.name} {there.fixed}"
+            if (pdo.base, pdo.node) != (there.base, there.node):
+                yield f"PDO {pdo.name}: base is {pdo.base:#x}, in {sheet.name} it is {there.base:#x}"
+            if (objects := tuple(contract[name].address for name in pdo.fields)) != there.objects:
+                wanted = ", ".join(map(called, there.objects))
+                yield f"PDO {pdo.name}: holds {', '.join(map(called, objects))}, in {sheet.name} it holds {wanted}"

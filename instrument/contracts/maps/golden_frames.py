@@ -239,8 +239,9 @@ def _pdo(contract: Contract, frame: Frame) -> Mapping[str, bytes]:
     pdo = (contract.sent if sends else contract.taken)(frame.names[0])
     which, messages = ("reply", frame.table.reply) if sends else ("request", frame.table.request)
     message = _only(frame, which, messages, can=True)[0]
-    if (message.cob_id or 0) - pdo.base not in sdo_frames.NODES:
-        raise ConfigError(f"{which} {message}: the COB-ID of {pdo.name} is {pdo.base:X}h and a node id of 1 to 127")
+    if not pdo.node_of(message.cob_id or 0):
+        whose = pdo.node or "of 1 to 127"
+        raise ConfigError(f"{which} {message}: the COB-ID of {pdo.name} is {pdo.base:X}h and a node id {whose}")
     size = sum(contract[name].size for name in pdo.fields)
     if len(message.data) != size:
         raise ConfigError(f"{which} {message}: {len(message.data)} bytes, {pdo.name} has {size}")

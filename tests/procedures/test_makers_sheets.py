@@ -1,0 +1,363 @@
+"""Makers' EDS and DCF files in all their variety: each value is right in the map, or told to be left out.
+
+Every file here is also held against a second reader of CiA 306 (`tests/second_reader.py`), which knows nothing of maps.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.instrument.contracts.maps.map_file import read_map
+from palpate.instrument.errors import ConfigError
+from tests.procedures.conftest import Palpate
+from tests.second_reader import hold
+from tests.sheets import (
+    BASE,
+    BIT,
+    DATA,
+    F32,
+    F64,
+    I16,
+    I24,
+    INFO,
+    MAPPED,
+    OBJECTS,
+    TAKEN,
+    TEXT,
+    U8,
+    U16,
+    U32,
+    U64,
+    node,
+    pdo,
+    record,
+    section,
+    var,
+)  # fmt: skip
+
+X = ("--object", "2002=x")
+SINGLE = 0.10000000149011612  # what a number of 32 bits keeps of 0.1
+
+
+def made(palpate: Palpate, text: str | bytes, *options: str, name: str = "a.eds") -> tuple[dict[str, Any], list[str]]:
+    """A map as TOML, and what was told of it; the second reader agrees with the import of the whole file."""
+    Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    Path("a.toml").unlink(missing_ok=True)
+    said = palpate("contracts", "import", name, *options, "--out", "a.toml", "--json")
+    assert said.status == 0, said.err
+    number = int(options[options.index("--node") + 1]) if "--node" in options else 0
+    assert hold(Path(name), number).faults == []
+    notes: list[str] = json.loads(said.out)["notes"]
+    written = Path("a.toml").read_text(encoding="utf-8")
+    assert all(f"# {note}\n" in written for note in notes)
+    return tomllib.loads(written), notes
+
+
+def only_pdo(found: dict[str, Any], direction: str = "sends") -> dict[str, Any]:
+    (table,) = found[direction].values()
+    assert isinstance(table, dict)
+    return table
+
+
+# --- COB-IDs -------------------------------------------------------------------------------------------
+
+RELATIVE = ("$NODEID+0x180", "0x180+$NODEID", "0x180 + $NodeId", "$nodeid + 384", "$NODEID+0x40000180")
+
+
+@pytest.mark.parametrize("cob_id", RELATIVE)
+def test_a_relative_cob_id_is_that_of_any_node(cob_id: str, palpate: Palpate) -> None:
+    table = only_pdo(made(palpate, BASE + pdo(0, cob_id, MAPPED))[0])
+    assert (table["base"], table["index"], "node" in table) == (0x180, 0x1800, False)
+
+
+@pytest.mark.parametrize("sends", [True, False])
+def test_an_absolute_cob_id_never_gets_the_node_id_added(sends: bool, palpate: Palpate) -> None:
+    entry, direction = (MAPPED, "sends") if sends else (TAKEN, "takes")
+    text = node("76") + BASE + pdo(0, "0x181", entry, sends=sends)
+    found, notes = made(palpate, text, name="a.dcf")
+    table = only_pdo(found, direction)
+    assert (table["base"] + 76, table["node"]) == (0x181, 76)
+    assert [note for note in notes if "COB-ID 181h at node id 76 alone" in note]
+
+
+def test_an_absolute_cob_id_of_no_known_node_is_left_out_until_the_node_is_given(palpate: Palpate) -> None:
+    text = BASE + pdo(0, "0x181", MAPPED)
+    found, notes = made(palpate, text)
+    assert found["sends"] == {}
+    assert (
+        "Left out: PDO 1800h: its COB-ID 0x181 is that of one node id, which the file does not tell; give --node"
+        in notes
+    )
+    assert only_pdo(made(palpate, text, "--node", "1")[0])["base"] == 0x180
+
+
+@pytest.mark.parametrize(
+    ("configured", "base", "at"),
+    [("0x2A5", 0x2A0, 5), ("0x185", 0x180, 0), ("$NODEID+0x300", 0x300, 0), ("", 0x180, 0)],
+)
+def test_a_configured_cob_id_counts_before_the_default(configured: str, base: int, at: int, palpate: Palpate) -> None:
+    """One that is the default at the file's own node id is that of any node."""
+    text = node("5") + BASE + pdo(0, "$NODEID+0x180", MAPPED)
+    text = text.replace("DefaultValue=$NODEID+0x180", f"DefaultValue=$NODEID+0x180\nParameterValue={configured}")
+    table = only_pdo(made(palpate, text, name="a.dcf")[0])
+    assert (table["base"], table.get("node", 0)) == (base, at)
+
+
+@pytest.mark.parametrize(
+    ("cob_id", "why"),
+    [
+        ("0x20010181", "has 29 bits"), ("$NODEID+0x20000180", "has 29 bits"), ("0x10181", "more than 11 bits"),
+        ("0x80", "kept for other messages"), ("$NODEID", "kept for other messages"), ("$NODEID+0577", "octal or dec"),
+        ("$NODEID*2", "no sum of $NODEID"), ("many", "no whole number"), ("", "gives no COB-ID"),
+    ],
+)  # fmt: skip
+def test_a_cob_id_that_a_map_cannot_hold_is_left_out_with_object_and_reason(
+    cob_id: str, why: str, palpate: Palpate
+) -> None:
+    found, notes = made(palpate, node("5") + BASE + pdo(0, cob_id, MAPPED), name="a.dcf")
+    assert found["sends"] == {}
+    assert [note for note in notes if note.startswith("Left out: PDO 1800h: ") and why in note], notes
+
+
+def test_a_pdo_that_is_switched_off_is_not_in_use(palpate: Palpate) -> None:
+    found, notes = made(palpate, BASE + pdo(0, "$NODEID+0x80000180", MAPPED))
+    assert (found["sends"], notes) == ({}, [])
+
+
+# --- mappings ------------------------------------------------------------------------------------------
+
+
+def test_a_mapping_may_stand_in_short(palpate: Palpate) -> None:
+    short = section("1A00", ParameterName="m", ObjectType="0x9", DataType=U32, AccessType="rw", CompactSubObj="8")
+    short += section("1A00Value", NrOfEntries="1", **{"1": MAPPED})
+    text = BASE + record("1800", (U32, "rw", "$NODEID+0x180"), (U8, "rw", "255")) + short
+    assert only_pdo(made(palpate, text)[0])["fields"] == ["object_2000_0"]
+
+
+@pytest.mark.parametrize(
+    ("entries", "count", "why"),
+    [
+        (("0x00060010", TAKEN), "", "its object 1 is a dummy of 16 bits"),
+        (("0x20100001", "0x20110001", TAKEN), "", "holds 1 bits of 2010:0, a map only its whole 8"),
+        (("0x20010008",), "", "holds 8 bits of 2001:0, a map only its whole 16"),
+        ((TAKEN,), "255", "multiplexed PDO"), ((TAKEN,), "254", "multiplexed PDO"),
+        ((TAKEN,), "65", "a PDO holds 64 objects at most"), ((TAKEN,), "2", "1600:2: it has subindices 0, 1"),
+        ((TAKEN, TAKEN), "", "holds 2001:0 twice"), (("0x20990010",), "", "2099:0: it has no such object"),
+        ((MAPPED,), "", "holds 2000:0, which can only be read"), (("0",), "1", "its object 1 is 0x0"),
+        (("0x20130020",), "", "holds 2013:0, a text"), (("0x20140040", TAKEN), "", "holds 80 bits, and a frame 64"),
+    ],
+)  # fmt: skip
+def test_a_mapping_that_a_map_cannot_hold_is_left_out_and_nothing_moves_to_another_byte(
+    entries: tuple[str, ...], count: str, why: str, palpate: Palpate
+) -> None:
+    more = var("2010", BIT) + var("2011", BIT) + var("2013", TEXT) + var("2014", U64)
+    found, notes = made(palpate, BASE + more + pdo(0, "$NODEID+0x200", *entries, sends=False, count=count))
+    assert found["takes"] == {}
+    assert [note for note in notes if note.startswith("Left out: PDO 1400h: ") and why in note], notes
+
+
+def test_two_pdos_with_one_cob_id_contradict_each_other(palpate: Palpate) -> None:
+    found, notes = made(palpate, BASE + pdo(0, "$NODEID+0x180", MAPPED) + pdo(4, "$NODEID+0x180", MAPPED))
+    assert list(found["sends"]) == ["sends_1"]
+    assert "Left out: PDO 1804h: has the COB-ID of PDO 1800h" in notes
+
+
+def test_a_pdo_that_nobody_can_set_up_has_no_index(palpate: Palpate) -> None:
+    found, notes = made(palpate, BASE + pdo(1, "$NODEID+0x280", MAPPED, access="const"))
+    table = only_pdo(found)
+    assert (table["base"], table["fixed"], "index" in table) == (0x280, 0x1801, False)
+    assert "Note: PDO 1801h is as the node has it, no driver sets it up: 1801:1 is const" in notes
+
+
+def test_check_tells_a_map_that_would_set_up_what_the_maker_fixed(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made(palpate, BASE + pdo(0, "$NODEID+0x180", MAPPED, access="const"))
+    monkeypatch.setenv("PALPATE_EDS", str(Path.cwd()))
+    assert palpate("contracts", "check", "a.toml").status == 0
+    file = Path("a.toml")
+    file.write_text(file.read_text().replace("fixed = 6144", "index = 6144").replace("base = 384", "base = 512"))
+    said = palpate("contracts", "check", "a.toml")
+    assert said.status == 1
+    assert "PDO sends_1: index: nobody can set it up, because in a.eds 1800:1 is const" in said.err
+    assert "PDO sends_1: base is 0x200, in a.eds it is 0x180" in said.err
+
+
+# --- objects -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "wanted"),
+    [
+        (I24, {"LowLimit": "-100", "HighLimit": "100", "DefaultValue": "-7"}, (-100, 100, -7)),
+        (I16, {"DefaultValue": "0xFFFE"}, (None, None, -2)),
+        (I16, {"LowLimit": "0x8000", "HighLimit": "0x7FFF"}, (-32768, 32767, None)),
+        (
+            F32,
+            {"LowLimit": "-1.5", "HighLimit": "0x40200000", "DefaultValue": "1e-1"},
+            (-1.5, 2.5, SINGLE),
+        ),
+        (F64, {"DefaultValue": "0x3FF8000000000000"}, (None, None, 1.5)),
+        (U16, {"lowlimit": "001", "HIGHLIMIT": "3 ; at most", "defaultvalue": "2"}, (1, 3, 2)),
+        (U16, {"LowLimit": "0", "HighLimit": "0"}, (None, None, None)),
+    ],
+)
+def test_values_are_read_by_the_type_of_their_object(
+    kind: str, keys: dict[str, str], wanted: tuple[Any, ...], palpate: Palpate
+) -> None:
+    found, notes = made(palpate, BASE + var("2002", kind, **keys), *X)
+    field = found["field"]["x"]
+    assert (field.get("minimum"), field.get("maximum"), field.get("default")) == wanted
+    assert notes == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "kept", "why"),
+    [
+        (U16, {"LowLimit": "1", "HighLimit": "65536"}, {"minimum": 1}, "greatest value: 65536 is beyond 0 to 65535"),
+        (U64, {"HighLimit": "0xFFFFFFFFFFFFFFFF"}, {}, "greatest value: 0xFFFFFFFFFFFFFFFF has more digits"),
+        (U64, {"DefaultValue": "0x8000000000000001"}, {}, "default: 0x8000000000000001 has more digits"),
+        (I16, {"LowLimit": "10", "HighLimit": "-10"}, {}, "limits 10 to -10 contradict each other"),
+        (I16, {"LowLimit": "4", "HighLimit": "4"}, {}, "limits 4 to 4 leave one value"),
+        (I16, {"HighLimit": "10", "DefaultValue": "50"}, {"maximum": 10}, "default 50 is outside its limits"),
+        (U8, {"DefaultValue": "$NODEID"}, {}, "default: $NODEID counts from the node id"),
+        (U32, {"DefaultValue": "1.5"}, {}, "default: '1.5' is no whole number"),
+        (U32, {"DefaultValue": "017"}, {}, "default: 017 may be octal or decimal"),
+        (F32, {"DefaultValue": "1e39"}, {}, "default: 1e39 is beyond a number of 32 bits"),
+        (F32, {"DefaultValue": "0x7F800000"}, {}, "default: 0x7F800000 is beyond a number of 32 bits"),
+        (BIT, {"DefaultValue": "2"}, {}, "default: 2 is beyond 0 to 1"),
+    ],
+)  # fmt: skip
+def test_a_value_that_cannot_be_kept_is_told_and_never_rounded_or_clipped(
+    kind: str, keys: dict[str, str], kept: dict[str, int], why: str, palpate: Palpate
+) -> None:
+    found, notes = made(palpate, BASE + var("2002", kind, **keys), *X)
+    values = {key: found["field"]["x"][key] for key in ("minimum", "maximum", "default") if key in found["field"]["x"]}
+    assert values == kept
+    assert [note for note in notes if note.startswith("Left out: 2002:0: its ") and why in note], notes
+
+
+def test_a_list_in_short_has_all_its_objects(palpate: Palpate) -> None:
+    text = section(
+        "3000", ParameterName="a", ObjectType="0x8", DataType=I16, AccessType="ro", CompactSubObj="4", LowLimit="-5",
+        HighLimit="5",
+    )  # fmt: skip
+    third = made(palpate, BASE + text, "--object", "3000:3=third")[0]["field"]["third"]
+    assert (third["address"], third["type"], third["minimum"], third["maximum"]) == ("3000:3", "int16", -5, 5)
+    assert len(made(palpate, BASE + text, "--object", "3000")[0]["field"]) == 8
+
+
+# --- whole files ---------------------------------------------------------------------------------------
+
+USAGE = section("DummyUsage", Dummy0002="1", Dummy0005="0x1")
+LINES = section("Comments", Lines="9", Line1="their number is wrong")
+STRAY = {
+    "dummies that are not all listed": BASE + USAGE,
+    "a domain without a type": BASE + section("2009", ParameterName="d", ObjectType="0x2", AccessType="rw"),
+    "an object without access": BASE + section("2009", ParameterName="d", ObjectType="7", DataType="5"),
+    "blank numbers": BASE + var("2009", U8, PDOMapping="") + node("", Baudrate=""),
+    "a node that is not configured": BASE + node("255"),
+    "comments": LINES + BASE,
+    "objects before all else": OBJECTS + DATA + INFO,
+    "keys in lower case": BASE.replace("DefaultValue", "defaultvalue").replace("DataType", "datatype"),
+    "sections in capitals": BASE.replace("[DeviceInfo]", "[DEVICEINFO]").replace("sub", "SUB"),
+    "indented keys": BASE.replace("\nDefaultValue", "\n   DefaultValue"),
+    "carriage returns": BASE.replace("\n", "\r\n"),
+    "no end of its last line": BASE.rstrip("\n"),
+    "spaces around": BASE.replace("=", " = ").replace("[1018]", "[ 1018 ]"),
+    "bytes of UTF-16": BASE.encode("utf-16"),
+    "bytes of UTF-16 without a mark": BASE.encode("utf-16-le"),
+    "a mark of UTF-8": BASE.encode("utf-8-sig"),
+}
+
+
+@pytest.mark.parametrize("text", STRAY.values(), ids=STRAY)
+def test_what_makers_do_to_files_stops_no_import(text: str | bytes, palpate: Palpate) -> None:
+    if text == STRAY["bytes of UTF-16 without a mark"]:
+        Path("b.eds").write_bytes(text if isinstance(text, bytes) else b"")
+        said = palpate("contracts", "import", "b.eds", "--object", "2000", "--out", "a.toml", "--json")
+        found = tomllib.loads(Path("a.toml").read_text())
+        assert said.status == 0
+    else:
+        found, notes = made(palpate, text, "--object", "2000")
+        assert notes == []
+    device = found["device"]
+    assert (device["vendor"], device["product"], device["known_by"]) == ("000004D2", "00000010", "identity")
+    assert "object_2000_0" in found["field"]
+
+
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        (BASE + var("2000", U8), "Note: section [2000] is there twice; line "),
+        (BASE + "AccessType=wo\n", "Note: section [2001] has accesstype twice; line "),
+        (BASE + "what is this\n", "is neither section nor key, and is not used: what is this"),
+        (BASE + "[2002\n", "is no section, and is not used: [2002"),
+        (BASE + node("300"), "Note: NodeID = 300 is no node id (1 to 127), and is not used"),
+        (BASE + node("x"), "Note: NodeID 'x' is no whole number; it is not used"),
+        (BASE + node("5", Baudrate="500000"), "Note: Baudrate = 500000 is taken in bit/s; CiA 306 has kbit/s"),
+        (BASE + node("5", Baudrate="5"), "Left out: Baudrate: 5000 bit/s is no bit rate of CAN"),
+        (BASE.replace("VendorNumber=0x4D2", "VendorNumber=001"), "1018:1 is 0x4D2, [DeviceInfo] VendorNumber 0x1"),
+        (BASE + section("SupportedModules", NrOfEntries="2"), "has 2 kinds of modules, whose objects are not read"),
+    ],
+)  # fmt: skip
+def test_what_contradicts_itself_or_is_not_read_is_told(text: str, note: str, palpate: Palpate) -> None:
+    found, notes = made(palpate, text, "--object", "2000")
+    assert [each for each in notes if note in each], notes
+    assert found["field"]["object_2000_0"]["type"] == "uint16"  # of two sections the first one counts
+
+
+def test_a_file_full_of_rubbish_is_told_in_a_few_lines(palpate: Palpate) -> None:
+    Path("a.eds").write_text(BASE + "rubbish\n" * 1000)
+    said = palpate("contracts", "import", "a.eds", "--out", "a.toml", "--json")
+    assert json.loads(said.out)["notes"][-1] == "Note: 980 more lines are not used"
+
+
+def test_names_keep_their_letters_and_become_no_toml(palpate: Palpate) -> None:
+    text = BASE.replace("ProductName=Widget", 'ProductName=M\xfchle \xb0C"]\\n[x]')
+    found, _ = made(palpate, text.encode("latin-1"))
+    assert found["device"]["title"] == 'M\xfchle \xb0C"]\\n[x]'
+    assert read_map(Path("a.toml")).contract.title == found["device"]["title"]
+
+
+def test_a_text_may_hold_a_semicolon(palpate: Palpate) -> None:
+    found, _ = made(palpate, BASE + var("1008", TEXT, "const", DefaultValue="Widget; rev A"), "--object", "1008")
+    assert found["field"]["device_name"]["type"] == "text"
+
+
+def test_notes_are_told_to_people_too(palpate: Palpate) -> None:
+    Path("a.eds").write_text(BASE + pdo(0, "0x20000181", MAPPED))
+    said = palpate("contracts", "import", "a.eds", "--out", "a.toml")
+    assert said.out.splitlines() == [
+        "Left out: PDO 1800h: its COB-ID 0x20000181 has 29 bits; a map holds those of 11", "a.toml",
+    ]  # fmt: skip
+
+
+def test_the_second_reader_notices_what_is_wrong_and_what_is_lost(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Test of a test: an importer with the faults that it looks for."""
+    from tests import second_reader
+
+    file = Path("a.dcf")
+    file.write_text(node("5") + BASE + var("2002", I16, LowLimit="-3") + pdo(0, "$NODEID+0x180", MAPPED))
+    right = second_reader.imported
+    for old, new, fault in (
+        ("base = 384", "base = 389", "COB-ID 18Ah at node 5"), ("minimum = -3", "minimum = -2", "2002:0: low -2"),
+        ("minimum = -3", "", "2002:0: low '-3'"), ("index = 6144", "fixed = 6144", "PDO 1800h: can be set up"),
+        ('access = "rw"\nminimum', "minimum", "int16 ro, int16 rw"),
+        ('address = "2000:0"', 'address = "2003:0"', "holds"),
+    ):  # fmt: skip
+        monkeypatch.setattr(second_reader, "imported", lambda *given, o=old, n=new: right(*given).replace(o, n))
+        assert [each for each in hold(file).faults if fault in each], (old, hold(file).faults)
+
+    def refuses(*_: Any) -> str:
+        raise ConfigError("no")
+
+    monkeypatch.setattr(second_reader, "imported", refuses)
+    assert hold(file).refused
