@@ -174,6 +174,7 @@ class SimulatedBench:
             links[CAN] = {"kind": "canopen", **place}
         sections = {
             "name": f"{NAMED}, scene {scene.name}",
+            "scene": scene.identity,
             "design": scene.design.name,
             "pickup": scene.pickup,
             **({} if scene.noise in (0.0, USUAL_NOISE) else {"noise": f"{scene.noise!r} V/√Hz"}),
@@ -182,8 +183,6 @@ class SimulatedBench:
         }
         if any("exciter" in guest.kind.roles and not guest.kind.contract.has("watchdog") for guest in scene.devices):
             sections["watchdog"] = NO_WATCHDOG
-        if any(guest.kind.map for guest in scene.devices):
-            sections["simulated"] = True
         return check(sections, BenchDescription, f"scene {scene.name}")
 
     def _sections(self) -> dict[str, dict[str, Any]]:

@@ -51,6 +51,7 @@ class BenchDescription(Config):
     pickup: float = Field(default=0.0, ge=0, le=0.5, strict=True)
     # amplitude density of the films' noise near the drive, by which dwells are planned; None: the usual one is assumed
     noise: VoltsPerRootHertz | None = Field(default=None, gt=0, le=0.1)
+    scene: str | None = Field(default=None, min_length=1)  # identity of the scene that simulates it; palpate writes it
     simulated: bool = False  # whether it is simulated although no device on it says so, as twins of makers' devices
     link: dict[str, dict[str, Any]]
     device: dict[str, dict[str, Any]]

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from datetime import date
 from pathlib import Path
 
 import tomli_w
 
+from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
-from palpate.instrument.config import Hashed, read_data, read_hashed
-from palpate.instrument.errors import RecordError, check_path, reason
+from palpate.instrument.config import read_data, read_hashed
+from palpate.instrument.durable import put_whole
+from palpate.instrument.errors import RecordError, reason
 
 
 def read_calibration(path: str | Path) -> LoadCellCalibration:
@@ -36,14 +37,21 @@ def read_model_calibration(path: str | Path) -> ModelCalibration:
     return read_hashed(Path(path), ModelCalibration)
 
 
-def read_mounting_scatter(path: str | Path) -> MountingScatter:
-    """Read the scatter of mountings from a TOML file. Raises ConfigError as `read_calibration` does."""
-    return read_hashed(Path(path), MountingScatter)
+def read_any(path: Path, *, edited: bool = False) -> Calibration:
+    """Read the calibration of any kind from a TOML file, which may have been `edited` by hand.
+
+    Raises ConfigError as `read_calibration` does.
+    """
+    kinds: dict[str, type[Calibration]] = {
+        "films": FilmCalibration, "references": ModelCalibration, "means_u": MountingScatter,
+    }  # fmt: skip
+    data = read_data(path)
+    return read_hashed(
+        path, next((kind for key, kind in kinds.items() if key in data), LoadCellCalibration), edited=edited
+    )
 
 
-def accept_calibration(
-    path: Path, today: date
-) -> LoadCellCalibration | FilmCalibration | ModelCalibration | MountingScatter | None:
+def accept_calibration(path: Path, today: date) -> Calibration | None:
     """Accept a calibration file that was edited by hand: hash it anew and note the day in it.
 
     Returns:
@@ -53,41 +61,22 @@ def accept_calibration(
         ConfigError: as in `read_calibration`, except that a change by hand is no error.
         RecordError: as in `write_calibration`.
     """
-    data = read_data(path)
-    kinds: dict[str, type[FilmCalibration | ModelCalibration | MountingScatter]] = {
-        "films": FilmCalibration, "references": ModelCalibration, "means_u": MountingScatter,
-    }  # fmt: skip
-    model = next((kind for key, kind in kinds.items() if key in data), LoadCellCalibration)
-    found = read_hashed(path, model, edited=True)
+    found = read_any(path, edited=True)
     if found.verified:
         return None
-    accepted = model.model_validate({**found.model_dump(), "accepted": today.isoformat()})
+    accepted = type(found).model_validate({**found.model_dump(), "accepted": today.isoformat()})
     write_calibration(path, accepted)
     return accepted
 
 
-def write_calibration(path: Path, calibration: Hashed) -> None:
-    """Write a calibration as TOML with its hash; after a crash the file is the old one or the new one, never a part.
+def write_calibration(path: Path, calibration: Calibration) -> None:
+    """Write a calibration as TOML with its hash, as `put_whole` does.
 
     Raises:
         RecordError: the folder is missing, full or read-only.
     """
-    check_path(path)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
+    told = {"sha256": calibration.sha256(), **calibration.model_dump(exclude_none=True)}
     try:
-        try:
-            with draft.open("wb") as file:
-                told = {"sha256": calibration.sha256(), **calibration.model_dump(exclude_none=True)}
-                tomli_w.dump(told, file)
-                file.flush()
-                os.fsync(file.fileno())
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        put_whole(path, tomli_w.dumps(told))
     except OSError as error:
         raise RecordError(f"{path}: cannot write the calibration: {reason(error)}; choose another folder") from error

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import date
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field, model_validator
 
+from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.config import Config, Hashed, IsoDate, Name, NotNegative, Positive, check
+from palpate.instrument.config import Config, Name, NotNegative, Positive, check
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.uncertainty.budget import Budget, Component
@@ -67,7 +67,7 @@ class CalibratedFilm(Config):
     clamping: Positive
 
 
-class FilmCalibration(Hashed):
+class FilmCalibration(Calibration):
     """Calibration of the films of one sensor on its node. The field names are the keys of the calibration file.
 
     Args:
@@ -82,6 +82,8 @@ class FilmCalibration(Hashed):
     """
 
     file: ClassVar[str] = "calibration of films"
+    kind: ClassVar[str] = "films"
+    make: ClassVar[str] = "run palpate calibrate films"
 
     design: Name
     films: Annotated[tuple[CalibratedFilm, ...], Field(min_length=1)]
@@ -94,11 +96,10 @@ class FilmCalibration(Hashed):
     greatest_N: float
     load_cell: Name
     load_cell_degrees_of_freedom: Annotated[int, Field(ge=1)] | None = None
-    device: Name
-    simulated: Annotated[bool, Field(strict=True)]
-    source: Name
-    created: Name
-    expires: IsoDate
+
+    @property
+    def of(self) -> tuple[str, ...]:
+        return (self.design,)
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -149,15 +150,10 @@ class FilmCalibration(Hashed):
             film_freedom=float(min(film.degrees_of_freedom for film in self.films)),
         )
 
-    def check_use(self, design: Design, device: str, simulated: bool, today: date) -> None:
-        """Check that the calibration belongs to this sensor on this node and has not expired. Raises ConfigError."""
-        made = f"was made {'on a simulated bench' if self.simulated else 'on hardware'} with node {self.device}"
-        if self.simulated != simulated or self.device != device:
-            raise ConfigError(f"{made}, not for this bench's {device}; run palpate calibrate films")
-        if self.design != design.name or [f.name for f in self.films] != [f.name for f in design.films]:
-            raise ConfigError(f"{made} for design {self.design}, not {design.name}; run palpate calibrate films")
-        if today > date.fromisoformat(self.expires):
-            raise ConfigError(f"{made} and expired on {self.expires}; run palpate calibrate films, or delete it")
+    def check_films(self, design: Design) -> None:
+        """Check that the calibrated films are those of a design. Raises ConfigError."""
+        if [film.name for film in self.films] != [film.name for film in design.films]:
+            raise ConfigError(f"{self.made}, which had other films than design {design.name} has; {self.make}")
 
 
 def calibrate_films(
@@ -171,7 +167,7 @@ def calibrate_films(
     Args:
         readings: readings of every tooth, at several loads and frequencies.
         load_cell: calibration of the load cell.
-        origin: `device`, `simulated`, `source`, `created` and `expires` as in `FilmCalibration`.
+        origin: the fields of `Calibration`.
 
     Raises:
         EstimateError: a film has fewer than three readings or loads, a load is not positive, or a film gives no

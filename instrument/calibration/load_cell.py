@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from datetime import date
 from typing import Annotated, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
+from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.classification import Classification
 from palpate.instrument.calibration.load_cell_curve import Curvature
-from palpate.instrument.config import Hashed, IsoDate, Name, NotNegative, Positive
+from palpate.instrument.config import NotNegative, Positive
 from palpate.instrument.errors import ConfigError, EstimateError, RangeError
 from palpate.instrument.uncertainty.rounding import mean_u
 
 
-class LoadCellCalibration(Hashed):
+class LoadCellCalibration(Calibration):
     """Calibration of a load cell with its indicator.
 
     `reading_mV = zero_mV + sensitivity_mV_per_N · load_N + curvature · load_N²`
@@ -41,14 +41,12 @@ class LoadCellCalibration(Hashed):
         lower_limit_factor_N: lower limit factor of ASTM E74.
         astm_e74, iso_376: class "AA" or "A", "00" to "2", or "not classifiable".
         gage_factor: gage factor to which the indicator was set.
-        device: serial number of the load cell.
-        simulated: whether the readings come from a simulated bench.
-        source: where the readings can be found.
-        created: date and time, ISO 8601.
-        expires: last day on which the calibration may be used, ISO 8601; None: no limit was given.
+        device: serial number of the load cell's indicator.
     """
 
     file: ClassVar[str] = "calibration of a load cell"
+    kind: ClassVar[str] = "load_cell"
+    make: ClassVar[str] = "run palpate calibrate load-cell"
 
     model_config = ConfigDict(strict=True)
 
@@ -74,11 +72,6 @@ class LoadCellCalibration(Hashed):
     astm_e74: Classification
     iso_376: Classification
     gage_factor: Positive
-    device: Name
-    simulated: bool
-    source: Name
-    created: Name
-    expires: IsoDate | None = None
     curvature: Curvature | None = None
 
     @field_validator("covariance")
@@ -191,15 +184,10 @@ class LoadCellCalibration(Hashed):
                 "--extrapolate"
             )
 
-    def check_use(self, device: str, simulated: bool, gage_factor: float, today: date) -> None:
-        """Check that the calibration fits this cell and indicator and has not expired. Raises ConfigError."""
-        made = f"was made {'on a simulated bench' if self.simulated else 'on hardware'} with device {self.device}"
-        if self.simulated != simulated or self.device != device:
-            raise ConfigError(f"{made}, not for this bench's {device}; calibrate again")
+    def check_gage_factor(self, gage_factor: float) -> None:
+        """Check that the indicator is set as it was. Raises ConfigError."""
         if abs(self.gage_factor - gage_factor) > 1e-6 * gage_factor:
             raise ConfigError(
-                f"{made} at gage factor {self.gage_factor:g}, this bench's is {gage_factor:g}; set gage_factor in the "
-                "bench file back, or run palpate calibrate load-cell"
+                f"{self.made} at gage factor {self.gage_factor:g}, this bench's is {gage_factor:g}; set gage_factor in "
+                f"the bench file back, or {self.make}"
             )
-        if self.expires is not None and today > date.fromisoformat(self.expires):
-            raise ConfigError(f"{made} and expired on {self.expires}; run palpate calibrate load-cell")

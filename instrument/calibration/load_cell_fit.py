@@ -33,11 +33,7 @@ def calibrate_load_cell(
     creep_mV: float | None = None,
     loads_u: float = 0.0,
     gage_factor: float,
-    device: str,
-    simulated: bool,
-    source: str,
-    created: str,
-    expires: str | None = None,
+    **origin: Any,
 ) -> LoadCellCalibration:
     """Calibrate a load cell from runs of dead weights that are put on and taken off again.
 
@@ -52,7 +48,8 @@ def calibrate_load_cell(
         degree: degree of the curve; None: 2 where an F-test finds it better than 1.
         creep_mV: change of the reading from 30 s to 300 s under the greatest load; None: not measured.
         loads_u: relative standard uncertainty of all loads together, as by gravity.
-        gage_factor, device, simulated, source, created, expires: as in `LoadCellCalibration`.
+        gage_factor: as in `LoadCellCalibration`.
+        origin: the fields of `Calibration`.
 
     Raises:
         EstimateError: as in `interpolate`, or loads do not increase, shapes do not match, there is no run, or the
@@ -89,11 +86,7 @@ def calibrate_load_cell(
         "astm_e74": classify_astm_e74(load, 2 * load.size * len(runs), factor, resolution_mV / sensitivity.value),
         "iso_376": classify_iso_376(load, found),
         "gage_factor": gage_factor,
-        "device": device,
-        "simulated": simulated,
-        "source": source,
-        "created": created,
-        "expires": expires,
+        **origin,
     }
     if curve.coefficients.size == 3:
         bend = float(curve.coefficients[2])

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from datetime import date
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
-from palpate.instrument.config import Config, Hashed, IsoDate, Name, NotNegative, Positive
+from palpate.instrument.calibration.calibration import Calibration
+from palpate.instrument.config import Config, Name, NotNegative, Positive
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.validation_line import ValidationLine, remedy
 from palpate.instrument.quantity import counted, show
@@ -24,7 +24,6 @@ from palpate.instrument.quantity import counted, show
 if TYPE_CHECKING:
     from palpate.instrument.models.ratio import Question
 
-MAKE = "run palpate calibrate model"
 REACH = 3.0  # factor between moduli
 
 
@@ -47,7 +46,7 @@ class CalibratedReference(Config):
     ln_error_u: NotNegative
 
 
-class ModelCalibration(Hashed):
+class ModelCalibration(Calibration):
     """Calibration of a model for one sensor. The field names are the keys of the calibration file.
 
     Args:
@@ -61,10 +60,11 @@ class ModelCalibration(Hashed):
         prior: what the spread rests on, in words.
         film_calibration: SHA-256 of the films' calibration; None: the design's sensitivities held.
         device: serial number of the sensor node.
-        scene: the simulated sensor; None: a real one.
     """
 
     file: ClassVar[str] = "calibration of a model"
+    kind: ClassVar[str] = "model"
+    make: ClassVar[str] = "run palpate calibrate model"
 
     design: Name
     model: Name
@@ -81,12 +81,10 @@ class ModelCalibration(Hashed):
     weight: Positive
     prior: Name
     film_calibration: Name | None = None
-    device: Name
-    scene: Name | None = None
-    simulated: Annotated[bool, Field(strict=True)]
-    source: Name
-    created: Name
-    expires: IsoDate
+
+    @property
+    def of(self) -> tuple[str, ...]:
+        return self.design, self.model, self.parameters, show(self.thickness_m, "m")
 
     def line(self, same_films: bool) -> ValidationLine:
         """What is left of the validation error, for the ratio of an object.
@@ -128,25 +126,6 @@ class ModelCalibration(Hashed):
         known = [each.modulus_Pa for each in self.references]
         return (moduli >= min(known) / REACH) & (moduli <= max(known) * REACH)
 
-    def check_use(self, design: str, device: str, scene: str | None, simulated: bool, today: date) -> None:
-        """Check that the calibration belongs to this sensor on this bench and has not expired. Raises ConfigError."""
-        if (self.simulated, self.device, self.scene) != (simulated, device, scene):
-            here = f"{device} of {scene}" if scene else device
-            raise ConfigError(f"{self._made}, not for this bench's {here}; {MAKE}")
-        if self.design != design:
-            raise ConfigError(f"{self._made} for design {self.design}, not {design}; {MAKE}")
-        self.check_date(today)
-
-    def check_date(self, today: date) -> None:
-        """Check that the calibration has not expired. Raises ConfigError."""
-        if today > date.fromisoformat(self.expires):
-            raise ConfigError(f"{self._made} and expired on {self.expires}; {MAKE}, or delete it")
-
-    @property
-    def _made(self) -> str:
-        where = f"on the simulated bench of {self.scene}" if self.simulated else "on hardware"
-        return f"was made {where} with node {self.device}"
-
     def check_question(self, question: Question, model: str) -> None:
         """Check that the calibration is of the model that answers a question, and its sensor and object.
 
@@ -160,7 +139,7 @@ class ModelCalibration(Hashed):
             asked = f"design {question.design}, model {model}, set {question.parameters}"
             raise ConfigError(
                 f"the calibration of a model by {self.source} is for design {self.design}, model {self.model}, set"
-                f" {self.parameters}, not for {asked}; {MAKE}"
+                f" {self.parameters}, not for {asked}; {self.make}"
             )
         alike = replace(load, sensed=replace(load.sensed, thickness=self.thickness_m))
         if question.sensor() != plain.sensor() or question.load(modulus) != alike:
@@ -178,7 +157,7 @@ class ModelCalibration(Hashed):
         if (self.film_calibration is None) != (films is None):
             then, now = ("no", "one") if films is not None else ("one", "none")
             raise ConfigError(
-                f"was made with {then} calibration of the films, and now there is {now}; {MAKE}, or delete it"
+                f"was made with {then} calibration of the films, and now there is {now}; {self.make}, or delete it"
             )
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from datetime import date
 from typing import Annotated, ClassVar
 
 from pydantic import ConfigDict, Field
 
-from palpate.instrument.config import Hashed, IsoDate, Name, NotNegative, Positive
+from palpate.instrument.calibration.calibration import Calibration
+from palpate.instrument.config import Name, NotNegative, Positive
 from palpate.instrument.uncertainty.groups import Between
 
 
-class MountingScatter(Hashed):
+class MountingScatter(Calibration):
     """Scatter of the ratio of one sensor from mounting to mounting. The field names are the keys of its file.
 
     Args:
@@ -21,14 +21,11 @@ class MountingScatter(Hashed):
         sets_freedom: the degrees of freedom of that.
         design: design of the sensor.
         device: serial number of the sensor node.
-        scene: identity of the simulated sensor; None: a real one.
-        simulated: whether a simulated bench measured it.
-        source: name of the run.
-        created: date and time, ISO 8601.
-        expires: last day on which it is used, ISO 8601.
     """
 
     file: ClassVar[str] = "scatter of mountings"
+    kind: ClassVar[str] = "mountings"
+    make: ClassVar[str] = "run palpate measure modulus with three mountings or more"
 
     model_config = ConfigDict(strict=True)
 
@@ -37,19 +34,12 @@ class MountingScatter(Hashed):
     sets_u: NotNegative
     sets_freedom: Annotated[int, Field(ge=1)]
     design: Name
-    device: Name
-    scene: Name | None = None
-    simulated: bool
-    source: Name
-    created: Name
-    expires: IsoDate
+
+    @property
+    def of(self) -> tuple[str, ...]:
+        return (self.design,)
 
     @property
     def found(self) -> Between:
         """What is known of the scatter beyond that of sets."""
         return Between(self.means_u, self.degrees_of_freedom, self.sets_u, self.sets_freedom)
-
-    def holds_for(self, design: str, scene: str | None, simulated: bool, today: date) -> bool:
-        """Whether it was measured with such a sensor and has not expired."""
-        same = (self.design, self.scene, self.simulated) == (design, scene, simulated)
-        return same and today <= date.fromisoformat(self.expires)

@@ -1,4 +1,4 @@
-"""The commands palpate runs check and runs repair."""
+"""The commands palpate runs check, runs repair and runs install."""
 
 from __future__ import annotations
 
@@ -49,3 +49,31 @@ def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
     output = Output(as_json, quiet)
     done = salvage(find_run(run, store()), out)
     output.result(lambda: repaired_object(done), lambda: print_repaired(done))
+
+
+@click.command(
+    cls=Command,
+    epilog="Examples:\n\n  palpate runs install 20260102T030405Z-calibrate-load-cell"
+    "\n\n  PALPATE_STORE=/other/store palpate runs install first-day --json",
+)
+@click.argument("run")
+@output_options
+def install(run: str, as_json: bool, quiet: bool) -> None:
+    """Put the calibration of a run into the store, for later runs. RUN is a folder or a name in runs/.
+
+    A run does this itself; it is left to you where the store was full or could not be written to. No bench is opened.
+    What is in the store already stays as it is, and a newer calibration there is not replaced.
+    """
+    from datetime import UTC, datetime
+
+    from palpate.procedures.lab.calibrations import install_of
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import find_run
+
+    output = Output(as_json, quiet)
+    opened = Run.open(find_run(run, store()))
+    path, done = install_of(opened, datetime.now(UTC).date())
+    output.result(
+        lambda: {"run": str(opened.folder), "calibration_file": str(path), "installed": done},
+        lambda: output.line(f"{path}: {'is installed' if done else 'was installed already'}"),
+    )

@@ -211,6 +211,7 @@ def modulus(
             {
                 "design": question.design,
                 "parameters": question.parameters,
+                "simulated": references is not None and references.calibration.simulated,
                 "validation": [found.record() for found in compared],
                 "validation_line": line.summary(),
                 "coverage": model_modulus.COVERAGE,
@@ -220,7 +221,8 @@ def modulus(
     elif output.for_people:
         from palpate.procedures.showing.models import print_moduli
 
-        print_moduli(question.design, points, compared, question.changed, line)
+        simulated = references is not None and references.calibration.simulated
+        print_moduli(question.design, points, compared, question.changed, line, simulated)
         if calibration is None:
             of = f"model-*-{question.design}-{points[0]['model']}-{question.parameters}-*.toml"
             for file in sorted((store() / "calibrations").glob(of)):

@@ -14,12 +14,12 @@ from palpate.instrument.errors import PalpateError, RecordError
 from palpate.procedures.commands.options import Choice, Output
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.returned import calibration_saved, planned
+from palpate.procedures.engine.returned import planned
 from palpate.procedures.engine.run import open_and_run, refuse
 from palpate.procedures.lab import keys
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
-from palpate.procedures.lab.session import Outcome, places
+from palpate.procedures.lab.session import places
 from palpate.procedures.showing.points import print_points
 from palpate.procedures.steps.pause import NOBODY
 
@@ -86,14 +86,16 @@ def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: s
 
 
 def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> None:
-    """Store the calibration of a finished run, draw its plot, and show its result.
+    """Draw the plot of a finished run, and show its result.
 
     Raises:
         EstimateError: the points give no result.
-        RecordError: a file cannot be written, or the report crashed.
+        RecordError: a file cannot be written, the report crashed, or the calibration is not stored.
     """
     with after(done.folder):
-        outcome: Outcome = {**done.outcome, **calibration_saved(procedure, done)}
+        if done.unstored is not None:
+            raise done.unstored
+        outcome = done.outcome
         rows, summary = [asdict(point) for point in done.result.points], done.result.summary()
         report = procedure.report(done.result, done.session.lab)
         found = {**outcome, "points": rows, **summary}

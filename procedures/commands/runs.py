@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.mend import check, repair
+from palpate.procedures.commands.mend import check, install, repair
 from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
 from palpate.procedures.commands.resume import resume
 from palpate.procedures.lab.store import store
@@ -14,10 +14,10 @@ from palpate.procedures.lab.store import store
 
 @click.group(cls=Group)
 def runs() -> None:
-    """Look at recorded runs, resume them, repair them."""
+    """Look at recorded runs, resume them, repair them, install their calibrations."""
 
 
-for command in (resume, check, repair):
+for command in (resume, check, repair, install):
     runs.add_command(command)
 
 

@@ -9,7 +9,7 @@ from palpate.procedures.console.progress import Progress, expect, silent
 from palpate.procedures.engine.procedure import P, Procedure, R, S
 from palpate.procedures.engine.returned import begun, evaluated, measured, planned, skipped, stopping
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record import MEASURED, Recorder
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
 
 ENOUGH = "enough"  # kind of the event that a run has before it ends ahead of its plan
@@ -22,7 +22,8 @@ def conduct(
 
     Where the procedure has enough before its plan ends, an event of the record says why; steps of a group that has
     enough are left out. Before a point is stored, the bench's sample changer is asked whether its sample is still
-    mounted.
+    mounted. Where the points of a calibration must be taken in one run, an event says once they are, so that a run that
+    is killed later is not lost.
 
     Args:
         procedure: the procedure.
@@ -55,6 +56,8 @@ def taken(procedure: Procedure[S, P, R], lab: Lab, record: Recorder, progress: P
     changer = lab.bench.maybe(SampleChanger)
     for number, step in enumerate(steps):
         before = len(points) < len(finished)
+        if record.measured and not before:
+            break
         if not before and (why := stopping(procedure, points, lab)):
             record.event(ENOUGH, why, lab.bench.clock.now_ns())
             break
@@ -79,5 +82,8 @@ def taken(procedure: Procedure[S, P, R], lab: Lab, record: Recorder, progress: P
         progress(number + 1, len(steps), step.what)
         if found.error is not None:
             raise found.error
-    work.end()
+    if not record.measured:
+        work.end()
+        if procedure.calibrates and not procedure.resumable_on_real_bench:
+            record.event(MEASURED, "all points are taken", lab.bench.clock.now_ns())
     return points

@@ -37,6 +37,7 @@ from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.console.drawing import load_matplotlib
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.result import Result
+from palpate.procedures.lab.calibrations import Unstored
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import Calibrating
 from palpate.procedures.lab.session import Kept, Outcome, Session
@@ -124,12 +125,20 @@ class Finished(Generic[R]):
         result: its result.
         session: the recorded run on the open bench; of a pickled result, what is left of it.
         outcome: the keys that every result has in JSON.
+        unstored: why its calibration is not stored for later runs; None: it is, or there is none.
     """
 
     procedure: Procedure[Any, Any, R]
     result: R
     session: Session = field(repr=False)
     outcome: Outcome
+    unstored: Unstored | None = None
+
+    def conclude(self) -> None:
+        """Raises EstimateError: the result permits no conclusion; Unstored: its calibration is not stored."""
+        if self.unstored is not None:
+            raise self.unstored
+        self.procedure.check_result(self.result)
 
     @property
     def folder(self) -> Path:
@@ -164,6 +173,7 @@ class Procedure(ABC, Generic[S, P, R]):
     Attributes:
         name: name of the procedure, in records and commands.
         point: class of its points.
+        calibrates: whether each of its runs has a calibration that is stored for later runs.
         calibrating: what it calibrates, so that it needs no stored calibration of it; None: nothing.
         resumable_on_real_bench: True: a run on a real bench can be resumed at any point; False: its points must be
             taken in one run. A run of a simulated bench can always be resumed.
@@ -176,6 +186,7 @@ class Procedure(ABC, Generic[S, P, R]):
 
     name: ClassVar[str]
     point: ClassVar[type[Any]]
+    calibrates: ClassVar[bool] = False
     calibrating: ClassVar[Calibrating | None] = None
     resumable_on_real_bench: ClassVar[bool] = False
     pausable: ClassVar[bool] = False
@@ -253,7 +264,12 @@ class Procedure(ABC, Generic[S, P, R]):
         """Compute the result from the points. Raises EstimateError: they give no result."""
 
     def save_calibration(self, done: Finished[R]) -> Kept:
-        """Store a calibration for later runs; returns keys to add to the outcome. Raises RecordError."""
+        """Store a calibration for later runs, after all else that follows from the points.
+
+        The engine calls it before it calls the run complete, so a run that was killed here does it once more.
+
+        Returns keys to add to the outcome. Raises RecordError; Unstored: only the store cannot be written to.
+        """
         return {}
 
     def report(self, result: R, lab: Lab) -> Report | None:

@@ -10,7 +10,7 @@ from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.result import Result
-from palpate.procedures.engine.run import concluded, open_and_run
+from palpate.procedures.engine.run import open_and_run
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.logged import LoggedRun
 
@@ -50,7 +50,9 @@ def replay(
 
 def _replayed(kind: type[Procedure[S, P, R]], logged: LoggedRun, out: Path | None, progress: Progress) -> Finished[R]:
     procedure = kind.recorded(logged.run)
-    return concluded(procedure, do_again(procedure, logged, out, progress))
+    done = do_again(procedure, logged, out, progress)
+    done.conclude()
+    return done
 
 
 def do_again(procedure: Procedure[S, P, R], logged: LoggedRun, out: Path | None, progress: Progress) -> Finished[R]:

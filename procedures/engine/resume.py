@@ -10,12 +10,13 @@ from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.result import Result
-from palpate.procedures.engine.run import concluded, open_and_run
+from palpate.procedures.engine.run import open_and_run
 from palpate.procedures.lab.before import before_of
+from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.headers import header_of
-from palpate.procedures.records.record import put_file
+from palpate.procedures.records.record import MEASURED, put_file
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import find_run
@@ -54,7 +55,9 @@ def resume(
     progress: Progress = silent,
     pause: Pause = NOBODY,
 ) -> Finished[R] | Finished[Result]:
-    """Go on with a run that was killed, stopped or failed. No finished point is lost or stored twice.
+    """Go on with a run that was killed, stopped or failed, or whose calibration is not stored for later runs.
+
+    No finished point is lost or stored twice.
 
     Args:
         run: its folder, or its name in the store.
@@ -85,17 +88,22 @@ def _resumed(
         progress=progress,
         pause=pause,
     )
-    return concluded(procedure, done)
+    done.conclude()
+    return done
 
 
 def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Procedure[S, P, R]:
     """The procedure of a run that can go on, with its settings.
 
     Raises:
-        UsageError: a run of another procedure, a bench for a simulated run, a run on a simulated bench of which not
-            everything is known that was done before, or points on a real bench that belong together.
+        UsageError: a run of another procedure, one of which nothing is left to do, a bench for a simulated run, a run
+            on a simulated bench of which not everything is known that was done before, or points on a real bench that
+            belong together.
         RecordError: its header is none of a procedure's.
     """
+    left = "replayed" not in run.header and is_unstored(run.folder, kind.calibrates)
+    if run.status == "complete" and not left:
+        raise UsageError(f"{run.folder} is complete; there is nothing to resume")
     header, procedure = header_of(run), kind.recorded(run)
     if header["scene"] is not None:
         if bench is not None:
@@ -109,12 +117,17 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
                 f"{run.folder}: the simulated bench cannot be brought back to where the run began: {unknown}; run it "
                 "anew"
             )
-    elif not kind.resumable_on_real_bench and run.points():
+    elif not kind.resumable_on_real_bench and run.points() and not measured(run):
         raise UsageError(
             f"{run.folder}: on a real bench {run.procedure!r} cannot be resumed, because its points must be taken in "
             "one run; run it anew"
         )
     return procedure
+
+
+def measured(run: Run) -> bool:
+    """Whether a run has all its points."""
+    return run.status == "complete" or any(event["kind"] == MEASURED for event in run.events())
 
 
 def go_on(
@@ -130,7 +143,7 @@ def go_on(
     """Open the bench of a run again and take the points that are left.
 
     Raises:
-        UsageError: the run is complete, or bench or software have changed and that is not accepted.
+        UsageError: bench or software have changed and that is not accepted.
         RecordError: the run is damaged.
         Others as `open_and_run` raises them.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -18,13 +18,13 @@ from palpate.procedures.engine.promise import achieved, expected_of, greatest
 from palpate.procedures.engine.returned import asked, calibration_saved, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.before import before_of
-from palpate.procedures.lab.calibrations import check_store
+from palpate.procedures.lab.calibrations import Unstored, check_store
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import OpenBench, one_run, opened
 from palpate.procedures.lab.session import Promise, places, recording
 from palpate.procedures.lab.store import result_folder
-from palpate.procedures.records.resumed import Resumed
+from palpate.procedures.records.resumed import UNSTORED, Resumed
 from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
 
 
@@ -42,9 +42,8 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
         raise UsageError(f"procedure {procedure.name!r} has no steps with these settings; change them")
     loads = procedure.required_loads()
     if by_store and loads is not None:
-        simulated = target.model is not None
-        stored = check_store(loads.values, loads.extrapolate, simulated, datetime.now(UTC).date())
-        if not (stored or simulated):
+        stored = check_store(loads.values, loads.extrapolate, target.scene, datetime.now(UTC).date())
+        if not stored and target.scene is None:
             return "no stored calibration of a real bench covers these loads: run palpate calibrate load-cell there"
     return ""
 
@@ -81,13 +80,7 @@ def run(
     refuse(procedure, bench.target)
     with result_folder(None if out is None else Path(out), procedure.name, datetime.now(UTC)) as folder:
         done = record_run(procedure, bench, folder, progress, pause)
-    return concluded(procedure, done)
-
-
-def concluded(procedure: Procedure[S, P, R], done: Finished[R]) -> Finished[R]:
-    """Store the calibration of a finished run, and judge its result. Raises EstimateError: it permits no conclusion."""
-    calibration_saved(procedure, done)
-    procedure.check_result(done.result)
+    done.conclude()
     return done
 
 
@@ -152,9 +145,19 @@ def record_run(
         promise = _promise(procedure, session.lab, result)
         if resumed is None or resumed.run.header["scene"] is not None:  # else nobody knows what lay between
             promise["achieved_seconds"] = outcome["bench_seconds"] - before
-        outcome = {**outcome, **promise}
+        done = stored(Finished(procedure, result, session, {**outcome, **promise}))
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"], **promise})
-    return Finished(procedure, result, session, outcome)
+    return done
+
+
+def stored(done: Finished[R]) -> Finished[R]:
+    """A measured run whose calibration, if it has one, is stored, or of which the record says why it is not."""
+    try:
+        return replace(done, outcome={**done.outcome, **calibration_saved(done.procedure, done)})
+    except Unstored as error:
+        session = done.session
+        session.record.event(UNSTORED, str(error), session.bench.clock.now_ns())
+        return replace(done, unstored=error)
 
 
 def _promise(procedure: Procedure[S, P, R], lab: Lab, result: R) -> Promise:

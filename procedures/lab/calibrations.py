@@ -4,117 +4,197 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from datetime import date
+from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.bench.kinds import Role
-from palpate.instrument.calibration.files import (
-    read_calibration,
-    read_film_calibration,
-    read_model_calibration,
-    read_mounting_scatter,
-    write_calibration,
-)
+from palpate.instrument.calibration.calibration import ANY, Calibration, Owner
+from palpate.instrument.calibration.files import read_any, read_model_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
-from palpate.instrument.config import Hashed
-from palpate.instrument.errors import ConfigError, PalpateError
+from palpate.instrument.config import read_hashed
+from palpate.instrument.durable import make_folder
+from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
+from palpate.procedures.lab.lab import owner
 from palpate.procedures.lab.store import store
-from palpate.procedures.records.run import storing
+from palpate.procedures.records.run import Run, storing
 from palpate.procedures.steps.checks import check_loads
 
 if TYPE_CHECKING:
     from palpate.instrument.findings.object_modulus import ByReferences
     from palpate.instrument.models.ratio import Question
 
-C = TypeVar("C", LoadCellCalibration, FilmCalibration, ModelCalibration)
-K = TypeVar("K", FilmCalibration, ModelCalibration, MountingScatter)
+NO_GAGE_FACTOR = 1.0  # of an indicator that has no such setting
+KEPT = "calibration.toml"  # in the folder of a run: what it has for later runs
+C = TypeVar("C", bound=Calibration)
+Check = Callable[[C], None]
 
 
-def load_cell_path(serial: str) -> Path:
-    """File for the load-cell calibration of an indicator, by the indicator's serial number."""
-    return _path(f"load_cell-{serial or 'unknown'}")
+class Unstored(RecordError):
+    """A calibration is kept in the folder of its run, but cannot be put into the store for later runs."""
 
 
-def films_path(serial: str, design: str) -> Path:
-    """File for the film calibration of a sensor, by the serial number of its node and its design."""
-    return _path(f"films-{serial or 'unknown'}-{design}")
+def path_of(kind: type[Calibration], of: Owner) -> Path:
+    """File in the store for the calibration of a kind that belongs to an owner."""
+    return store() / "calibrations" / of.file_name(kind.kind)
 
 
-def model_path(serial: str, design: str, model: str, parameters: str, thickness: float, scene: str | None) -> Path:
-    """File for the calibration of a model with a parameter set, for a sensor and objects of a thickness [m].
+def stored(
+    kind: type[C], of: Owner, certain: bool, today: date | None = None, check: Check[C] = lambda _calibration: None
+) -> list[C]:
+    """What the store has of a kind for an owner, which may be of `ANY` device; the newest comes first.
 
-    The sensor is told by the serial number of its node and its design; a simulated one is another in each scene.
+    What cannot be used does not count. Raises ConfigError instead, as `own` does, for what is `certain` to be the
+    bench's own.
     """
-    of = f"model-{serial or 'unknown'}-{design}-{model}-{parameters}-{show(thickness, 'm')}"
-    return _path(f"{of}-{scene}" if scene else of)
+    found = []
+    path = path_of(kind, of)
+    for each in path.parent.glob(path.name) if of.device == ANY else [path] * _is_there(path):
+        try:
+            read = read_hashed(each, kind)
+            if read.belongs_to(of):
+                found.append(_checked(each, read, today, check))
+        except ConfigError:
+            if certain:
+                raise
+    return sorted(found, key=lambda each: each.created, reverse=True)
 
 
-def mountings_path(serial: str, design: str, scene: str | None) -> Path:
-    """File for the scatter of mountings of a sensor, which is told as for `model_path`."""
-    of = f"mountings-{serial or 'unknown'}-{design}"
-    return _path(f"{of}-{scene}" if scene else of)
+def own(kind: type[C], of: Owner, today: date, check: Check[C] = lambda _calibration: None) -> C | None:
+    """The stored calibration of a kind that belongs to an owner; None: there is none.
+
+    Raises ConfigError, which names the file: it cannot be read, was changed by hand, belongs to another owner, has
+    expired, or the `check` refuses it.
+    """
+    path = path_of(kind, of)
+    return _checked(path, read_hashed(path, kind), today, check, of) if _is_there(path) else None
 
 
-def mountings_of(
-    design: str, scene: str | None, simulated: bool, today: date, serial: str = "*"
-) -> MountingScatter | None:
-    """The newest stored scatter of mountings of a sensor. None: none is stored, or it has expired.
+def _is_there(path: Path) -> bool:
+    """Whether there is a file. Raises ConfigError: nobody can tell, since a folder cannot be read."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}; make it readable") from None
+    return True
 
-    Args:
-        design: design of the sensor.
-        scene: identity of a simulated sensor; None: a real one.
-        simulated: whether the bench is simulated.
-        today: date by which it expires.
-        serial: serial number of the sensor node; "*": it is not known yet which bench will answer.
+
+def _checked(
+    path: Path, found: C, today: date | None, check: Check[C] = lambda _calibration: None, of: Owner | None = None
+) -> C:
+    """A calibration of a file, checked. Raises ConfigError, which names the file."""
+    try:
+        if of is not None:
+            found.check_owner(of)
+        if today is not None:
+            found.check_date(today)
+        check(found)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return found
+
+
+def keep(calibration: Calibration, folder: Path, replayed: bool) -> Path:
+    """Write a calibration into the folder of its run and, unless the run was replayed, into the store for later runs.
+
+    Returns the file in the store.
+
+    Raises:
+        RecordError: it cannot be written into the folder.
+        Unstored: it cannot be put into the store.
+    """
+    write_calibration(folder / KEPT, calibration)
+    path = path_of(type(calibration), calibration.owner)
+    if not replayed:
+        try:
+            install(calibration)
+        except RecordError as error:
+            raise Unstored(
+                f"the calibration is kept in {folder}, and later runs do not use it: {error}; then run palpate runs"
+                f" install {folder}"
+            ) from error
+    return path
+
+
+def install(calibration: Calibration) -> bool:
+    """Put a calibration into the store; returns False if it is there already.
+
+    Raises RecordError: the store has a newer one, or cannot be written to.
+    """
+    path = path_of(type(calibration), calibration.owner)
+    if (there := _before(calibration)) is not None:
+        if there.sha256() == calibration.sha256():
+            return False
+        raise RecordError(f"{path} is newer, of {there.source}; remove it if this one shall be used instead")
+    with storing(path, "a writable folder with $PALPATE_STORE"):
+        make_folder(path.parent)
+    write_calibration(path, calibration)
+    return True
+
+
+def install_of(run: Run, today: date) -> tuple[Path, bool]:
+    """Put the calibration of a run into the store; returns its file there, and False if it was there already.
+
+    Raises:
+        UsageError: the run has no calibration, or is a replay.
+        ConfigError: its calibration is damaged or has expired.
+        RecordError: as `install`.
+    """
+    file = run.folder / KEPT
+    if "replayed" in run.header:
+        raise UsageError(
+            f"{run.folder}: is the replay of a log, whose calibration stays there; install that of its run"
+        )
+    if not _is_there(file):
+        raise UsageError(
+            f"{run.folder}: has no calibration, since its procedure makes none or it has not ended; go on with one that"
+            " has not ended by palpate runs resume"
+        )
+    found = _checked(file, read_any(file), today)
+    return path_of(type(found), found.owner), install(found)
+
+
+def is_unstored(folder: Path, calibrates: bool) -> bool:
+    """Whether the calibration of a run is missing in the store, which has no newer one either.
+
+    `calibrates` says whether the run must have one, so that it is missing in its folder, too, if it is not there.
+    """
+    if not (calibrates or _is_there(folder / KEPT)):
+        return False
+    try:
+        return _before(read_any(folder / KEPT)) is None
+    except ConfigError:
+        return True
+
+
+def _before(calibration: Calibration) -> Calibration | None:
+    """What the store has in the place of a calibration: the same or a newer one; None: neither."""
+    with suppress(ConfigError, ValueError):  # it is missing, damaged, or of another kind; or this one tells no time
+        there = read_any(path_of(type(calibration), calibration.owner))
+        same = there.sha256() == calibration.sha256()
+        if same or there.newer_than(datetime.fromisoformat(calibration.created)):
+            return there
+    return None
+
+
+def mountings_of(of: Owner, today: date) -> MountingScatter | None:
+    """The newest stored scatter of mountings of a sensor's design. None: none is stored, or it has expired.
 
     Raises ConfigError: it is damaged or was changed by hand. What may be of another real sensor does not count instead:
     the bench will tell of it when it is open.
     """
-    certain = scene is not None or serial != "*"
-    found = stored_at(mountings_path(serial, design, scene), read_mounting_scatter, certain)
-    mine = [each for each in found if serial in ("*", each.device) and each.holds_for(design, scene, simulated, today)]
-    return max(mine, key=lambda each: each.created, default=None)
-
-
-def stored_at(path: Path, read: Callable[[Path], K], certain: bool) -> list[K]:
-    """What is stored at the path of a calibration, with "*" as serial number at those of all devices.
-
-    One that cannot be read does not count. Raises ConfigError instead: it is certain to be one of the bench's own.
-    """
-    found = []
-    for each in path.parent.glob(path.name.replace("---", "-*-", 1)):
-        try:
-            found.append(read(each))
-        except ConfigError:
-            if certain:
-                raise
-    return found
-
-
-def _path(name: str) -> Path:
-    return store() / "calibrations" / f"{''.join(c if c.isalnum() or c in '-_' else '-' for c in name)}.toml"
-
-
-def keep(calibration: Hashed, folder: Path, replayed: bool, path: Path) -> None:
-    """Write a calibration into the folder of its run and, unless the run was replayed, to `path` for later runs.
-
-    Raises RecordError: a file cannot be written.
-    """
-    write_calibration(folder / "calibration.toml", calibration)
-    if replayed:
-        return
-    with storing(path, "a writable folder with $PALPATE_STORE"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-    write_calibration(path, calibration)
+    found = stored(MountingScatter, of, certain=of.scene is not None or of.device != ANY)
+    return next((each for each in found if each.lasts_on(today)), None)
 
 
 def check_nameable(bench: Bench, role: Role) -> None:
@@ -139,35 +219,33 @@ def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
             damaged, has expired, or belongs to another device or gage factor.
     """
     check_nameable(bench, "load_indicator")
-    indicator = bench.role(LoadIndicator)
-    path = load_cell_path(indicator.serial)
-    if not path.exists():
-        if not bench.simulated:
-            raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
-        return THESIS_LOAD_CELL
-    serial, gage_factor = indicator.serial or "unknown", indicator.gage_factor
-    return checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
+    whose, gage_factor = owner(bench, LoadIndicator), bench.role(LoadIndicator).gage_factor
+    found = own(LoadCellCalibration, whose, today, lambda c: c.check_gage_factor(gage_factor))
+    if found is not None:
+        return found
+    if not bench.simulated:
+        path = path_of(LoadCellCalibration, whose)
+        raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
+    if gage_factor != NO_GAGE_FACTOR:
+        THESIS_LOAD_CELL.check_gage_factor(gage_factor)
+    return THESIS_LOAD_CELL
 
 
 def known_load_cell(bench: Bench) -> LoadCellCalibration:
     """The last calibration of a load cell, which may have expired, or the thesis', as what to expect of it."""
-    path = load_cell_path(bench.role(LoadIndicator).serial)
-    with suppress(PalpateError):
-        if (found := read_calibration(path)).simulated == bench.simulated:
-            return found
-    return THESIS_LOAD_CELL
+    return next(iter(stored(LoadCellCalibration, owner(bench, LoadIndicator), certain=False)), THESIS_LOAD_CELL)
 
 
-def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, today: date) -> bool:
+def check_store(loads: Sequence[float], extrapolate: bool, scene: str | None, today: date) -> bool:
     """Check loads against the stored load-cell calibrations before a bench is opened.
 
-    It is not known yet which indicator will answer, nor whether a bench file leads to a simulated bench. So loads are
-    refused only if they suit none of the calibrations that the bench could have.
+    It is not known yet which indicator will answer, nor whether a bench file that names no scene leads to a simulated
+    bench. So loads are refused only if they suit none of the calibrations that the bench could have.
 
     Args:
         loads: loads, peak to peak [N].
         extrapolate: whether loads outside the calibrated range are allowed.
-        simulated: whether the bench is certainly simulated.
+        scene: identity of the scene that simulates the bench; None: it may be real.
         today: date by which calibrations expire.
 
     Returns:
@@ -179,19 +257,20 @@ def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, toda
     """
     told = False
     refusals: list[PalpateError] = []
-    for path in sorted(_path("").parent.glob("load_cell-*.toml")):
+    pattern = path_of(LoadCellCalibration, Owner(ANY, scene, scene is not None))
+    for path in sorted(pattern.parent.glob(pattern.name)):
         try:
-            found = read_calibration(path)
-            if simulated and not found.simulated:
+            found = read_hashed(path, LoadCellCalibration)
+            if found.scene != scene:
                 continue
-            checked(path, found, lambda c: c.check_use(c.device, c.simulated, c.gage_factor, today))
+            _checked(path, found, today)
             check_loads(loads, found, extrapolate)
-            if simulated or not found.simulated:
+            if scene is not None or not found.simulated:
                 return True
             told = True
         except PalpateError as refused:
             refusals.append(refused)
-    if simulated and refusals:
+    if scene is not None and refusals:
         raise refusals[0]
     if not told:
         check_loads(loads, THESIS_LOAD_CELL, extrapolate)
@@ -205,45 +284,38 @@ def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | Non
         ConfigError: the calibration is damaged, has expired, or belongs to another sensor; or the node cannot be told
             from others.
     """
-    serial = bench.role(SensorNode).serial or "unknown"
-    path = films_path(serial, design.name)
-    if not path.exists():
-        return None
-    check_nameable(bench, "sensor_node")
-    found = read_film_calibration(path)
-    return checked(path, found, lambda c: c.check_use(design, serial, bench.simulated, today))
+    found = own(FilmCalibration, owner(bench, SensorNode, design.name), today, lambda c: c.check_films(design))
+    if found is not None:
+        check_nameable(bench, "sensor_node")
+    return found
 
 
-def model_of(
-    bench: Bench, question: Question, films: FilmCalibration | None, scene: str | None, today: date
-) -> ModelCalibration | None:
+def model_of(bench: Bench, question: Question, films: FilmCalibration | None, today: date) -> ModelCalibration | None:
     """The stored calibration of the model that answers a question. None: there is none.
 
     Args:
         bench: the open bench.
         question: sensor, model, parameter set and thickness of the object.
         films: the calibration of the films that holds now.
-        scene: the simulated sensor; None: a real one.
         today: date by which calibrations expire.
 
     Raises:
         ConfigError: the calibration is damaged, has expired, or belongs to another sensor or other films.
         RangeError: model "auto" finds no model.
     """
+    whose, sha256 = owner(bench, SensorNode, *asked_of(question)), None if films is None else films.sha256()
+    found = own(ModelCalibration, whose, today, lambda c: c.check_films(sha256))
+    if found is not None:
+        check_nameable(bench, "sensor_node")
+    return found
+
+
+def asked_of(question: Question) -> tuple[str, ...]:
+    """What a calibration by references is of that answers a question, as for `Owner`."""
     from palpate.instrument.findings.object_modulus import answering
 
-    serial = bench.role(SensorNode).serial or "unknown"
     thickness = question.load(question.sensor().ring.material.modulus).sensed.thickness
-    path = model_path(serial, question.design, answering(question), question.parameters, thickness, scene)
-    if not path.exists():
-        return None
-    check_nameable(bench, "sensor_node")
-
-    def check(calibration: ModelCalibration) -> None:
-        calibration.check_use(question.design, serial, scene, bench.simulated, today)
-        calibration.check_films(None if films is None else films.sha256())
-
-    return checked(path, read_model_calibration(path), check)
+    return question.design, answering(question), question.parameters, show(thickness, "m")
 
 
 def by_references(path: Path, today: date) -> ByReferences:
@@ -253,14 +325,4 @@ def by_references(path: Path, today: date) -> ByReferences:
     """
     from palpate.instrument.findings.object_modulus import ByReferences
 
-    found = checked(path, read_model_calibration(path), lambda c: c.check_date(today))
-    return ByReferences(found)
-
-
-def checked(path: Path, calibration: C, check: Callable[[C], None]) -> C:
-    """A calibration of a file, checked. Raises ConfigError, which names the file: the check refuses it."""
-    try:
-        check(calibration)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None
-    return calibration
+    return ByReferences(_checked(path, read_model_calibration(path), today))

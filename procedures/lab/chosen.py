@@ -56,7 +56,9 @@ class Chosen:
             nodes = self.description.filling("sensor_node")
             channels = nodes[0].kind.channels if nodes else CHANNELS
             drivable = partial(check_drivable, self.description)
-            target = Target(design, self.description.force_limit, len(nodes), channels=channels, drivable=drivable)
+            target = Target(
+                design, stated.force_limit, len(nodes), channels=channels, drivable=drivable, scene=stated.scene
+            )
             return with_kinds(target, self.description.kind_in)
         assert self.scene is not None
         design = self.scene.design.with_pickup(self.scene.pickup).with_noise(self.scene.noise)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SampleChanger, SensorNode
 from palpate.instrument.bench.kinds import DeviceKind, Role, frequency_step
+from palpate.instrument.calibration.calibration import UNKNOWN, Owner
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
@@ -41,7 +42,7 @@ class Target:
         references: calibration by references of the model that the procedure asks; None: there is none, or the bench is
             not open yet.
         load_cell: calibration of the load cell; None: the bench is not open yet.
-        scene: identity of the scene of a simulated bench; None: the bench may be real.
+        scene: identity of the scene that simulates the bench; None: the bench may be real.
         mountings: scatter of the sensor's mountings; None: none is stored, or the bench is not open yet.
         mounts: who mounts samples, and how long that takes.
     """
@@ -73,6 +74,11 @@ def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> 
     )
 
 
+def owner(bench: Bench, role: type[Any], *of: str) -> Owner:
+    """Whose the calibrations of an open bench's device are; `of` is what else tells them apart."""
+    return Owner(bench.role(role).serial or UNKNOWN, bench.description.scene, bench.simulated, of)
+
+
 @dataclass(frozen=True, slots=True)
 class Lab:
     """An open bench and what a procedure needs to know about it.
@@ -85,7 +91,6 @@ class Lab:
         run: name of the recorded run; empty: no run is recorded.
         started: when the run began.
         references: calibration by references of the model that the procedure asks; None: there is none.
-        scene: name, model and seed of the simulated sensor; None: it is a real one.
         mountings: scatter of the sensor's mountings by an earlier run; None: none is stored.
     """
 
@@ -96,8 +101,29 @@ class Lab:
     run: str = ""
     started: datetime = field(default_factory=lambda: datetime.now(UTC))
     references: ModelCalibration | None = None
-    scene: str | None = None
     mountings: MountingScatter | None = None
+
+    @property
+    def scene(self) -> str | None:
+        """Identity of the scene that simulates the bench; None: it is a real one, or its file does not name it."""
+        return self.bench.description.scene
+
+    def origin(self, role: type[Any], valid_days: int) -> dict[str, Any]:
+        """What a calibration of the device in a role tells of where it comes from: fields of `Calibration`.
+
+        Args:
+            role: the role.
+            valid_days: days until it expires.
+        """
+        whose = owner(self.bench, role)
+        return {
+            "device": whose.device,
+            "scene": whose.scene,
+            "simulated": whose.simulated,
+            "source": self.run,
+            "created": self.started.isoformat(timespec="seconds"),
+            "expires": (self.started + timedelta(days=valid_days)).date().isoformat(),
+        }
 
     @property
     def same_films(self) -> bool:

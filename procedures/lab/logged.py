@@ -45,7 +45,7 @@ class Used:
         """By the header of the run. Raises KeyError: it lacks one; ConfigError: one is wrong."""
         films, references = header["film_calibration"], header.get("model_calibration")
         return cls(
-            check(header["calibration"], LoadCellCalibration, where),
+            load_cell_in(header, where),
             None if films is None else check(films, FilmCalibration, where),
             None if references is None else check(references, ModelCalibration, where),
             mountings_in(header, where),
@@ -100,6 +100,11 @@ class LoggedRun:
 
 def _scene(toml: str, path: Path) -> Scene:
     return scene_of(parse(toml.encode(), SceneFile, str(path)), path)
+
+
+def load_cell_in(header: Mapping[str, Any], where: str) -> LoadCellCalibration:
+    """The load-cell calibration with which a run began, from its header. Raises ConfigError: it is wrong."""
+    return check(header["calibration"], LoadCellCalibration, where)
 
 
 def mountings_in(header: Mapping[str, Any], where: str) -> MountingScatter | None:

@@ -32,7 +32,7 @@ from palpate.procedures.lab.calibrations import (
     mountings_of,
 )
 from palpate.procedures.lab.chosen import Chosen, choose
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Lab, Target, owner
 from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.operator import ConsoleOperator, assume
 from palpate.procedures.records.resumed import Resumed
@@ -114,8 +114,6 @@ class OpenBench:
         if calibrating and used is None:
             check_nameable(self.bench, "load_indicator" if calibrating == "load cell" else "sensor_node")
         design = get_design(description.design).with_pickup(description.pickup).with_noise(description.noise)
-        simulated = self.scene
-        scene = None if simulated is None else simulated.identity
         references, mountings = None, None
         if used is not None:
             calibration, films, references = used.calibration, used.films, used.references
@@ -125,11 +123,10 @@ class OpenBench:
             calibration = known_load_cell(self.bench) if weighing else load_cell_of(self.bench, self.today)
             films = None if calibrating else films_of(self.bench, design, self.today)
             if question is not None:
-                references = model_of(self.bench, question, films, scene, self.today)
-                serial = self.bench.role(SensorNode).serial or "unknown"
-                mountings = mountings_of(design.name, scene, self.bench.simulated, self.today, serial)
+                references = model_of(self.bench, question, films, self.today)
+                mountings = mountings_of(owner(self.bench, SensorNode, design.name), self.today)
         calibrated = films.apply(design) if films else design
-        return Lab(self.bench, calibrated, calibration, films, run, started, references, scene, mountings)
+        return Lab(self.bench, calibrated, calibration, films, run, started, references, mountings)
 
 
 @contextmanager

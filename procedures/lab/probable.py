@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, date, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.calibration.files import read_calibration, read_film_calibration, read_model_calibration
+from palpate.instrument.calibration.calibration import ANY, Owner
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.errors import PalpateError
-from palpate.procedures.lab.calibrations import checked, films_path, load_cell_path, model_path, stored_at
+from palpate.procedures.lab.calibrations import asked_of, stored
 
 if TYPE_CHECKING:
     from palpate.instrument.findings.object_modulus import ByReferences
@@ -21,14 +18,12 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.lab import Target
 
 
-def probable_load_cell(simulated: bool) -> LoadCellCalibration | None:
-    """The newest stored calibration of a load cell, before it is known which bench will answer; None: there is none."""
-    found = []
-    for path in load_cell_path("").parent.glob("load_cell-*.toml"):
-        with suppress(PalpateError):
-            found.append(read_calibration(path))
-    found = [each for each in found if each.simulated == simulated]
-    return max(found, key=lambda each: each.created, default=None)
+def probable_load_cell(scene: str | None) -> LoadCellCalibration | None:
+    """The newest stored calibration of a load cell, before it is known which bench will answer; None: there is none.
+
+    `scene` is the identity of the scene that simulates the bench; None: it may be real.
+    """
+    return next(iter(stored(LoadCellCalibration, Owner(ANY, scene, scene is not None), certain=False)), None)
 
 
 def probable_references(question: Question, scene: str | None, today: date) -> ByReferences | None:
@@ -44,19 +39,11 @@ def probable_references(question: Question, scene: str | None, today: date) -> B
 
     Raises ConfigError: that of the scene is damaged, was changed by hand, or has expired.
     """
-    from palpate.instrument.findings.object_modulus import ByReferences, answering
+    from palpate.instrument.findings.object_modulus import ByReferences
 
-    thickness = question.load(question.sensor().ring.material.modulus).sensed.thickness
-    path = model_path("*", question.design, answering(question), question.parameters, thickness, scene)
-
-    def read(file: Path) -> ModelCalibration:
-        return checked(file, read_model_calibration(file), lambda c: c.check_date(today))
-
-    found = [each for each in stored_at(path, read, certain=scene is not None) if each.scene == scene]
-    if not found:
-        return None
-    newest = max(found, key=lambda each: each.created)
-    return ByReferences(newest, newest.film_calibration is None)
+    certain = scene is not None
+    found = stored(ModelCalibration, Owner(ANY, scene, certain, asked_of(question)), certain, today)
+    return ByReferences(found[0], found[0].film_calibration is None) if found else None
 
 
 def references_on(target: Target, question: Question) -> ByReferences | None:
@@ -74,11 +61,7 @@ def with_films(target: Target) -> Target:
     """
     if target.calibrated is not None:
         return target
-    design, simulated, today = target.design, target.scene is not None, datetime.now(UTC).date()
-
-    def read(file: Path) -> FilmCalibration:
-        return checked(file, read_film_calibration(file), lambda c: c.check_use(design, c.device, simulated, today))
-
-    found = stored_at(films_path("*", design.name), read, certain=False)
-    newest = max(found, key=lambda each: each.created, default=None)
-    return target if newest is None else replace(target, design=newest.apply(design))
+    design, today = target.design, datetime.now(UTC).date()
+    whose = Owner(ANY, target.scene, target.scene is not None, (design.name,))
+    found = stored(FilmCalibration, whose, certain=False, today=today, check=lambda c: c.check_films(design))
+    return replace(target, design=found[0].apply(design)) if found else target

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from traceback import format_exception
@@ -13,16 +13,19 @@ from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import check_log
+from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.additions import Addition
 from palpate.instrument.arithmetic import arithmetic
 from palpate.instrument.bench.kinds import Role
+from palpate.instrument.calibration.calibration import Calibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.before import BEFORE
-from palpate.procedures.lab.lab import Lab
-from palpate.procedures.lab.logged import mountings_in
+from palpate.procedures.lab.lab import Lab, owner
+from palpate.procedures.lab.logged import load_cell_in, mountings_in
 from palpate.procedures.lab.open import Calibrating, OpenBench
 from palpate.procedures.lab.operator import Mounting, weaker
 from palpate.procedures.lab.software import added_by, commit, versions
@@ -100,12 +103,21 @@ def reserved() -> frozenset[str]:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A run that is being recorded on an open bench."""
+    """A run that is being recorded on an open bench.
+
+    Attributes:
+        opened: the open bench.
+        lab: the same, with the calibrations of the run.
+        record: the record of the run.
+        mounting: how it is known what is mounted.
+        begun: header with which the run began, if it goes on; empty: it is a new one.
+    """
 
     opened: OpenBench
     lab: Lab
     record: Recorder
     mounting: Mounting
+    begun: Mapping[str, Any] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle it as `PastSession`, because nobody else can go on with it."""
@@ -134,6 +146,7 @@ class Session:
     def outcome(self) -> Outcome:
         """The keys that the run's result has in JSON."""
         scene, lab = self.opened.scene, self.lab
+        films = None if lab.films is None else self._told(lab.films, "film_calibration", SensorNode, lab.design.name)
         found: Outcome = {
             "simulated": lab.bench.simulated,
             "run": str(self.record.folder),
@@ -143,8 +156,8 @@ class Session:
             "parameter_set": scene.file.parameters if scene else None,
             "evidence": None if self.model is None else of_experiment("force_ratio", ratio_by(self.model)).value,
             "seed": scene.seed if scene else None,
-            "calibration": f"{lab.calibration.source}{lab.calibration.marks()}",
-            "film_calibration": f"{lab.films.source}{lab.films.marks()}" if lab.films else None,
+            "calibration": self._told(lab.calibration, "calibration", LoadIndicator),
+            "film_calibration": films,
             "calibration_files": _calibration_files(lab),
             "mounting": self.mounting,
             "bench_seconds": lab.bench.clock.now_ns() / 1e9,
@@ -157,6 +170,16 @@ class Session:
             "achieved_results": [],
         }
         return {**found, **_reduced(scene)}
+
+    def _told(self, calibration: Calibration, key: str, role: type[Any], *of: str) -> str:
+        """A calibration of the run for people, with what speaks against it; `key` names it in the header."""
+        whose = owner(self.bench, role, *of)
+        doubts = [] if calibration == THESIS_LOAD_CELL else calibration.doubts(whose, self.lab.started)
+        begun = self.begun.get(key)
+        if isinstance(begun, dict) and begun.get("source") != calibration.source:
+            doubts.append(f"the run began with {begun.get('source')}")
+        told = f"{calibration.source}{calibration.marks()}"
+        return f"{told} ({'; '.join(doubts)})" if doubts else told
 
 
 def _reduced(scene: Scene | None) -> Reduced:
@@ -239,8 +262,10 @@ def recording(
     if resumed is not None:
         started = resumed.run.started
     lab = opened.lab(folder.name, started, calibrating, question)
-    if resumed is not None:  # it was planned with what was stored when it began
+    if resumed is not None:  # it was planned with what was stored when it began, not with what came of it
         lab = replace(lab, mountings=mountings_in(resumed.run.header, str(folder)))
+        if calibrating == "load cell":
+            lab = replace(lab, calibration=load_cell_in(resumed.run.header, str(folder)))
     header = {
         "procedure": procedure,
         "simulated": lab.bench.simulated,
@@ -299,7 +324,7 @@ def recording(
             put_file(folder / "bench.toml", str(header["bench"]))
             if scene is not None:
                 put_file(folder / "scene.toml", scene.to_toml())
-            yield Session(opened, lab, record, mounting)
+            yield Session(opened, lab, record, mounting, {} if resumed is None else resumed.run.header)
         failing.pop_all()
         lab.bench.incidents.hold()
         if opened.history is not None:

@@ -10,10 +10,12 @@ from pathlib import Path
 
 from palpate.instrument.errors import UsageError, check_path
 
+STORE = "PALPATE_STORE"  # environment variable
+
 
 def store() -> Path:
     """Folder of runs and calibrations: $PALPATE_STORE, or runs/ in the current folder."""
-    return Path(os.environ.get("PALPATE_STORE", "runs"))
+    return Path(os.environ.get(STORE, "runs"))
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from palpate.instrument.durable import sync
 from palpate.instrument.own_process import Ends
 from palpate.procedures.records.chain import AROUND, FRAME, LAST, MAGIC, NOTHING, SECTOR, Bytes, Head
 
@@ -148,15 +149,6 @@ def create(path: Path, head_path: Path, chain: bytes, frames: Sequence[Content],
         for file in (aside, path, head_path):
             file.unlink(missing_ok=True)
         raise
-
-
-def sync(path: Path) -> None:
-    """Sync a file to disk; or a folder, whose names are not on disk before although its files are."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 @contextlib.contextmanager

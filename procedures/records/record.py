@@ -20,9 +20,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeVar
 
+from palpate.instrument.durable import make_folder
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.own_process import Ends
-from palpate.procedures.records.chain_writer import ChainWriter, Content, create, sync
+from palpate.procedures.records.chain_writer import ChainWriter, Content, create
 from palpate.procedures.records.encoding import Waveforms
 from palpate.procedures.records.record_file import (
     HEAD_FILE,
@@ -38,6 +39,7 @@ from palpate.procedures.records.run import is_run, reading_record, storing
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 PAUSED = "paused"  # kind of the event that a pause begins with
+MEASURED = "measured"  # kind of the event after which a run needs no more points, if they must be taken in one run
 
 T = TypeVar("T")
 
@@ -112,10 +114,7 @@ class Recorder:
         datetime.fromisoformat(str(header["started"]))
         folder = folder.absolute()
         with storing(folder):
-            made = [path for path in (folder, *folder.parents) if not path.exists()]
-            folder.mkdir(parents=True, exist_ok=True)
-            for path in made:
-                sync(path.parent)
+            make_folder(folder)
         return cls(folder, header)
 
     def point(
@@ -147,6 +146,11 @@ class Recorder:
     def points(self) -> int:
         """Number of stored points."""
         return self._points
+
+    @property
+    def measured(self) -> bool:
+        """Whether a run that goes on has all its points already, although they must be taken in one run."""
+        return False
 
     def finished(self, _kind: type[T]) -> list[T]:
         """The points that a procedure need not measure again, as objects of the class they were stored from.

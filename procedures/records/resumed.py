@@ -20,12 +20,12 @@ from palpate.instrument.errors import RecordError, UsageError
 from palpate.procedures.records.check import check
 from palpate.procedures.records.encoding import Waveforms, as_json, encoded
 from palpate.procedures.records.headers import changes, header_of, values_of
-from palpate.procedures.records.record import PAUSED, Recorder, begin
+from palpate.procedures.records.record import MEASURED, PAUSED, Recorder, begin
 from palpate.procedures.records.record_file import event_frame, header_frame, point_frames, status_frame
 from palpate.procedures.records.run import Run, reading, storing
 
-CONTINUED, CHANGED = "continued", "changed"
-MARKS = frozenset({CONTINUED, CHANGED, "stopped", "failed"})  # events of the record, not of the procedure
+CONTINUED, CHANGED, UNSTORED = "continued", "changed", "unstored"
+MARKS = frozenset({CONTINUED, CHANGED, UNSTORED, "stopped", "failed"})  # events of the record, not of the procedure
 ACCEPT = "--accept-change"
 
 T = TypeVar("T")
@@ -44,11 +44,9 @@ class Resumed(Recorder):
             accept: whether changes of the bench are recorded instead of refused.
 
         Raises:
-            UsageError: the run is complete, or another process is writing it.
+            UsageError: another process is writing it.
             RecordError: it is damaged, or its folder cannot be written to.
         """
-        if run.status == "complete":
-            raise UsageError(f"{run.folder} is complete; there is nothing to resume")
         super().__init__(run.folder)
         self.run = run
         self._replay, self._accept = replay, accept
@@ -62,6 +60,7 @@ class Resumed(Recorder):
                 events = stored.events()
             undo.pop_all()
         self._events = deque((e["kind"], e["bench_ns"]) for e in events)
+        self._measured = not replay and any(kind == MEASURED for kind, _ in self._events)
         self._bench_ns = max([0, *(ns for _, ns in self._events), *(point.bench_ns for point in self._stored)])
         self._events = deque(event for event in self._events if replay and event[0] not in MARKS)
         if not replay:
@@ -165,6 +164,11 @@ class Resumed(Recorder):
         """The points that a real bench need not measure again, as the dataclass they were stored from."""
         data = [] if self._replay else [json.loads(point.text) for point in self._stored]
         return values_of(kind, data, f"{self.folder}: its points")
+
+    @property
+    def measured(self) -> bool:
+        """Whether nothing is left to measure of a run whose points must be taken in one run; a replay measures all."""
+        return self._measured
 
     def paused(self, bench_ns: int) -> bool:
         """Whether the recorded run was paused at this bench time."""

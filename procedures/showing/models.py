@@ -51,6 +51,7 @@ def print_moduli(
     compared: Sequence[Validation],
     changed: Sequence[str],
     line: ValidationLine,
+    simulated: bool = False,
 ) -> None:
     """Print a row for each force ratio with the modulus of the object, on the model's scale and absolute.
 
@@ -60,10 +61,11 @@ def print_moduli(
         compared: how far each of their models lies from the thesis' experiments.
         changed: options with which the models were asked, and which the comparison leaves out.
         line: validation error of the model.
+        simulated: whether that comes from references on a simulated bench.
     """
     models = ", ".join(dict.fromkeys(p["model"] for p in points))
     table = new_table(
-        stamped(False, f"{design}, model {models}: Young modulus"),
+        stamped(simulated, f"{design}, model {models}: Young modulus"),
         "force ratio", "u", "model error", *moduli.COLUMNS, "dlnE/dlnR", "",
     )  # fmt: skip
     for p in points:

@@ -5,6 +5,9 @@ Slow imports happen only when a test asks for a bench.
 
 from __future__ import annotations
 
+import os
+import shutil
+import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,10 +33,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Read the bench file of `--bench`.
+    """Give this process a store of its own, and read the bench file of `--bench`.
 
     Raises UsageError: the bench file is missing or wrong, or several workers would share the bench.
     """
+    _own_store(config)
     config.addinivalue_line(
         "markers",
         "scene(name='thesis_single', *, seed=None, faults=()): what the simulated bench of this test is; a name, or"
@@ -47,6 +51,21 @@ def pytest_configure(config: pytest.Config) -> None:
     from palpate.procedures.testing.benches import described
 
     config.stash[REAL] = described(Path(file))
+
+
+def _own_store(config: pytest.Config) -> None:
+    """Have this process keep runs and calibrations in a folder of its own, until the configuration is taken down.
+
+    What is stored elsewhere must not change the numbers of tests, nor tests what is stored there. Each worker of
+    pytest-xdist is such a process. The folder is made once something is stored.
+    """
+    from palpate.procedures.lab.store import STORE
+
+    own = Path(tempfile.gettempdir()) / f"palpate-store-{os.getpid()}-{os.urandom(4).hex()}"
+    patch = pytest.MonkeyPatch()
+    patch.setenv(STORE, str(own))
+    config.add_cleanup(lambda: shutil.rmtree(own, ignore_errors=True))
+    config.add_cleanup(patch.undo)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
 USUAL_DRIVE = 10.0  # Hz
 LARGEST_SEED = 2**63 - 1
 MOST_EFFECTS = 100
+IDENTITY = 16  # hexadecimal digits of what tells scenes apart
 WHEN, ON = "when", "on"  # key of an effect's table that says when it is simulated, and its value if it is absent
 
 
@@ -113,10 +117,34 @@ class Scene:
     faults: tuple[Fault, ...] = ()
     devices: tuple[Guest, ...] = ()
 
-    @property
+    @cached_property
     def identity(self) -> str:
-        """What tells its sensor from that of other scenes, for calibrations: name, model and seed."""
-        return f"{self.name}, {self.model}, seed {self.seed}"
+        """What tells its devices from those of other scenes, for calibrations: a hash of all but name and purpose.
+
+        The seed counts, since by it the scatter of the films, offsets and phases are drawn. A parameter counts by its
+        value, in whatever unit the file has it, and the same whether the file states it or leaves it at its default.
+        """
+        devices = [
+            (
+                each.name,
+                each.table.get("role"),
+                each.kind.contract.digest(),
+                each.settings.model_dump(mode="json"),
+            )
+            for each in self.devices
+        ]
+        content = {
+            "design": asdict(self.design),
+            "model": (self.model, self.tolerance, self.file.parameters),
+            "seed": self.seed,
+            "nodes": self.nodes,
+            "rig": self.rig.model_dump(mode="json"),
+            "effects": {name: effect.model_dump(mode="json") for name, effect in self.effects.items()},
+            "devices": devices,
+            "faults": self.file.fault,
+        }
+        written = json.dumps(content, sort_keys=True, default=dict)
+        return hashlib.sha256(written.encode()).hexdigest()[:IDENTITY]
 
     @property
     def pickup(self) -> float:

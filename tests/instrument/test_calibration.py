@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from palpate.instrument.calibration.calibration import Owner
 from palpate.instrument.calibration.classification import Run
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -266,21 +267,25 @@ def test_loads_outside_the_calibrated_range_are_refused(load: float, inside: boo
 
 
 @pytest.mark.parametrize(
-    ("device", "simulated", "gage_factor", "today", "message"),
+    ("whose", "message"),
     [
-        ("LC-2", True, 8.98, date(2020, 6, 1), "with device LC-1, not for this bench's LC-2; calibrate again"),
-        ("LC-1", False, 8.98, date(2020, 6, 1), "was made on a simulated bench"),
-        ("LC-1", True, 2.0, date(2020, 6, 1), r"at gage factor 8\.98, this bench's is 2; set gage_factor"),
-        ("LC-1", True, 8.98, date(2021, 1, 2), "expired on 2021-01-01; run palpate calibrate load-cell"),
+        (Owner("LC-2", "ab", True), "with device LC-1 of scene ab, not for this bench's LC-2 of scene ab; run palpate"),
+        (Owner("LC-1", "cd", True), "with device LC-1 of scene ab, not for this bench's LC-1 of scene cd"),
+        (Owner("LC-1", None, True), "not for this bench's LC-1; run palpate calibrate load-cell"),
+        (Owner("LC-1", None, False), "was made on a simulated bench"),
     ],
 )
-def test_a_calibration_is_refused_where_it_does_not_belong(
-    device: str, simulated: bool, gage_factor: float, today: date, message: str
-) -> None:
-    calibration = calibrate()
-    calibration.check_use("LC-1", True, 8.98, date(2021, 1, 1))
+def test_a_calibration_is_refused_where_it_does_not_belong(whose: Owner, message: str) -> None:
+    calibration = calibrate().model_copy(update={"scene": "ab"})
+    calibration.check_owner(Owner("LC-1", "ab", True))
+    calibration.check_date(date(2021, 1, 1))
+    calibration.check_gage_factor(8.98)
     with pytest.raises(ConfigError, match=message):
-        calibration.check_use(device, simulated, gage_factor, today)
+        calibration.check_owner(whose)
+    with pytest.raises(ConfigError, match=r"at gage factor 8\.98, this bench's is 2; set gage_factor"):
+        calibration.check_gage_factor(2.0)
+    with pytest.raises(ConfigError, match="expired on 2021-01-01; run palpate calibrate load-cell"):
+        calibration.check_date(date(2021, 1, 2))
 
 
 @pytest.mark.parametrize("resolution", [0.0, -1.0, math.inf])

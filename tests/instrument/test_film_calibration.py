@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from palpate.instrument.calibration.calibration import Owner
 from palpate.instrument.calibration.files import read_film_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration, FilmReading, calibrate_films
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
@@ -139,20 +142,26 @@ def test_readings_that_give_no_sensitivity_are_refused(points: list[FilmReading]
 
 
 @pytest.mark.parametrize(
-    ("design", "device", "simulated", "today", "message"),
+    ("changed", "message"),
     [
-        (SINGLE, "N-2", True, date(2020, 6, 1), "with node N-1, not for this bench's N-2"),
-        (SINGLE, "N-1", False, date(2020, 6, 1), "was made on a simulated bench"),
-        (PAIR, "N-1", True, date(2020, 6, 1), "for design single, not common_base"),
-        (SINGLE, "N-1", True, date(2021, 1, 2), "expired on 2021-01-01"),
+        ({"device": "N-2"}, r"with device N-1 \(single\), not for this bench's N-2 \(single\); run palpate calibrate"),
+        ({"simulated": False}, "was made on a simulated bench"),
+        ({"scene": "ab12"}, r"not for this bench's N-1 \(single\) of scene ab12"),
+        ({"of": ("common_base",)}, r"not for this bench's N-1 \(common_base\)"),
     ],
 )
-def test_a_film_calibration_is_refused_where_it_does_not_belong(
-    design: Design, device: str, simulated: bool, today: date, message: str
-) -> None:
-    calibrate().check_use(SINGLE, "N-1", True, date(2021, 1, 1))
+def test_a_film_calibration_is_refused_where_it_does_not_belong(changed: dict[str, Any], message: str) -> None:
+    found = calibrate()
+    whose = Owner("N-1", None, True, ("single",))
+    found.check_owner(whose)
+    found.check_date(date(2021, 1, 1))
+    found.check_films(SINGLE)
     with pytest.raises(ConfigError, match=message):
-        calibrate().check_use(design, device, simulated, today)
+        found.check_owner(replace(whose, **changed))
+    with pytest.raises(ConfigError, match="expired on 2021-01-01"):
+        found.check_date(date(2021, 1, 2))
+    with pytest.raises(ConfigError, match="which had other films than design common_base has"):
+        found.check_films(PAIR)
 
 
 def test_what_the_load_cell_does_to_all_films_cancels_in_the_ratio_and_their_scatter_does_not() -> None:

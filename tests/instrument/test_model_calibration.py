@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,22 +166,19 @@ def test_a_calibration_goes_through_its_file_and_an_edit_is_found(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("asked", "message"),
+    ("changed", "message"),
     [
-        (
-            ("single", "SN-2", None, False, date(2026, 12, 1)),
-            "made on hardware with node SN-1, not for this bench's SN-2",
-        ),
-        (("single", "SN-1", "ideal", True, date(2026, 12, 1)), "not for this bench's SN-1 of ideal"),
-        (("array", "SN-1", None, False, date(2026, 12, 1)), "for design single, not array"),
-        (("single", "SN-1", None, False, date(2028, 1, 1)), "expired on 2027-11-23"),
+        ({"device": "SN-2"}, r"made on hardware with device SN-1 \(single, surface, physical, 3 mm\), not for this"),
+        ({"scene": "ab12", "simulated": True}, r"not for this bench's SN-1 \(.*\) of scene ab12"),
+        ({"of": ("array", "surface", "physical", "3 mm")}, r"not for this bench's SN-1 \(array"),
     ],
 )
-def test_a_calibration_of_another_sensor_or_day_is_refused(
-    asked: tuple[str, str, str | None, bool, date], message: str
-) -> None:
+def test_a_calibration_of_another_sensor_or_day_is_refused(changed: dict[str, Any], message: str) -> None:
+    found = fitted(0.2)
     with pytest.raises(ConfigError, match=message):
-        fitted(0.2).check_use(*asked)
+        found.check_owner(replace(found.owner, **changed))
+    with pytest.raises(ConfigError, match="expired on 2027-11-23"):
+        found.check_date(date(2028, 1, 1))
 
 
 def test_films_that_were_calibrated_in_between_end_the_constant() -> None:

@@ -12,14 +12,17 @@ import pytest
 
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.calibration.files import write_calibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.procedures.lab import open as session
-from palpate.procedures.lab.calibrations import check_nameable, check_store, load_cell_path
+from palpate.procedures.lab.calibrations import check_nameable, check_store, path_of
+from palpate.simulators.planning.settle import read_scene
 from tests.fuzz.files import BENCH
 from tests.procedures.conftest import Palpate
 
 TODAY = date(2026, 11, 21)
+SIMULATED: dict[str, object] = {"simulated": True, "scene": read_scene("thesis_single").identity}
 
 
 @pytest.fixture(autouse=True)
@@ -32,9 +35,11 @@ def unopened(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def stored(device: str, **changed: object) -> None:
-    path = load_cell_path(device)
+    """A load-cell calibration in the store: of a real bench, unless `changed` says otherwise."""
+    calibration = THESIS_LOAD_CELL.model_copy(update={"device": device, **changed})
+    path = path_of(LoadCellCalibration, calibration.owner)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_calibration(path, THESIS_LOAD_CELL.model_copy(update={"device": device, "simulated": True, **changed}))
+    write_calibration(path, calibration)
 
 
 @pytest.mark.parametrize(
@@ -104,9 +109,9 @@ def test_a_dry_run_leaves_no_folder_and_no_log(palpate: Palpate) -> None:
 
 
 def test_a_stored_calibration_of_the_simulated_bench_counts_and_not_the_thesis_own(palpate: Palpate) -> None:
-    stored("SIM-SI-0001", greatest_N=3.5)
+    stored("SIM-SI-0001", **SIMULATED, greatest_N=3.5)
     assert "outside the 1.373 to 3.5 N" in palpate("sweep", "loads").complaint
-    stored("SIM-SI-0001", expires="2024-02-29")
+    stored("SIM-SI-0001", **SIMULATED, expires="2024-02-29")
     assert "expired on 2024-02-29; run palpate calibrate load-cell" in palpate("sweep", "loads").complaint
 
 
@@ -116,19 +121,19 @@ def test_a_dry_run_says_that_a_real_bench_has_no_calibration_yet(palpate: Palpat
     rehearsed = ("sweep", "loads", "--bench", "lab.toml", "--dry-run", "--json")
     note = "no stored calibration of a real bench covers these loads: run palpate calibrate load-cell there"
     assert palpate(*rehearsed).err == f"palpate: note: {note}\n"
-    stored("SIM-SI-0001")
+    stored("SIM-SI-0001", **SIMULATED)
     assert palpate(*rehearsed).err == f"palpate: note: {note}\n"
-    stored("SI-1", simulated=False)
+    stored("SI-1")
     assert palpate(*rehearsed).err == palpate("sweep", "loads", "--dry-run").err == ""
 
 
 def test_of_several_calibrations_one_that_tells_the_loads_is_enough(palpate: Palpate) -> None:
-    stored("SI-1", greatest_N=3.5, simulated=False)
-    stored("SI-2", greatest_N=9.0, simulated=False)
-    check_store([2.0, 8.0], extrapolate=False, simulated=False, today=TODAY)
+    stored("SI-1", greatest_N=3.5)
+    stored("SI-2", greatest_N=9.0)
+    check_store([2.0, 8.0], extrapolate=False, scene=None, today=TODAY)
     with pytest.raises(RangeError, match=r"load 8 N lies outside the 1\.373 to 7\.257 N"):
-        check_store([2.0, 8.0], extrapolate=False, simulated=True, today=TODAY)
-    check_store([2.0, 8.0], extrapolate=True, simulated=True, today=TODAY)
+        check_store([2.0, 8.0], extrapolate=False, scene="ab12", today=TODAY)
+    check_store([2.0, 8.0], extrapolate=True, scene="ab12", today=TODAY)
 
 
 @pytest.mark.parametrize(

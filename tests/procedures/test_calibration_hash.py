@@ -5,33 +5,37 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from dataclasses import replace
 from datetime import date
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tomli_w
 
+from palpate.instrument.calibration.calibration import ANY
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.ratio import Question
-from palpate.procedures.lab.calibrations import model_path, mountings_of, mountings_path
+from palpate.procedures.lab.calibrations import mountings_of, path_of
 from palpate.procedures.lab.probable import probable_references
 from palpate.procedures.records.run import Run
+from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Palpate
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s")
-LOAD_CELL = Path("runs/calibrations/load_cell-SIM-SI-0001.toml")
+SCENE = read_scene("thesis_single").identity
+LOAD_CELL = Path(f"runs/calibrations/load_cell-SIM-SI-0001-scene-{SCENE}.toml")
 
 
 @pytest.fixture
 def stored(palpate: Palpate) -> Path:
     """The calibration of the simulated bench's load cell, as if it had been measured there."""
     LOAD_CELL.parent.mkdir(parents=True)
-    own = {"device": "SIM-SI-0001", "simulated": True, "source": "by weights"}
+    own = {"device": "SIM-SI-0001", "scene": SCENE, "simulated": True, "source": "by weights"}
     write_calibration(LOAD_CELL, THESIS_LOAD_CELL.model_copy(update=own))
     return LOAD_CELL
 
@@ -133,10 +137,11 @@ def test_an_edited_scatter_of_mountings_is_refused_with_the_way_to_do_it_and_tol
 ) -> None:
     scatter = MountingScatter(
         means_u=0.02, degrees_of_freedom=4, sets_u=0.001, sets_freedom=45, design="single", device="20260101",
-        simulated=True, source="by hand", scene="thesis_single, experiment, seed 1", created="now",
+        simulated=True, source="by hand", scene=SCENE, created="now",
         expires="2999-01-01",
     )  # fmt: skip
-    path, elsewhere = (mountings_path(scatter.device, "single", scene) for scene in (scatter.scene, None))
+    real = replace(scatter.owner, scene=None, simulated=False)
+    path, elsewhere = (path_of(MountingScatter, owner) for owner in (scatter.owner, real))
     path.parent.mkdir(parents=True)
     write_calibration(path, scatter)
     edit(path, "means_u = 0.02", "means_u = 0.0001")
@@ -149,12 +154,12 @@ def test_an_edited_scatter_of_mountings_is_refused_with_the_way_to_do_it_and_tol
     assert palpate("calibrate", "accept", str(path)).status == 0
     told = palpate(*measure, "--dry-run").out
     assert "scatter by 1.5 % of the ratio, at most 3.6 % (95 %): by hand (edited by hand, accepted on 2" in told
-    known = partial(mountings_of, "single", None, False, date(2026, 11, 21))
-    assert known() is None  # it may be of another sensor than the one that will answer
+    today = date(2026, 11, 21)
+    assert mountings_of(replace(real, device=ANY), today) is None  # it may be of another sensor than that will answer
     with pytest.raises(ConfigError, match="is not TOML"):
-        known(scatter.device)
+        mountings_of(real, today)
     question = Question("single", "surface")
-    elsewhere = model_path(scatter.device, "single", "surface", question.parameters, 3e-3, scatter.scene)
+    elsewhere = path_of(ModelCalibration, replace(scatter.owner, of=("single", "surface", question.parameters, "3 mm")))
     elsewhere.write_text("damaged", encoding="utf-8")
     assert probable_references(question, None, date(2026, 11, 21)) is None  # a simulated sensor is no real one
     with pytest.raises(ConfigError, match="is not TOML"):

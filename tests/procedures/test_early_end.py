@@ -10,13 +10,13 @@ from typing import TypeVar
 import pytest
 
 import palpate
-from palpate.instrument.calibration.files import write_calibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.calibrations import mountings_path
+from palpate.procedures.lab.calibrations import install
 from palpate.procedures.records.run import Run
+from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import HEADER
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -174,11 +174,9 @@ def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
             raise KeyboardInterrupt
 
     def store(scatter: float, created: str) -> None:
-        path = mountings_path("20260101", "single", "ideal, experiment, seed 1")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_calibration(path, MountingScatter(
+        install(MountingScatter(
             means_u=scatter, degrees_of_freedom=2, sets_u=0.005, sets_freedom=27, design="single", device="20260101",
-            simulated=True, scene="ideal, experiment, seed 1", source="run", created=created, expires="2999-01-01",
+            simulated=True, scene=read_scene("ideal").identity, source="run", created=created, expires="2999-01-01",
         ))  # fmt: skip
 
     if began_with is not None:

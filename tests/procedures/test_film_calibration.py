@@ -20,6 +20,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.film_point import UNSETTLED
 from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, Palpate, scene_of
 from tests.procedures.test_load_cell import CREATED
 
@@ -98,7 +99,8 @@ def test_a_sweep_uses_and_names_the_stored_film_calibration_alone_for_its_design
     assert point["force_total_N"] == pytest.approx(
         point["voltage_total_V"] / (1e-3 * found.films[1].sensitivity_mV_per_N)
     )
-    assert path.name == "films-20260101-single.toml"  # of this design alone
+    scene = read_scene("thesis_single").identity
+    assert path.name == f"films-20260101-single-scene-{scene}.toml"  # of this design and scene alone
 
     write_calibration(path, found.model_copy(update={"expires": "2024-02-29"}))
     said = palpate(*ONE_POINT)

@@ -11,9 +11,11 @@ import pytest
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.procedures.records.run import Run
+from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
-FILE = Path("runs") / "calibrations" / "load_cell-SIM-SI-0001.toml"
+SCENE = read_scene("thesis_single").identity
+FILE = Path("runs") / "calibrations" / f"load_cell-SIM-SI-0001-scene-{SCENE}.toml"
 SHORT = ("calibrate", "load-cell", "--loads", "1.5 N, 4 N, 7 N")
 ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
 RESULT = {
@@ -82,7 +84,9 @@ def test_the_next_sweep_uses_and_names_the_stored_calibration(palpate: Palpate, 
     assert after["calibration"] == Path(made["run"]).name
     assert Run.open(Path(after["run"])).header["calibration"]["source"] == Path(made["run"]).name
     (point,) = after["points"]
-    assert point["load_measured_N"] == pytest.approx(read_calibration(FILE).load(point["indicator_mV"])[0])
+    assert point["load_measured_N"] == pytest.approx(
+        read_calibration(made["calibration_file"]).load(point["indicator_mV"])[0]
+    )
     assert point["force_total_N"] == pytest.approx(point["load_measured_N"], rel=1e-3)
     # the thesis' zero of 1.81 mV is not this bench's, whose load was too large by so much
     assert before["points"][0]["force_total_N"] - before["points"][0]["load_measured_N"] == pytest.approx(
@@ -102,7 +106,8 @@ def test_a_store_of_ones_own_is_used(palpate: Palpate, tmp_path: Path, monkeypat
     ("changed", "message"),
     [
         ({"simulated": False}, "made on hardware"),
-        ({"device": "SI-0042"}, "with device SI-0042, not for this bench's SIM-SI-0001"),
+        ({"device": "SI-0042"}, f"with device SI-0042 of scene {SCENE}, not for this bench's SIM-SI-0001"),
+        ({"scene": "ab12"}, f"SIM-SI-0001 of scene ab12, not for this bench's SIM-SI-0001 of scene {SCENE}"),
         ({"gage_factor": 2.0}, "at gage factor 2, this bench's is 8.98"),
         ({"expires": "2024-02-29"}, "expired on 2024-02-29; run palpate calibrate load-cell"),
     ],
@@ -111,7 +116,7 @@ def test_a_calibration_that_does_not_belong_to_the_bench_or_has_expired_is_refus
     palpate: Palpate, changed: dict[str, Any], message: str
 ) -> None:
     FILE.parent.mkdir(parents=True)
-    own = {"device": "SIM-SI-0001", "simulated": True}
+    own = {"device": "SIM-SI-0001", "scene": SCENE, "simulated": True}
     write_calibration(FILE, THESIS_LOAD_CELL.model_copy(update={**own, **changed}))
     said = palpate(*ONE_POINT)
     assert said.status == 2

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
-from palpate.instrument.calibration.files import read_model_calibration, read_mounting_scatter, write_calibration
+from palpate.instrument.calibration.files import read_model_calibration, write_calibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.config import read_hashed
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.quantity import LARGEST_TOLERANCE, Typed
@@ -178,7 +179,7 @@ def test_a_dry_run_counts_the_films_calibration_that_its_run_will_use(palpate: P
 def test_what_three_mountings_scatter_is_stored_for_the_sensor_and_used_by_the_next_plan(palpate: Palpate) -> None:
     asked = (*MEASURE, "--sample", "4", "--relative-to-model")
     made = palpate(*asked, "--tolerance", "4 %", "--mountings", "3", "--json").object
-    stored = read_mounting_scatter(made["mounting_scatter_file"])
+    stored = read_hashed(Path(made["mounting_scatter_file"]), MountingScatter)
     assert (stored.degrees_of_freedom, stored.design) == (2, "single")
     assert stored.means_u >= stored.found.u == made["mounting_scatter"]
     following = (*asked, "--tolerance", "4.5 %", "--dry-run")

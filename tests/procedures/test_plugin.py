@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -9,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-import palpate.procedures.testing.benches  # noqa: F401  (what an inner session imports is forgotten with it)
+import palpate
+import palpate.procedures.testing.benches
 from palpate.simulators.bench import SimulatedBench
 
 pytest_plugins = ["pytester"]
@@ -191,6 +193,49 @@ def test_the_example_project_passes(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest_inprocess(*ALONE, "-p", "pytest_timeout")
     result.assert_outcomes(passed=3)
     result.stdout.fnmatch_lines(["timeout: 60.0s*"])
+
+
+STORES = """
+import os
+import palpate
+
+def test_what_is_stored_elsewhere_is_not_used_and_here_it_is_kept(tmp_path):
+    with palpate.open_bench(scene="ideal") as bench:
+        before = palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=0.2), bench, out=tmp_path / "before")
+        made = palpate.run(palpate.LoadCellSeries(loads=(1.5, 4.0, 7.0)), bench)
+        after = palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=0.2), bench, out=tmp_path / "after")
+    assert before.outcome["calibration"] == "thesis Table 5.1"
+    assert after.outcome["calibration"] == made.folder.name
+    print("store", os.environ["PALPATE_STORE"])
+"""
+
+
+def test_a_run_of_tests_has_a_store_of_its_own_and_leaves_the_callers_alone(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    callers = pytester.path / "callers"
+    monkeypatch.setenv("PALPATE_STORE", str(callers))
+    with palpate.open_bench(scene="ideal") as bench:
+        palpate.run(palpate.LoadCellSeries(loads=(1.5, 4.0, 7.0)), bench)
+    before = sorted(callers.rglob("*"))
+    results = [run(pytester, STORES, "-s") for _ in range(2)]
+    stores = set()
+    for result in results:
+        result.assert_outcomes(passed=1)
+        stores |= {line.split()[-1] for line in result.outlines if "store " in line}
+    assert len(stores) == 2  # one for each
+    assert not any(Path(store).exists() for store in stores)
+    assert (os.environ["PALPATE_STORE"], sorted(callers.rglob("*"))) == (str(callers), before)
+
+
+def test_each_worker_has_a_store_of_its_own(pytester: pytest.Pytester) -> None:
+    """Each of two workers runs the test and leaves the name of its store."""
+    test = "def test_it(worker_id): (Path(__file__).parent / worker_id).write_text(os.environ['PALPATE_STORE'])"
+    pytester.makepyfile(f"import os\nfrom pathlib import Path\n{test}")
+    pytester.makefile(".ini", pytest="")
+    assert pytester.runpytest_subprocess(*ALONE, "-p", "xdist", "--tx", "2*popen", "--dist", "each").ret == 0
+    one, other = ((pytester.path / worker).read_text() for worker in ("gw0", "gw1"))
+    assert one != other
 
 
 def test_the_plugin_costs_nothing_where_it_is_not_used() -> None:

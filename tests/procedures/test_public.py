@@ -38,27 +38,27 @@ SIGNATURES = {
     "Characterisation": "sample loads dwell frequency drift_time tolerance time",
     "DynamicLoadWork": "lab record loads frequency samples extrapolate",
     "FilmCalibration": (
-        "accepted design films covariance crosstalk crosstalk_u frequencies_Hz gain least_N greatest_N "
-        "load_cell load_cell_degrees_of_freedom device simulated source created expires"
+        "accepted device scene simulated source created expires design films covariance crosstalk crosstalk_u "
+        "frequencies_Hz gain least_N greatest_N load_cell load_cell_degrees_of_freedom"
     ),
     "FilmSeries": "loads frequencies dwell valid_days extrapolate tolerance",
-    "Finished": "procedure result session outcome",
+    "Finished": "procedure result session outcome unstored",
     "FrequencySweep": "frequencies sample load dwell extrapolate",
-    "Lab": "bench design calibration films run started references scene mountings",
+    "Lab": "bench design calibration films run started references mountings",
     "Load": "force sensed interface at",
     "LoadCellCalibration": (
-        "accepted sensitivity_mV_per_N sensitivity_u zero_mV zero_u covariance degrees_of_freedom least_N "
-        "greatest_N linearity reversibility reversibility_of_reading repeatability reproducibility "
-        "interpolation zero_return creep resolution_mV scatter_mV lower_limit_factor_N astm_e74 iso_376 "
-        "gage_factor device simulated source created expires curvature"
+        "accepted device scene simulated source created expires sensitivity_mV_per_N sensitivity_u zero_mV zero_u "
+        "covariance degrees_of_freedom least_N greatest_N linearity reversibility reversibility_of_reading "
+        "repeatability reproducibility interpolation zero_return creep resolution_mV scatter_mV "
+        "lower_limit_factor_N astm_e74 iso_376 gage_factor curvature"
     ),
     "LoadCellSeries": "loads runs positions degree creep valid_days iso_class tolerance time loads_u",
     "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
     "Measurement": "point waveforms error",
     "ModelCalibration": (
-        "accepted design model parameters thickness_m references constant constant_u films_u films_degrees_of_freedom "
-        "pickup_u spread spread_degrees_of_freedom weight prior film_calibration device scene simulated source created "
-        "expires"
+        "accepted device scene simulated source created expires design model parameters thickness_m references "
+        "constant constant_u films_u films_degrees_of_freedom pickup_u spread spread_degrees_of_freedom weight "
+        "prior film_calibration"
     ),
     "ModulusTest": "sample strain steps extrapolate",
     "OpenBench": "bench chosen today started wall_start log runs history",
@@ -68,7 +68,7 @@ SIGNATURES = {
     "PositionSweep": "positions sample load dwell frequency extrapolate tolerance time",
     "Procedure": "",
     "Recorder": "folder header",
-    "Reference": "name modulus u source digest sample simulated",
+    "Reference": "name modulus u source digest sample simulated scene",
     "ReferenceSeries": "references loads dwell frequency model parameters thickness valid_days",
     "Report": "show draw",
     "RequiredLoads": "values extrapolate",
@@ -104,16 +104,16 @@ SIGNATURES = {
 ERRORS = "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName UsageError"
 MEMBERS = {  # what a script or a class of its own uses
     "DynamicLoadWork": "again end held hold load_set measured press set",
-    "Finished": "folder outcome plot procedure replayed result run session",
-    "Lab": "bench calibration design film_hash films mountings references run same_films scene started target",
+    "Finished": "conclude folder outcome plot procedure replayed result run session unstored",
+    "Lab": "bench calibration design film_hash films mountings origin references run same_films scene started target",
     "OpenBench": "bench chosen history lab log runs scene started target today wall_start",
     "Plan": "likely predicted procedure seconds steps summary",
     "Procedure": (
-        "automated_by begin calibrating check check_result constants dwells enough evaluate manual_work "
+        "automated_by begin calibrates calibrating check check_result constants dwells enough evaluate manual_work "
         "model_question name newer_settings pausable plan point recorded report required_loads resumable_on_real_bench "
         "save_calibration skips"
     ),
-    "Recorder": "close create event finish finished point points",
+    "Recorder": "close create event finish finished measured point points",
     "Run": (
         "digest events folder hashed header open points procedure simulated started status summary table "
         "waveform waveform_names waveforms"

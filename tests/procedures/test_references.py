@@ -19,7 +19,7 @@ from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.lab.calibrations import model_path
+from palpate.procedures.lab.calibrations import path_of
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.probable import probable_references
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
@@ -29,6 +29,7 @@ from palpate.procedures.measurements.softness import result as softness
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.records.run import Run
+from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Palpate
 
 QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
@@ -42,7 +43,7 @@ def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Pa
     made = palpate(*CALIBRATE, "--json", "--budget").object
     path = Path(made["model_calibration_file"])
     found = read_model_calibration(path)
-    assert (found.simulated, found.model, found.scene) == (True, "surface", "thesis_single, experiment, seed 1")
+    assert (found.simulated, found.model, found.scene) == (True, "surface", read_scene("thesis_single").identity)
     assert [(each.name, each.modulus_Pa, each.source) for each in found.references] == [
         ("A", 30e3, "stated"), ("B", 90e3, "stated"),
     ]  # fmt: skip
@@ -75,7 +76,10 @@ def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Pa
     write_calibration(path, found.model_copy(update={"expires": "2024-02-29"}))
     said = palpate(*SOFTNESS)
     assert said.status == 2
-    assert f"{path}: was made on the simulated bench of thesis_single" in said.complaint
+    assert (
+        f"{path}: was made on a simulated bench with device 20260101 (single, surface, physical, 3 mm)"
+        in said.complaint
+    )
     assert "expired on 2024-02-29; run palpate calibrate model, or delete it" in said.complaint
 
 
@@ -264,9 +268,10 @@ def test_the_references_that_a_plan_counts_are_the_newest_of_its_bench_that_hold
     today, made = date(2998, 12, 31), measured().calibration
 
     def stored(name: str, scene: str | None, **changes: object) -> ModelCalibration:
-        path = model_path(name, "single", "column", "physical", 3e-3, scene)
+        changes = {"device": name, "scene": scene, "source": name, "expires": "2999-01-01", **changes}
+        changed = made.model_copy(update=changes)
+        path = path_of(ModelCalibration, changed.owner)
         path.parent.mkdir(parents=True, exist_ok=True)
-        changed = made.model_copy(update={"scene": scene, "source": name, "expires": "2999-01-01", **changes})
         write_calibration(path, changed)
         return changed
 
@@ -275,14 +280,14 @@ def test_the_references_that_a_plan_counts_are_the_newest_of_its_bench_that_hold
 
     assert probable_references(QUESTION, None, today) is None
     by_thesis = planned()
-    stored("simulated", "ideal, experiment, seed 1", created="9", simulated=True)
+    stored("simulated", "ab12", created="9", simulated=True)
     stored("old", None, created="1")
     stored("newest", None, created="3", film_calibration="ab")
     stored("expired", None, created="4", expires="2998-12-30")
     damaged = stored("damaged", None, created="5")
-    path = model_path("damaged", "single", "column", "physical", 3e-3, None)
+    path = path_of(ModelCalibration, damaged.owner)
     path.write_text(path.read_text().replace(f"constant = {damaged.constant}", "constant = 0.5"))
-    for scene, name, same_films in ((None, "newest", False), ("ideal, experiment, seed 1", "simulated", True)):
+    for scene, name, same_films in ((None, "newest", False), ("ab12", "simulated", True)):
         found = probable_references(QUESTION, scene, today)
         assert found is not None
         assert (found.calibration.source, found.same_films) == (name, same_films)

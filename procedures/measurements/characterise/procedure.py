@@ -246,4 +246,4 @@ def _point(step: CharacteriseStep, time: float, measured: FilmPoint) -> FilmsPoi
 
 def _cell(target: Target) -> LoadCellCalibration | None:
     """The load cell's calibration; before the bench is open, the one that it probably has. None: none is stored."""
-    return target.load_cell or probable_load_cell(target.model is not None)
+    return target.load_cell or probable_load_cell(target.scene)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import timedelta
 from functools import partial
 from typing import Annotated
 
@@ -26,7 +25,7 @@ from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import films_path, keep
+from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
@@ -58,6 +57,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
 
     name = "calibrate-films"
     point = PressedPoint
+    calibrates = True
     calibrating = "films"
     manual_work = "stands the pin on the teeth"
     newer_settings = frozenset({"extrapolate", "tolerance"})
@@ -159,19 +159,12 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             )
             for p in points
         ]
-        about = {
-            "device": lab.bench.role(SensorNode).serial or "unknown",
-            "simulated": lab.bench.simulated,
-            "source": lab.run,
-            "created": lab.started.isoformat(timespec="seconds"),
-            "expires": (lab.started + timedelta(days=self.valid_days)).date().isoformat(),
-        }
-        return FilmResult(calibrate_films(lab.design, readings, lab.calibration, about), points)
+        origin = lab.origin(SensorNode, self.valid_days)
+        return FilmResult(calibrate_films(lab.design, readings, lab.calibration, origin), points)
 
     def save_calibration(self, done: Finished[FilmResult]) -> Kept:
         found = done.result.calibration
-        path = films_path(found.device, found.design)
-        keep(found, done.folder, done.replayed, path)
+        path = keep(found, done.folder, done.replayed)
         return {"film_calibration": found.source, "film_calibration_file": str(path)}
 
     def report(self, result: FilmResult, lab: Lab) -> Report:

@@ -14,6 +14,7 @@ from palpate.instrument.calibration.classification import Classification, iso_37
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
+from palpate.instrument.durable import put_whole
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
 from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
@@ -46,7 +47,7 @@ def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
     for name, render in (("certificate.md", _markdown), ("certificate.html", _html)):
         path = folder / name
         with storing(path):
-            path.write_text(render(simulated, sections), encoding="utf-8")
+            put_whole(path, render(simulated, sections))
     return folder / "certificate.md"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import timedelta
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
@@ -19,7 +18,7 @@ from palpate.procedures.engine.plan import Plan, Predicted
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import keep, load_cell_path
+from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.lab.probable import probable_load_cell
@@ -57,6 +56,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
 
     name = "calibrate-load-cell"
     point = LoadCellPoint
+    calibrates = True
     calibrating = "load cell"
     manual_work = "places the weights"
     constants = MappingProxyType({"repeats": REPEATS})
@@ -232,11 +232,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
             creep_mV=points[-1].reading_mV - points[-2].reading_mV if crept else None,
             loads_u=self.loads_u,
             gage_factor=indicator.gage_factor,
-            device=indicator.serial or "unknown",
-            simulated=lab.bench.simulated,
-            source=lab.run,
-            created=lab.started.isoformat(timespec="seconds"),
-            expires=(lab.started + timedelta(days=self.valid_days)).date().isoformat(),
+            **lab.origin(LoadIndicator, self.valid_days),
         )
         return LoadCellResult(calibration, points, why)
 
@@ -250,9 +246,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         from palpate.procedures.measurements.load_cell.certificate import write_certificate
 
         found = done.result.calibration
-        path = load_cell_path(done.session.bench.role(LoadIndicator).serial)
-        keep(found, done.folder, done.replayed, path)
         certificate = write_certificate(done.folder, found)
+        path = keep(found, done.folder, done.replayed)
         return {"calibration": found.source, "calibration_file": str(path), "certificate": str(certificate)}
 
     def report(self, result: LoadCellResult, lab: Lab) -> Report:
@@ -265,4 +260,4 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
 
 def _cell(target: Target) -> LoadCellCalibration:
     """What is known of the cell: its calibration, the one that it probably has, or that of the thesis."""
-    return target.load_cell or probable_load_cell(target.model is not None) or THESIS_LOAD_CELL
+    return target.load_cell or probable_load_cell(target.scene) or THESIS_LOAD_CELL

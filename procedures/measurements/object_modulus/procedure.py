@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from functools import partial
 from typing import Annotated
 
 from palpate.drivers.roles import SensorNode
+from palpate.instrument.calibration.calibration import ANY, Owner
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.object_modulus import ByReferences
@@ -21,7 +22,7 @@ from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import check_store, keep, mountings_of, mountings_path
+from palpate.procedures.lab.calibrations import check_store, keep, mountings_of
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.probable import references_on, with_films
 from palpate.procedures.lab.session import Kept
@@ -107,7 +108,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         check_nodes(target.design, target.nodes, target.channels)
         check_force(self.loads_on(target), target.force_limit)
         if self.load is not None and target.calibrated is None:  # else the plan would blame what it cannot reach
-            check_store((self.load,), False, target.scene is not None, datetime.now(UTC).date())
+            check_store((self.load,), False, target.scene, datetime.now(UTC).date())
         check_frequency(self.frequency, target)
         check_time(shortest(self.frequency), self.frequency)
         check_simulated((self.object,), target)
@@ -140,7 +141,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
             return None
         if target.calibrated is not None:
             return target.mountings
-        return mountings_of(target.design.name, target.scene, target.model is not None, datetime.now(UTC).date())
+        whose = Owner(ANY, target.scene, target.scene is not None, (target.design.name,))
+        return mountings_of(whose, datetime.now(UTC).date())
 
     def prospect(self, target: Target) -> Prospect:
         """What is planned, and what it is expected to give. Raises as `check`."""
@@ -221,26 +223,18 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def save_calibration(self, done: Finished[ObjectModulusResult]) -> Kept:
         """Store what three mountings or more of this run scattered."""
-        found, session = mounting_scatter(ratios_of(done.result.points)), done.session
+        found, lab = mounting_scatter(ratios_of(done.result.points)), done.session.lab
         if found is None or not found.means_u > 0:
             return {}
-        lab, serial = session.lab, session.bench.role(SensorNode).serial or "unknown"
         scatter = MountingScatter(
             means_u=found.means_u,
             degrees_of_freedom=found.degrees_of_freedom,
             sets_u=found.within_u,
             sets_freedom=found.within_freedom,
             design=lab.design.name,
-            device=serial,
-            scene=lab.scene,
-            simulated=session.bench.simulated,
-            source=lab.run,
-            created=lab.started.isoformat(timespec="seconds"),
-            expires=(lab.started + timedelta(days=VALID_DAYS)).date().isoformat(),
+            **lab.origin(SensorNode, VALID_DAYS),
         )
-        path = mountings_path(serial, lab.design.name, lab.scene)
-        keep(scatter, done.folder, done.replayed, path)
-        return {"mounting_scatter_file": str(path)}
+        return {"mounting_scatter_file": str(keep(scatter, done.folder, done.replayed))}
 
     def report(self, result: ObjectModulusResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.object_modulus.report import plot_modulus, print_modulus

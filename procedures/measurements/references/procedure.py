@@ -6,7 +6,6 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import timedelta
 from functools import partial
 from typing import Annotated
 
@@ -22,7 +21,7 @@ from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import check_nameable, keep, model_path
+from palpate.procedures.lab.calibrations import check_nameable, keep
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
@@ -46,6 +45,7 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
 
     name = "calibrate-model"
     point = SoftnessPoint
+    calibrates = True
 
     references: Annotated[tuple[Reference, ...], Setting(help=HELP, read=read_reference)]
     loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
@@ -129,6 +129,12 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
                     f"reference {each.name!r} was measured on a simulated bench, and this one is real; measure it here:"
                     " palpate test modulus"
                 )
+            if each.simulated and each.scene != lab.scene:
+                raise ConfigError(
+                    f"reference {each.name!r} was measured on the simulated bench of scene {each.scene or 'unknown'},"
+                    f" and this one is of scene {lab.scene or 'unknown'}; measure it here: palpate"
+                    " test modulus"
+                )
         return Touching(lab, record, self._touches(lab.design))
 
     def evaluate(self, points: Sequence[SoftnessPoint], lab: Lab) -> ReferencesResult:
@@ -136,19 +142,12 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         origin = {
             "thickness_m": self.thickness,
             "film_calibration": lab.film_hash,
-            "device": lab.bench.role(SensorNode).serial or "unknown",
-            "scene": lab.scene,
-            "simulated": lab.bench.simulated,
-            "source": lab.run,
-            "created": lab.started.isoformat(timespec="seconds"),
-            "expires": (lab.started + timedelta(days=self.valid_days)).date().isoformat(),
+            **lab.origin(SensorNode, self.valid_days),
         }
         return evaluate(points, self.references, lab.design, question, _curve(question), origin)
 
     def save_calibration(self, done: Finished[ReferencesResult]) -> Kept:
-        c = done.result.calibration
-        path = model_path(c.device, c.design, c.model, c.parameters, c.thickness_m, c.scene)
-        keep(c, done.folder, done.replayed, path)
+        path = keep(done.result.calibration, done.folder, done.replayed)
         return {"model_calibration_file": str(path)}
 
     def _question(self, design: Design) -> Question:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 import re
+import tomllib
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -44,6 +46,7 @@ class Reference:
         digest: digest of that run; empty: it is stated.
         sample: rubber sample that it is; empty: none.
         simulated: whether a simulated bench measured it; None: it is stated.
+        scene: identity of the scene that simulated that bench.
 
     Raises:
         UsageError: the name has other characters than letters, digits, spaces and ._-, or more than 40.
@@ -57,6 +60,7 @@ class Reference:
     digest: str = ""
     sample: str = ""
     simulated: bool | None = None
+    scene: str | None = None
 
     def __post_init__(self) -> None:
         if len(self.name) > 40 or not _NAME.fullmatch(self.name):
@@ -135,4 +139,12 @@ def _measured(name: str, text: str) -> Reference:
     found = test.result_of(points, calibration).compression.tangent
     factor = coverage_factor(found.budget.degrees_of_freedom) / NORMAL_FACTOR
     u = factor * found.u / found.value
-    return Reference(name, found.value, u, run.folder.name, run.digest(), test.sample, run.simulated)
+    return Reference(name, found.value, u, run.folder.name, run.digest(), test.sample, run.simulated, _scene(run))
+
+
+def _scene(run: Run) -> str | None:
+    """Identity of the scene that simulated the bench of a run; None: its bench was real, or nobody knows it."""
+    with suppress(tomllib.TOMLDecodeError):
+        scene = tomllib.loads(str(run.header["bench"])).get("scene")
+        return scene if isinstance(scene, str) else None
+    return None
