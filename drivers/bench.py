@@ -71,8 +71,7 @@ class Bench(Fitted):
     @property
     def simulated(self) -> bool:
         """Whether any device, or the bench file, says that it is simulated."""
-        stated = self.description.simulated or self.description.scene is not None
-        return stated or any(device.simulated for device in self.devices)
+        return self.description.simulated or any(device.simulated for device in self.devices)
 
     def __enter__(self) -> Self:
         with Ends() as stack:

@@ -183,6 +183,8 @@ class SimulatedBench:
         }
         if any("exciter" in guest.kind.roles and not guest.kind.contract.has("watchdog") for guest in scene.devices):
             sections["watchdog"] = NO_WATCHDOG
+        if any(guest.kind.map for guest in scene.devices):
+            sections["simulated"] = True
         return check(sections, BenchDescription, f"scene {scene.name}")
 
     def _sections(self) -> dict[str, dict[str, Any]]:
