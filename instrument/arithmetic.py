@@ -2,8 +2,8 @@
 
 OpenBLAS takes the kernels of the processor that it finds and a thread for each core, and each sums in another order, so
 that fits differ by 1e-16 from machine to machine. numpy itself has sines and sums for AVX2 and AVX-512 that round
-otherwise. The command line asks for kernels that every processor has on which numpy runs (x86-64-v2), and for one
-thread. Other libraries and processors are told apart by what a run says of them.
+otherwise. Palpate asks for kernels that every processor has on which numpy runs (x86-64-v2), and for one thread, if it
+is imported before numpy. Other libraries and processors are told apart by what a run says of them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ NOTHING = 1e-12  # of the largest number beside it: what is smaller may be round
 
 
 def same_everywhere() -> None:
-    """Ask for the same kernels on every x86-64 processor. Call it before numpy is loaded: later it does nothing."""
+    """Ask for the same kernels on every x86-64 processor, for this process and those that it starts.
+
+    Call it before numpy is loaded: later it does nothing to this process.
+    """
     if platform.machine() in ("x86_64", "AMD64"):
         os.environ.update(KERNELS)
 

@@ -8,12 +8,15 @@
 
 The names in `__all__` are public and stable; each is imported on first use. Modules below `palpate.` may change.
 
+Import palpate before numpy: the same scene and seed then give the same bytes as a command, on every x86-64 processor.
+
 The folders `drivers`, `instrument`, `simulators` and `procedures` lie at the top of the repository. Symbolic links in
 this package give them import names (`palpate.drivers`) that do not collide with folders of a laboratory.
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -177,6 +180,11 @@ if not (_LINK := Path(__file__).parent / "procedures").is_dir():
         f"{_LINK} is no symbolic link to a folder: this checkout was made without links, as from a zip; "
         "clone with `git clone -c core.symlinks=true`, or install a wheel, as `pip install .` does"
     )
+
+if "numpy" not in sys.modules:
+    from palpate.instrument.arithmetic import same_everywhere
+
+    same_everywhere()
 
 if not TYPE_CHECKING:  # with `__getattr__` a type checker would accept any name
 

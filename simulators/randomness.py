@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.random import SFC64, Generator
 
-BLOCK = 4096  # random numbers in a block
+BLOCK = 512  # random numbers in a block: a load set uses a few hundred of each stream
 MIXING = 12  # words to discard until every bit of the seed has reached every bit of the state
 _KEPT = 2  # blocks kept, so that small pieces across a border draw each block once
 

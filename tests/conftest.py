@@ -35,8 +35,7 @@ def hasty(description: BenchDescription) -> BenchDescription:
 
 
 def pytest_configure() -> None:
-    """A worker has a core: threads of the linear algebra would only get in each other's way. Ctrl-C is not ignored."""
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    """Ctrl-C is not ignored."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # in the background of a script: commands under test get it
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

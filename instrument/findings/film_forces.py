@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
+from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import SineFit, quotient_bias
 
 Floats = npt.NDArray[np.float64]
@@ -106,8 +106,9 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
     calibrated = np.zeros((len(films), len(films))) if design.film_covariance is None else design.film_covariance
     force_covariance = np.asarray(calibrated) * np.outer(force, force)
     pickup_covariance = pickup_u(design) ** 2 * float(force[bases].sum()) ** 2 * np.eye(len(films))
-    whole_covariance = covariance + force_covariance + pickup_covariance
-    whole_covariance += scatter_covariance(design) * np.outer(force, force)
+    scatter_covariance = np.asarray(design.scatter_covariance) * np.outer(force, force)
+    parts = (covariance, scatter_covariance, force_covariance, pickup_covariance)
+    whole_covariance: Floats = np.sum(parts, axis=0)
     each_u = np.sqrt(np.diag(whole_covariance))
     slopes = np.zeros(len(films))
     teeth = []
@@ -129,12 +130,7 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
                 base_voltage_V=float(voltage[base]),
                 base_force_N=float(force[base]),
                 force_ratio=ratio,
-                force_ratio_u=math.hypot(
-                    noise_u,
-                    ratio * ratio_scatter(design, film, films[base]),
-                    _u(slope, force_covariance),
-                    _u(slope, pickup_covariance),
-                ),
+                force_ratio_u=math.hypot(*(_u(slope, part) for part in parts)),
                 noise_u=noise_u,
                 force_u=float(each_u[rigid]),
                 base_force_u=float(each_u[base]),
@@ -143,14 +139,14 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
     rigids = [i for i in range(len(films)) if i not in bases]
     of_rigid = np.array([float(i in rigids) for i in range(len(films))])
     ratio = math.fsum(tooth.force_ratio for tooth in teeth) / len(bases)
-    noise_u, calibration_u, by_pickup = (_u(slopes, each) for each in (covariance, force_covariance, pickup_covariance))
+    noise_u, scatter_u, calibration_u, by_pickup = (_u(slopes, part) for part in parts)
     return FilmForces(
         voltage_rigid_V=float(voltage[rigids].sum()),
         voltage_total_V=float(voltage[bases].sum()),
         force_rigid_N=float(force[rigids].sum()),
         force_total_N=float(force[bases].sum()),
         force_ratio=ratio,
-        force_ratio_u=math.hypot(noise_u, design.ratio_scatter * ratio, calibration_u, by_pickup),
+        force_ratio_u=math.hypot(noise_u, scatter_u, calibration_u, by_pickup),
         noise_u=noise_u,
         calibration_u=calibration_u,
         pickup_u=by_pickup,
@@ -166,9 +162,7 @@ def calibration_u(design: Design) -> float:
     """Relative standard uncertainty of the ratio by the films' calibration, where all teeth bear alike."""
     if design.film_covariance is None:
         return 0.0
-    teeth = np.array([film.kind == FILM_KINDS[0] for film in design.films])
-    weights = np.where(teeth, 1 / teeth.sum(), -1 / (~teeth).sum())
-    return math.sqrt(max(float(weights @ np.asarray(design.film_covariance) @ weights), 0.0))
+    return _u(np.array(design.ratio_slopes), np.asarray(design.film_covariance))
 
 
 def pickup_u(design: Design) -> float:
@@ -178,24 +172,6 @@ def pickup_u(design: Design) -> float:
     arc sine distribution (JCGM 101, 6.4.6). Each film has a cable of its own.
     """
     return (design.pickup or 0.0) / math.sqrt(2)
-
-
-def ratio_scatter(design: Design, film: Film, base: Film) -> float:
-    """Relative standard deviation of the ratio of two films' forces from one load set to the next, to first order."""
-    common = 2 * design.film_correlation * film.scatter * base.scatter
-    return math.sqrt(max(film.scatter**2 + base.scatter**2 - common, 0.0))
-
-
-def scatter_covariance(design: Design) -> Floats:
-    """Relative covariance (films, films) of the gains' scatter from one load set to the next.
-
-    Any two films are taken to correlate as a tooth's film and its base's film do.
-    """
-    scatter = np.array([film.scatter for film in design.films])
-    correlation = np.full((scatter.size, scatter.size), design.film_correlation)
-    np.fill_diagonal(correlation, 1.0)
-    covariance: Floats = correlation * np.outer(scatter, scatter)
-    return covariance
 
 
 def _u(slope: Floats, covariance: Floats) -> float:

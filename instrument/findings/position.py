@@ -1,6 +1,6 @@
 """Position of a point load on the common base, from the shares of the force that its teeth take.
 
-located = locate(get_design("common_base"), get_sample("1"), (0.6, 0.02), (0.002, 0.001), (0.06, 0.03))
+located = locate(get_design("common_base"), get_sample("1"), (0.6, 0.02), (0.002, 0.001), ((36e-4, 0), (0, 9e-4)))
 located.position, located.u, located.low, located.high
 """
 
@@ -42,7 +42,7 @@ class Located:
 
 
 def locate(
-    design: Design, sample: Sample, shares: Sequence[float], noise_u: Sequence[float], scatter: Sequence[float]
+    design: Design, sample: Sample, shares: Sequence[float], noise_u: Sequence[float], scatter: npt.ArrayLike
 ) -> Located:
     """Locate a load along x. Before the measurement, every position is taken to be equally likely.
 
@@ -51,17 +51,20 @@ def locate(
         sample: the object on it.
         shares: share of the whole force that each tooth takes.
         noise_u: standard uncertainties of the shares by noise.
-        scatter: relative standard deviation of each share by the gains.
+        scatter: (2, 2), relative covariance of the shares by the gains: the design's `tooth_covariance`.
 
     Raises:
         RangeError: there is no table of point loads for this design and object.
     """
     x = np.linspace(0.0, design.plate.length, round(design.plate.length / GRID) + 1)
     expected = shares_along(design, sample, x)
-    model_u = ERROR / math.sqrt(3)
-    variance = np.array(noise_u)[:, None] ** 2 + (np.array(scatter)[:, None] * expected) ** 2 + model_u**2
-    misfit = (np.array(shares)[:, None] - expected) ** 2 / variance + np.log(variance)
-    score = -0.5 * misfit.sum(axis=0)
+    alone = np.array(noise_u)[:, None] ** 2 + (ERROR / math.sqrt(3)) ** 2
+    own = alone + np.diag(scatter)[:, None] * expected**2
+    common = np.asarray(scatter)[0, 1] * expected.prod(axis=0)
+    off = np.array(shares)[:, None] - expected
+    determinant = own.prod(axis=0) - common**2
+    misfit = ((off**2 * own[::-1]).sum(axis=0) - 2 * common * off.prod(axis=0)) / determinant
+    score = -0.5 * (misfit + np.log(determinant))
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     best = float(x[int(weight.argmax())])
@@ -76,7 +79,7 @@ def deviations(
     position: float,
     shares: Sequence[Sequence[float]],
     noise_u: Sequence[float],
-    scatter: Sequence[float],
+    scatter: npt.ArrayLike,
 ) -> Floats:
     """How far load sets lie from their mean, in the direction in which the shares change with the place of the load.
 
@@ -91,6 +94,6 @@ def deviations(
     rise = np.diff(shares_along(design, sample, ends))[:, 0]
     each = np.asarray(shares, dtype=np.float64)
     mean = each.mean(axis=0)
-    spread = rise * np.hypot(noise_u, np.asarray(scatter) * mean)
-    found: Floats = (each - mean) @ rise / np.linalg.norm(spread)
+    covariance = np.diag(np.square(noise_u)) + np.asarray(scatter) * np.outer(mean, mean)
+    found: Floats = (each - mean) @ rise / math.sqrt(rise @ covariance @ rise)
     return found

@@ -83,7 +83,16 @@ def _is_known(design: Design) -> bool:
     known = get_design(DESIGN)
     if design.name != known.name:
         return False
-    return replace(design, films=known.films, film_covariance=None, film_freedom=None, pickup=None, noise=None) == known
+    alike = replace(
+        design,
+        films=known.films,
+        scatter_correlation=known.scatter_correlation,
+        film_covariance=None,
+        film_freedom=None,
+        pickup=None,
+        noise=None,
+    )
+    return alike == known
 
 
 @functools.cache

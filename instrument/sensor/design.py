@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.limits import require_nested
 from palpate.instrument.sensor.material import Material
+from palpate.instrument.sensor.scatter import Correlations, Matrix, covariance_of, triangle
 
 USUAL_NOISE = 2e-6  # V/√Hz, amplitude density of the noise of a film's channel where none is stated [A]
 # The first words of films' names, for films under a tooth and under a base.
 FILM_KINDS = ("rigid", "total")
+THESIS_LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)  # N, peak to peak: the load sets of Tables A2.9 to A2.14
 OUTLINES = ("square", "round")
 SUPPORTS = ("elastic", "rigid")
 
@@ -112,9 +114,11 @@ class Design:
         disc_radius: radius [m] of the disc that replaces a square object in a model that knows only round ones.
         support: "elastic": tooth, films and plates deform; "rigid": only object and ring do.
         films: the films in the order of their channels.
-        ratio_scatter: relative standard deviation of the force ratio from one load set to the next.
+        scatter_correlation: names of two films -> correlation of their scatter from one load set to the next; films of
+            no such pair are independent. With the films' scatter it is all that is stated of how results repeat.
         thesis_force_ratio: sample name -> mean force ratio over the load sets, as printed.
         thesis_softness_order: sample names, hard to soft.
+        thesis_loads: loads of the thesis' load sets, peak to peak [N].
         source: where dimensions and figures come from.
         film_covariance: relative covariance (films, films) of the sensitivities; None: the films were not calibrated on
             this bench, and only their scatter is known.
@@ -122,9 +126,12 @@ class Design:
         pickup: greatest force that moving cables add to a film's in step with the drive, as a share of the load on the
             sensor (from the bench file); None: not known.
         noise: amplitude density of the films' noise near the drive (from the bench file) [V/√Hz]; None: not known.
+        scatter_covariance: relative covariance (films, films) of the gains' scatter, from what is stated of it.
+        scatter_triangle: lower triangle (films, films) that gives independent standard normals that covariance.
 
     Raises:
-        RangeError: a dimension is not positive and finite, parts overlap, or the films give no force ratio.
+        RangeError: a dimension is not positive and finite, parts overlap, the films give no force ratio, or their
+            scatter cannot correlate as stated.
         UnknownName: no such outline or support.
     """
 
@@ -135,11 +142,12 @@ class Design:
     plate_count: int
     film_sheet: FilmSheet
     films: tuple[Film, ...]
-    ratio_scatter: float
+    scatter_correlation: Correlations = field(hash=False)
     thesis_force_ratio: Mapping[str, float] = field(hash=False)
     thesis_softness_order: tuple[str, ...]
     source: str
     teeth: tuple[tuple[float, float], ...] = ((5e-3, 5e-3),)
+    thesis_loads: tuple[float, ...] = THESIS_LOADS
     separate_bases: bool = False
     outline: str = "square"
     disc_radius: float = 5e-3
@@ -148,10 +156,12 @@ class Design:
     film_freedom: float | None = None
     pickup: float | None = None
     noise: float | None = None
+    scatter_covariance: Matrix = field(init=False, compare=False, repr=False)
+    scatter_triangle: Matrix = field(init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         for part in (self.tooth, self.ring, self.plate, self.film_sheet, self):
-            for item in fields(part):
+            for item in (each for each in fields(part) if each.init):
                 value = getattr(part, item.name)
                 if isinstance(value, float) and not (0 < value < math.inf):
                     raise RangeError(
@@ -174,6 +184,14 @@ class Design:
             f"design {self.name!r}: ",
         )
         self._check_films()
+        scatter = {film.name: film.scatter for film in self.films}
+        try:
+            covariance = covariance_of(scatter, self.scatter_correlation)
+            made = triangle(covariance, tuple(scatter))
+        except RangeError as error:
+            raise RangeError(f"design {self.name!r}: {error}") from None
+        object.__setattr__(self, "scatter_covariance", covariance)
+        object.__setattr__(self, "scatter_triangle", made)
 
     def _check_films(self) -> None:
         """Raises RangeError: a name, a channel or a tooth of a film is wrong, or a film is missing."""
@@ -225,15 +243,31 @@ class Design:
         return self.ring.inner_radius - self.tooth.radius
 
     @property
-    def film_correlation(self) -> float:
-        """Correlation between the scatter of a tooth's film and that of its base's film.
+    def ratio_slopes(self) -> tuple[float, ...]:
+        """Relative change of the sensor's force ratio by that of each film's gain, where all teeth bear alike."""
+        count = Counter(film.kind for film in self.films)
+        return tuple((1 if film.kind == FILM_KINDS[0] else -1) / count[film.kind] for film in self.films)
 
-        It is the one that gives the force ratio its printed scatter: the ratio of two quantities of relative scatter a
-            and b and correlation r scatters by sqrt(a^2 + b^2 - 2 r a b), to first order. Where no correlation does
-            (common base), 1 comes nearest.
+    @property
+    def ratio_scatter(self) -> float:
+        """Relative standard deviation of the sensor's force ratio from one load set to the next, to first order.
+
+        All teeth bear alike. Of one tooth's ratio `tooth_covariance` tells it.
         """
-        a, b = (next(film for film in self.films if film.kind == kind).scatter for kind in FILM_KINDS)
-        return min(1.0, (a**2 + b**2 - self.ratio_scatter**2) / (2 * a * b))
+        slopes = self.ratio_slopes
+        return math.sqrt(max(_sum(slopes, self.scatter_covariance, slopes), 0.0))
+
+    @property
+    def tooth_covariance(self) -> Matrix:
+        """Relative covariance (teeth, teeth) of the teeth's force ratios from one load set to the next, to first order.
+
+        They are in the order of the teeth's films.
+        """
+        rigid, total = ([film for film in self.films if film.kind == kind] for kind in FILM_KINDS)
+        pairs = [(film, next(base for base in total if film.teeth[0] in base.teeth)) for film in rigid]
+        slopes = [[float(each == film) - float(each == base) for each in self.films] for film, base in pairs]
+        covariance = self.scatter_covariance
+        return tuple(tuple(_sum(one, covariance, other) for other in slopes) for one in slopes)
 
     def film_area(self, film: Film) -> float:
         """Area of the film's electrodes [m2]."""
@@ -252,3 +286,10 @@ class Design:
             if film.name == name:
                 return film
         raise UnknownName(f"film of design {self.name!r}", name, [film.name for film in self.films])
+
+
+def _sum(one: Sequence[float], covariance: Matrix, other: Sequence[float]) -> float:
+    """Covariance of two sums of the films' gains with these slopes."""
+    return math.fsum(
+        a * b * each for a, row in zip(one, covariance, strict=True) for b, each in zip(other, row, strict=True)
+    )

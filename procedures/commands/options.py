@@ -101,9 +101,11 @@ def unknown_thickness(given: float | None, samples: object) -> float:
     return UNKNOWN_THICKNESS if given is None else given
 
 
-def loads_option(default: str) -> Callable[[F], F]:
+def loads_option(default: str | None) -> Callable[[F], F]:
     """The option --loads of a procedure that makes a load set of each load, also of a repeated one."""
     text = "first:last:step or a list; peak to peak. A load may be repeated."
+    if default is None:
+        text += " Default: those of the thesis' tables of this sensor."
     return option("--loads", callback=loads, default=default, help=text)
 
 

@@ -14,7 +14,7 @@ from palpate.instrument.errors import PalpateError, RecordError
 from palpate.procedures.commands.options import Choice, Output
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.returned import planned
+from palpate.procedures.engine.returned import filled, planned
 from palpate.procedures.engine.run import open_and_run, refuse
 from palpate.procedures.lab import keys
 from palpate.procedures.lab.chosen import Chosen, choose
@@ -41,6 +41,7 @@ def chosen_for(procedure: Procedure[S, P, R], choice: Choice, output: Output, mo
     chosen = chosen_by(choice, model)
     if choice.fidelity is None:
         return chosen
+    procedure = filled(procedure, chosen.target)
     refuse(procedure, chosen.target)
     seconds = planned(procedure, chosen.target).seconds
     with output.prices():
@@ -63,6 +64,7 @@ def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model
     if choice.bench is not None and output.for_people:
         from palpate.procedures.showing.plan import announce
 
+        procedure = filled(procedure, chosen.target)
         refuse(procedure, chosen.target)
         announce(planned(procedure, chosen.target))
     with output.prices():
@@ -76,6 +78,7 @@ def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: s
     from palpate.procedures.showing.plan import print_plan
 
     target = chosen_for(procedure, choice, output, model).target
+    procedure = filled(procedure, target)
     doubt = refuse(procedure, target)
     with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
         pass  # this only checks that they can be written; the empty folder is removed again

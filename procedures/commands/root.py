@@ -61,10 +61,7 @@ for group in (
 
 def run() -> None:
     """Run the command line, and turn every error into one message and the exit status that `palpate --help` lists."""
-    from palpate.instrument.arithmetic import same_everywhere
-
     fill_streams()
-    same_everywhere()
     draw_as_shipped()
     unread = False
     try:

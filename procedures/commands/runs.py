@@ -47,7 +47,8 @@ def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
 def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Show a run: its settings, its points, its events. RUN is a folder or a name in runs/.
 
-    Every row is checked against its hash. Runs with the same measured values have the same digest.
+    Every row is checked against its hash. Runs with the same measured values have the same digest. The
+    digest of signals counts settings, times and waveforms alone, and is the same by any arithmetic.
     """
     from palpate.procedures.records.run import Run
     from palpate.procedures.records.run_list import find_run
@@ -55,8 +56,8 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, out or store()))
-    digest = opened.digest()
-    output.result(lambda: run_object(opened, digest), lambda: print_run(opened, digest))
+    digests = opened.digest(), opened.signal_digest()
+    output.result(lambda: run_object(opened, *digests), lambda: print_run(opened, *digests))
 
 
 @runs.command(

@@ -32,7 +32,7 @@ def sweep() -> None:
     "\n\n  palpate sweep loads --model column --seed 7 --json\n\n  palpate sweep loads --bench lab.toml --out first-day"
 )
 @option("--samples", callback=texts.samples, default="1-6", help="Rubber samples, in order.")
-@options.loads_option("1.5 N:4 N:0.5 N")
+@options.loads_option(None)
 @option("--dwell", callback=texts.quantity("s"), help="Time over which each point is averaged (default: 1 s).")
 @option(
     "--tolerance",
@@ -49,7 +49,7 @@ def sweep() -> None:
 @conducts()
 def loads(
     samples: tuple[str, ...],
-    loads: tuple[float, ...],
+    loads: tuple[float, ...] | None,
     dwell: float | None,
     tolerance: float | None,
     frequency: float,

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from palpate.drivers.roles import SampleChanger
 from palpate.procedures.console.progress import Progress, expect, silent
 from palpate.procedures.engine.procedure import P, Procedure, R, S
-from palpate.procedures.engine.returned import begun, evaluated, measured, planned, skipped, stopping
+from palpate.procedures.engine.returned import begun, evaluated, filled, measured, planned, skipped, stopping
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import MEASURED, Recorder
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
@@ -39,6 +39,7 @@ def conduct(
         EstimateError: the points give no result.
         ConfigError: a method of the procedure returned what it must not.
     """
+    procedure = filled(procedure, lab.target)
     return evaluated(procedure, taken(procedure, lab, record, progress, pause), lab)
 
 

@@ -214,6 +214,10 @@ class Procedure(ABC, Generic[S, P, R]):
             )
         return settings_of(run, cls)
 
+    def on(self, target: Target) -> Self:
+        """The procedure for this bench: settings that it leaves to the sensor are filled in. Nothing is sent."""
+        return self
+
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device. Raises RangeError, UnknownName."""
 

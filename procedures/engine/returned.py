@@ -17,6 +17,16 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.design import Design
 
 
+def filled(procedure: Procedure[S, P, R], target: Target) -> Procedure[S, P, R]:
+    """The procedure with what it leaves to the sensor. Raises ConfigError: `on` returned something else."""
+    if not isinstance(procedure, Procedure):
+        return procedure  # the check of its settings tells
+    found = procedure.on(target)
+    if type(found) is not type(procedure):
+        raise _wrong(procedure, f"on returned {quoted(found)}", "it must return a procedure of its own kind")
+    return found
+
+
 def planned(procedure: Procedure[S, P, R], target: Target) -> Plan[S]:
     """The procedure's plan. Raises ConfigError: it is no plan of steps."""
     plan = procedure.plan(target)

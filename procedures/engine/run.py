@@ -15,7 +15,7 @@ from palpate.procedures.engine.known import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.promise import achieved, expected_of, greatest
-from palpate.procedures.engine.returned import asked, calibration_saved, planned
+from palpate.procedures.engine.returned import asked, calibration_saved, filled, planned
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.before import before_of
 from palpate.procedures.lab.calibrations import Unstored, check_store
@@ -50,6 +50,7 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
 
 def plan(procedure: Procedure[S, P, R], bench: OpenBench) -> Plan[S]:
     """The plan of a procedure on an open bench; nothing is sent. Raises what the procedure's checks raise."""
+    procedure = filled(procedure, bench.target)
     refuse(procedure, bench.target)
     return planned(procedure, bench.target)
 
@@ -77,6 +78,7 @@ def run(
         EstimateError: the points give no result.
         RecordError: the run cannot be written.
     """
+    procedure = filled(procedure, bench.target)
     refuse(procedure, bench.target)
     with result_folder(None if out is None else Path(out), procedure.name, datetime.now(UTC)) as folder:
         done = record_run(procedure, bench, folder, progress, pause)
@@ -98,6 +100,7 @@ def open_and_run(
 
     All checks that need no open bench come before it is opened. Raises as `run` does.
     """
+    procedure = filled(procedure, chosen.target)
     refuse(procedure, chosen.target, by_store=chosen.logged is None)
     chosen.mounting(procedure.manual_work, procedure.automated_by)
     if resumed is not None:

@@ -103,7 +103,7 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
     for field in fields(procedure):
         value = getattr(procedure, field.name)
         told = f"{procedure.name}: {field.name} = {quoted(value)}"
-        if isinstance(value, (tuple, list)) and not value and _default(field):
+        if isinstance(value, (tuple, list)) and not value and _default(field) not in ((), []):
             raise UsageError(f"{told}: nothing is given; give at least one")
         try:
             TypeAdapter(types[field.name]).validate_python(

@@ -112,14 +112,24 @@ class Run:
             yield from stored.waveforms(point_id, name)
 
     def digest(self) -> str:
-        """SHA-256 over all points and waveforms, hex: the same for runs that measured the same."""
+        """SHA-256 over all points and waveforms, hex: the same for runs that measured the same, by one arithmetic."""
         total = hashlib.sha256()
         with reading(self.folder) as stored:
             for point in stored.points():
                 total.update(json.dumps((point.id, point.bench_ns, point.text)).encode() + b"\n")
-            for waveform in stored.waveforms():
-                row = (waveform.point_id, waveform.name, waveform.rate, waveform.samples.size)
-                total.update(json.dumps(row).encode() + b"\n" + waveform.samples.tobytes())
+            _add_waveforms(total, stored.waveforms())
+        return total.hexdigest()
+
+    def signal_digest(self) -> str:
+        """SHA-256 over what was asked for and the signals, hex: settings, and each point's time and waveforms.
+
+        Unlike `digest` it does not rest on the arithmetic: no number in it was computed from the signals.
+        """
+        total = hashlib.sha256(json.dumps(self.header.get("settings"), sort_keys=True).encode() + b"\n")
+        with reading(self.folder) as stored:
+            for point in stored.points():
+                total.update(json.dumps((point.id, point.bench_ns)).encode() + b"\n")
+            _add_waveforms(total, stored.waveforms())
         return total.hexdigest()
 
     def table(self) -> pd.DataFrame:
@@ -262,3 +272,9 @@ def _remedy(code: str, path: Path, choose: str, running: bool) -> str:
     if code == "ENOENT" and not path.parent.exists():
         return f"make the folder {path.parent}, or {elsewhere}"
     return _REMEDY.get(code, elsewhere)
+
+
+def _add_waveforms(total: hashlib._Hash, waveforms: Iterable[Waveform]) -> None:
+    for waveform in waveforms:
+        row = (waveform.point_id, waveform.name, waveform.rate, waveform.samples.size)
+        total.update(json.dumps(row).encode() + b"\n" + waveform.samples.tobytes())

@@ -135,15 +135,24 @@ def _overview(tables: Sequence[RowTable]) -> list[str]:
         place, mark = escape(anchor(f"Table {number}")), " *" if table.again else ""
         link = f'<a href="#{place}">{escape(number)}</a>{mark}'
         counted = "".join(f"<td>{count}</td>" for count in counts(table).values())
+        counted += f"<td>{table.absent_cells or ''}</td>"
         rows.append(f"<tr><td>{link}</td>{counted}<td>{escape(table.title)}</td></tr>")
-    header = ("table", *(each.value for each in Evidence), "what it is")
+    header = ("table", *(each.value for each in Evidence), "absent cells", "what it is")
     return [
         _title("Table by table"),
-        f"<p>Rows within twice their stated scatter. * {AGAIN}.</p>",
+        f"<p>Rows within twice their stated scatter. * {AGAIN}. {escape(absent_said(tables))}</p>",
         f"<table class=words><tr>{_cells('th', header)}</tr>",
         *rows,
         "</table>",
     ]
+
+
+def absent_said(tables: Sequence[RowTable]) -> str:
+    """Sentence on cells of the thesis' tables beside which nothing of ours stands."""
+    because = dict.fromkeys(table.absent_because for table in tables if table.absent)
+    if not because:
+        return ""
+    return f"{sum(table.absent_cells for table in tables)} cells are absent and counted nowhere: {'; '.join(because)}."
 
 
 def _verdict(verdict: Verdict) -> str:

@@ -53,7 +53,7 @@ def run_row(run: RunSummary) -> dict[str, Any]:
     }
 
 
-def run_object(run: Run, digest: str) -> dict[str, Any]:
+def run_object(run: Run, digest: str, signal_digest: str) -> dict[str, Any]:
     """A whole run as JSON."""
     return {
         "run": str(run.folder),
@@ -62,6 +62,7 @@ def run_object(run: Run, digest: str) -> dict[str, Any]:
         "status": run.status,
         "hashed": run.hashed,
         "digest": digest,
+        "signal_digest": signal_digest,
         "header": dict(run.header),
         "summary": dict(run.summary),
         "points": run.points(),
@@ -69,7 +70,7 @@ def run_object(run: Run, digest: str) -> dict[str, Any]:
     }
 
 
-def print_run(run: Run, digest: str) -> None:
+def print_run(run: Run, digest: str, signal_digest: str) -> None:
     """Print header, points and events of a run."""
     calibration = run.header.get("calibration")
     source = calibration.get("source") if isinstance(calibration, dict) else None
@@ -93,6 +94,7 @@ def print_run(run: Run, digest: str) -> None:
         f"calibration  {source or '-'}",
         f"mounting     {MOUNTING.get(str(mounting), mounting or '-')}",
         f"digest       {digest}",
+        f"of signals   {signal_digest}",
         f"arithmetic   {kernels or '-'}",
         *unhashed(run.hashed),
         f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",

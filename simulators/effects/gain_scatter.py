@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import mul
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -17,8 +18,8 @@ from palpate.simulators.randomness import Stream
 class GainScatter(FilmsEffect):
     """Draws the films' relative gains anew whenever the drive is set, or whenever an object is mounted (`redrawn`).
 
-    The spread is the design's own (3.3 % and 3.0 % for the single sensor, correlated so that the ratio repeats to 4.1 %
-    [T]), times `strength`. The thesis' tables do not tell which of the two redraws it.
+    The covariance is the design's own (3.3 % and 3.0 % for the single sensor, correlated so that the ratio repeats to
+    4.1 % [T]), times the square of `strength`. The thesis' tables do not tell which of the two redraws it.
     """
 
     kind: ClassVar[Kind] = "lti"
@@ -37,10 +38,7 @@ class GainScatter(FilmsEffect):
 
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
         """Gain factors of the films for the load set or mounting that began at `set_at_ns`, on the diagonal."""
-        rho = design.film_correlation
-        independent = stream.normal(set_at_ns // 1000 * len(design.films), len(design.films))
-        common = independent[0]
-        mixed = [common, *(rho * common + math.sqrt(1 - rho**2) * z for z in independent[1:])]
-        scatter = np.array([film.scatter for film in design.films])
-        factors: Floats = np.diag(1.0 + self.strength * scatter * np.array(mixed))
+        independent = stream.normal(set_at_ns // 1000 * len(design.films), len(design.films)).tolist()
+        drawn = [math.fsum(map(mul, row, independent)) for row in design.scatter_triangle]
+        factors: Floats = np.diag(1.0 + self.strength * np.array(drawn))
         return factors

@@ -22,6 +22,7 @@ from palpate.simulators.randomness import BLOCK, Stream, cut, keep
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)
 ROW = 64  # points of a grid in one row of a product
+BEFORE = 2  # blocks of numbers in which every process of a grid is forgotten: 37 time constants of at most 23 points
 KEPT = 64  # sets of weights
 FORGOTTEN = 1e-16  # fraction of a process below which its remainder from before a block is neglected
 
@@ -158,9 +159,9 @@ class _Sum:
         """Points of a block, from its own numbers and those before it alone, whatever else is asked for."""
         ratio = self._coarser._grid.step // self._grid.step if self._coarser else None
         weights = _weights(self._grid, ratio)
-        # Block 0 of the stream comes before all blocks of the grid.
-        before, own = (self._stream.block(each).reshape(-1, ROW) for each in (number, number + 1))
-        left = np.concatenate([before[-weights.before :], own]) @ weights.left
+        # The grid begins after the stream's first blocks.
+        *before, own = (self._stream.block(number + each).reshape(-1, ROW) for each in range(BEFORE + 1))
+        left = np.concatenate([*before, own])[-weights.before - len(own) :] @ weights.left
         others = [np.matmul(weights.passed_on, left.T[..., np.newaxis])[..., 0].T]
         if self._coarser and ratio:
             points = self._coarser.values(number * BLOCK // ratio, BLOCK // ratio + 1)

@@ -67,5 +67,5 @@ def long_record(scene: Scene, question: Question, rate: float) -> LongRecord:
         voltage=voltage[pair],
         saturated=bool(saturated[pair].any()),
         ratio=float(gains[0] / gains[1]),
-        scatter=strength * scene.design.ratio_scatter,
+        scatter=strength * float(np.sqrt(scene.design.tooth_covariance[0][0])),
     )

@@ -23,6 +23,7 @@ from tests.benchmarks import (
     disk,
     driver_call,
     eds,
+    entries,
     estimates,
     estimates_solid,
     estimators,
@@ -49,6 +50,7 @@ from tests.benchmarks import (
     references,
     repeats,
     reproduce,
+    scatter,
     scenes,
     serve,
     served_kills,
@@ -113,9 +115,11 @@ LONG = {
     "soak": soak.measure,
     "damages": damages.measure,
     "disk": disk.measure,
+    "entries": entries.measure,
     "modulus_budget": modulus_budget.measure,
     "moods": moods.measure,
     "mountings": mountings.measure,
+    "scatter": scatter.measure,
     "stale": stale.measure,
 }
 

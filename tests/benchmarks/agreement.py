@@ -61,13 +61,11 @@ def false_alarms(white: float, pink: float, seeds: range) -> tuple[int, int, int
 def _points(white: float, pink: float, seed: int) -> Iterator[tuple[bool, bool]]:
     films, rng, numbers = OnPaper(get_design("single")), np.random.default_rng(seed), np.arange(5000, 5250)
     design = films.design
-    gains, spread = np.array([(film.sensitivity, film.scatter) for film in design.films]).T
-    rho = design.film_correlation
+    gains, triangle = np.array([film.sensitivity for film in design.films]), np.array(design.scatter_triangle)
     noise = PinkNoise(density=f"{pink!r} V/√Hz")
     for point, (load, dwell) in enumerate((load, dwell) for load in LOADS for dwell in DWELLS):
         at = numbers[: round(dwell * RATE)] + 2000 * point
-        common, other = rng.standard_normal(2)
-        scatter = 1 + spread * (common, rho * common + math.sqrt(1 - rho**2) * other)
+        scatter = 1 + triangle @ rng.standard_normal(2)
         amplitude = PASSED * gains * load / 2 * scatter * (SHARE, 1.0)
         volts = amplitude[:, np.newaxis] * np.cos(2 * np.pi * FREQUENCY * at / RATE + rng.uniform(0, 2 * np.pi))
         volts += white * math.sqrt(RATE / 2) * rng.standard_normal(volts.shape)

@@ -127,7 +127,7 @@ def ratios(times: int) -> Iterator[Row]:
     design = get_design("single").with_pickup(bound)
     rng = np.random.default_rng(77)
     gains = np.array([film.sensitivity for film in design.films])
-    rho, spread = design.film_correlation, np.array([film.scatter for film in design.films])
+    triangle = np.array(design.scatter_triangle)
     in_step = np.zeros(2)
     for name, phases, loads in (
         ("in any phase", None, LOADS),
@@ -140,8 +140,7 @@ def ratios(times: int) -> Iterator[Row]:
             pickup = bound * np.exp(1j * turned)
             points = []
             for load in loads:
-                common, other = rng.standard_normal(2)
-                scatter = 1 + spread * (common, rho * common + math.sqrt(1 - rho**2) * other)
+                scatter = 1 + triangle @ rng.standard_normal(2)
                 phasors = gains * load / 2 * (scatter * (share, 1.0) + pickup)
                 time = np.arange(250) / RATE
                 films = (phasors[:, np.newaxis] * np.exp(2j * np.pi * FREQUENCY * time)).real

@@ -12,7 +12,6 @@ from palpate.instrument.allocation.stopping import FIRST
 from palpate.instrument.calibration.classification import Run
 from palpate.instrument.calibration.load_cell_curve import load_cell_curve
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
-from palpate.instrument.findings.film_forces import scatter_covariance
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.designs import get_design
@@ -133,7 +132,7 @@ def located(name: str, factor: float, drawn: bool, place: float, tolerance: floa
     asked = PlaceRepeats(design, sample, (place,), 2.0, 10.0, tolerance, None)
     plan, expected = asked.allocations()[place], np.array(tooth_shares(design, sample, (place, design.cell[1] / 2)))
     noise = np.array(share_noise(design, expected.tolist(), 2.0)) / math.sqrt(plan.dwell)
-    gains = np.linalg.cholesky(scatter_covariance(design) + 1e-12 * np.eye(3))
+    gains = np.array(design.scatter_triangle)
     deviations, us, inside, seconds = [], [], 0, 0.0
     for _ in range(runs):
         each = factor * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)

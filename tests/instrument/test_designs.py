@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError
@@ -56,6 +60,60 @@ def test_films_of_the_different_bases_are_those_of_table_5_7(film: Film) -> None
     sensitivity = table.values(f"pvdf{film.channel}{kind}_mV") / table.values(f"force{film.channel}{kind}_N")
     assert 1e3 * film.sensitivity == pytest.approx(sensitivity.mean(), rel=1e-4)
     assert film.scatter == pytest.approx(sensitivity.std(ddof=1) / sensitivity.mean(), abs=5e-4)
+
+
+def test_films_of_the_common_base_scatter_together_as_in_its_rows_and_the_ratio_repeats_as_the_tables_own() -> None:
+    """Tables A2.15 to A2.20: the correlations of the rows are known to 0.15 where none is."""
+    design, names = get_design("common_base"), ("rigid_1", "rigid_2", "total")
+    tables = [read_table(f"A2.{number}") for number in range(15, 21)]
+    columns = (("pvdf1_mV", "force1_N"), ("pvdf2_mV", "force2_N"), ("pvdf3_total_mV", "force_total_N"))
+    gains = [np.concatenate([each.values(volts) / each.values(force) for each in tables]) for volts, force in columns]
+    found = np.corrcoef(gains)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        assert design.scatter_correlation[names[i], names[j]] == pytest.approx(found[i, j], abs=0.04)
+    ratios = [(each.values("force1_N") + each.values("force2_N")) / each.values("force_total_N") for each in tables]
+    repeated = math.sqrt(np.mean([(each.std(ddof=1) / each.mean()) ** 2 for each in ratios]))
+    assert design.ratio_scatter == pytest.approx(repeated, abs=5e-4)
+
+
+def test_a_ratio_scatters_no_less_than_its_films_allow() -> None:
+    """Table 5.7: films of 8.1 and 2.1 % leave the second tooth of the different bases 6.0 % at the least."""
+    for design in DESIGNS.values():
+        for k, film in enumerate(each for each in design.films if each.kind == "rigid"):
+            base = next(each for each in design.films if each.kind == "total" and film.teeth[0] in each.teeth)
+            assert math.sqrt(design.tooth_covariance[k][k]) >= abs(film.scatter - base.scatter)
+
+
+@pytest.mark.parametrize(
+    ("correlation", "message"),
+    [
+        ({("rigid_1", "tota"): 0.5}, r"\('rigid_1', 'tota'\): give the names of two of its films: rigid_1, rigid_2, t"),
+        ({("total", "total"): 0.5}, r"\('total', 'total'\): give the names of two of its films"),
+        ({("rigid_1", "total"): 1.5}, r"\('rigid_1', 'total'\): 1.5 is not from -1 to 1"),
+        ({("rigid_1", "total"): math.nan}, r"\('rigid_1', 'total'\): nan is not from -1 to 1"),
+        ({("rigid_1", "total"): 0.5, ("total", "rigid_1"): 0.5}, r"\('total', 'rigid_1'\): the pair is given twice"),
+        (
+            {("rigid_1", "rigid_2"): 0.9, ("rigid_1", "total"): 0.9, ("rigid_2", "total"): -0.9},
+            "film 'total' cannot correlate so with 'rigid_1', 'rigid_2': .* not positive semidefinite; bring those",
+        ),
+        ({("rigid_1", "rigid_2"): 1.0, ("rigid_1", "total"): 0.5}, "film 'total' cannot correlate so with"),
+    ],
+)
+def test_films_that_cannot_scatter_so_together_are_refused(
+    correlation: dict[tuple[str, str], float], message: str
+) -> None:
+    with pytest.raises(RangeError, match=f"^design 'common_base': scatter_correlation.*{message}"):
+        replace(get_design("common_base"), scatter_correlation=correlation)
+
+
+def test_films_may_scatter_as_one_and_a_film_may_not_scatter_at_all() -> None:
+    common = get_design("common_base")
+    as_one = replace(common, scatter_correlation=dict.fromkeys(common.scatter_correlation, 1.0))
+    assert as_one.ratio_scatter == pytest.approx(abs((0.125 + 0.095) / 2 - 0.066), rel=1e-6)
+    still = replace(common, films=tuple(replace(film, scatter=0.0) for film in common.films))
+    assert still.ratio_scatter == 0.0
+    with pytest.raises(RangeError, match=r"film 'rigid_1': its scatter -0\.1 is not from 0 to below 1"):
+        replace(common, films=(replace(common.films[0], scatter=-0.1), *common.films[1:]))
 
 
 def test_the_ratios_of_the_different_bases_are_those_of_table_5_7() -> None:

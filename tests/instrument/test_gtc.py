@@ -22,11 +22,11 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_curve import Curvature
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
-from palpate.instrument.findings.film_forces import film_forces, pickup_u, ratio_scatter, scatter_covariance
+from palpate.instrument.findings.film_forces import film_forces, pickup_u
 from palpate.instrument.findings.load_line import LoadLine
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.signals.dwell import ratio_noise
 from palpate.instrument.signals.estimate import SineFit, amplitude_ratio
 from palpate.instrument.uncertainty import propagation
@@ -181,7 +181,7 @@ def forces_by_gtc(design: Design, fit: SineFit, parts: Parts) -> list[Any]:
     volts = together(2 * fit.unbiased, noise if parts.noise else none, fit.degrees_of_freedom)
     known = none if design.film_covariance is None else np.array(design.film_covariance)
     sensitivity = together([1.0] * n, known if parts.calibration else none)
-    gain = together([1.0] * n, scatter_covariance(design) if parts.scatter else none)
+    gain = together([1.0] * n, np.array(design.scatter_covariance) if parts.scatter else none)
     total = sum(
         v.x / film.sensitivity for v, film in zip(volts, design.films, strict=True) if film.kind == FILM_KINDS[1]
     )
@@ -228,11 +228,10 @@ def test_forces_and_ratio_of_any_design_are_those_of_gtc(name: str, newtons: lis
         (Parts(pickup=True), found.pickup_u),
     ):
         assert ratio_by_gtc(design, forces_by_gtc(design, fit, parts)).u == pytest.approx(u, rel=1e-6)
-    without = ratio_by_gtc(design, forces_by_gtc(design, fit, Parts(noise=True, calibration=True, pickup=True)))
-    scatter = design.ratio_scatter * found.force_ratio  # by the thesis, of the ratio as a whole
-    assert found.force_ratio_u == pytest.approx(math.hypot(without.u, scatter), rel=1e-6)
-    assert found.force_ratio == pytest.approx(without.x, rel=1e-3)  # less the quotient's bias
     forces = forces_by_gtc(design, fit, Parts(True, True, True, True))
+    ratio = ratio_by_gtc(design, forces)
+    assert found.force_ratio_u == pytest.approx(ratio.u, rel=1e-6)
+    assert found.force_ratio == pytest.approx(ratio.x, rel=1e-3)  # less the quotient's bias
     assert found.force_rigid_u == pytest.approx(sum_by_gtc(design, forces, FILM_KINDS[0]).u, rel=1e-6)
     assert found.force_total_u == pytest.approx(sum_by_gtc(design, forces, FILM_KINDS[1]).u, rel=1e-6)
     noisy = sum_by_gtc(design, forces_by_gtc(design, fit, Parts(noise=True)), FILM_KINDS[1])
@@ -246,12 +245,20 @@ def test_forces_and_ratio_of_any_design_are_those_of_gtc(name: str, newtons: lis
         assert tooth.force_ratio_u == pytest.approx((each[film] / each[base]).u, rel=1e-4)
 
 
-def test_the_scatter_of_a_ratio_is_that_of_gtc() -> None:
-    """The films' scatters and their correlation give the ratio the scatter that the thesis found."""
-    design = get_design("single")
-    rigid, total = together((1.0, 1.0), scatter_covariance(design))
-    assert ratio_scatter(design, *design.films) == pytest.approx((rigid / total).u, rel=1e-9)
-    assert design.ratio_scatter == pytest.approx((rigid / total).u, rel=1e-9)
+@pytest.mark.parametrize("name", DESIGNS)
+def test_the_scatter_of_a_ratio_and_of_each_tooth_is_that_of_gtc(name: str) -> None:
+    design = get_design(name)
+    forces = together([1.0] * len(design.films), np.array(design.scatter_covariance))
+    sensor = ratio_by_gtc(design, forces)
+    assert design.ratio_scatter == pytest.approx(sensor.u / sensor.x, rel=1e-9)
+    films = list(zip(design.films, forces, strict=True))
+    teeth = [
+        own / next(base for film, base in films if film.kind == FILM_KINDS[1] and tooth.teeth[0] in film.teeth)
+        for tooth, own in films
+        if tooth.kind == FILM_KINDS[0]
+    ]
+    found = [[gtc.get_covariance(one, other) for other in teeth] for one in teeth]
+    assert np.array(design.tooth_covariance) == pytest.approx(np.array(found), rel=1e-9, abs=1e-15)
 
 
 def test_the_noise_of_a_ratio_of_amplitudes_is_that_of_gtc() -> None:

@@ -51,26 +51,28 @@ def test_a_harder_object_hands_less_to_the_tooth_below_it_where_it_spreads_the_l
 
 @pytest.mark.parametrize("place", [0.0, 3e-3, 9e-3, 12e-3, 17e-3, 22.5e-3])
 def test_exact_shares_give_their_place(place: float) -> None:
-    found = locate(DESIGN, HARD, tooth_shares(DESIGN, HARD, (place, MIDDLE)), (1e-4, 1e-4), (1e-3, 1e-3))
+    found = locate(DESIGN, HARD, tooth_shares(DESIGN, HARD, (place, MIDDLE)), (1e-4, 1e-4), np.diag([1e-6, 1e-6]))
     assert found.position == pytest.approx(place, abs=1e-4)
     assert found.low <= place <= found.high
 
 
 def test_the_interval_holds_the_place_as_often_as_it_says() -> None:
     random = np.random.default_rng(5)
-    scatter, inside = np.array([0.06, 0.03]), 0
+    scatter, inside = np.array([[36e-4, -9e-4], [-9e-4, 9e-4]]), 0
+    triangle = np.linalg.cholesky(scatter)
     for place in np.linspace(0.2e-3, 23.8e-3, 200):
         true = np.array(tooth_shares(DESIGN, HARD, (float(place), MIDDLE)))
         model = ERROR / np.sqrt(3) * random.standard_normal(2)
-        seen = true * (1 + scatter * random.standard_normal(2)) + model
-        found = locate(DESIGN, HARD, tuple(seen), (0.0, 0.0), tuple(scatter))
+        seen = true * (1 + triangle @ random.standard_normal(2)) + model
+        found = locate(DESIGN, HARD, tuple(seen), (0.0, 0.0), scatter)
         inside += found.low <= place <= found.high
     assert 0.91 <= inside / 200 <= 0.99
 
 
 def test_where_two_places_give_the_same_the_uncertainty_says_so() -> None:
     beside, between = (
-        locate(DESIGN, HARD, tooth_shares(DESIGN, HARD, (x, MIDDLE)), (1e-3, 1e-3), (0.06, 0.03)) for x in (4e-3, 12e-3)
+        locate(DESIGN, HARD, tooth_shares(DESIGN, HARD, (x, MIDDLE)), (1e-3, 1e-3), np.diag([36e-4, 9e-4]))
+        for x in (4e-3, 12e-3)
     )
     assert beside.u > 5 * between.u
 

@@ -149,9 +149,3 @@ def test_the_ratio_scatters_as_in_the_tables() -> None:
     relative = [statistics.stdev(values) / statistics.mean(values) for values in ratios.values()]
     rms = math.sqrt(statistics.mean(value**2 for value in relative))
     assert SINGLE.ratio_scatter == pytest.approx(rms, abs=5e-4)
-
-
-def test_the_film_correlation_gives_the_ratio_its_scatter() -> None:
-    a, b = SINGLE.film("rigid").scatter, SINGLE.film("total").scatter
-    assert SINGLE.film_correlation == pytest.approx(0.156, abs=1e-3)
-    assert math.sqrt(a**2 + b**2 - 2 * SINGLE.film_correlation * a * b) == pytest.approx(0.041)

@@ -10,11 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from palpate.instrument.arithmetic import alike, arithmetic, same_arithmetic
+from palpate import LoadSweep, open_bench, run
+from palpate.instrument.arithmetic import KERNELS, alike, arithmetic, same_arithmetic
+from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from tests.procedures.conftest import Palpate
+from tests.procedures.conftest import HEADER, Palpate
 from tests.runs import rehash
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
@@ -32,6 +35,59 @@ def digest(folder: Path, kernel: str, threads: str, without: str = "") -> tuple[
     run = Run.open(folder)
     header: Any = run.header
     return run.digest(), header["arithmetic"]
+
+
+SCRIPT = """
+import sys
+import palpate
+with palpate.open_bench(scene="thesis_single", seed=4) as bench:
+    palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2), bench, out=sys.argv[1])
+"""
+
+
+def scripted(folder: Path, script: str) -> Run:
+    """The run of a script in a process of its own, which inherits no kernels from this one."""
+    own = {name: value for name, value in os.environ.items() if name not in KERNELS}
+    command = (sys.executable, "-c", script, str(folder))
+    subprocess.run(command, env=own, check=True, cwd=folder.parent, timeout=50)
+    return Run.open(folder)
+
+
+@x86_64
+def test_a_script_and_a_test_that_import_palpate_first_give_the_same_bytes(tmp_path: Path) -> None:
+    script = scripted(tmp_path / "script", SCRIPT)
+    with open_bench(scene="thesis_single", seed=4) as bench:
+        run(LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2), bench, out=tmp_path / "test")
+    test = Run.open(tmp_path / "test")
+    assert script.header["arithmetic"] == test.header["arithmetic"] == arithmetic()
+    assert "Nehalem, 1 threads" in arithmetic()["blas"]
+    assert arithmetic()["vectors"] == "X86_V2"
+    assert script.digest() == test.digest()
+
+
+@x86_64
+@pytest.mark.slow
+def test_a_command_gives_the_bytes_of_a_script_and_numpy_first_gives_the_same_signals(tmp_path: Path) -> None:
+    script, numpy = scripted(tmp_path / "script", SCRIPT), scripted(tmp_path / "numpy", "import numpy" + SCRIPT)
+    command = (sys.executable, "-c", "from palpate.procedures.commands import main; main()", *SWEEP, "--seed", "4")
+    subprocess.run([*command, "--out", str(tmp_path / "command")], check=True, cwd=tmp_path, timeout=50)
+    assert Run.open(tmp_path / "command").digest() == script.digest()
+    assert numpy.signal_digest() == script.signal_digest()
+
+
+def test_the_digest_of_signals_is_of_settings_times_and_samples_and_of_no_result(tmp_path: Path) -> None:
+    def digests(name: str, *, ratio: float = 0.3, volt: float = 1.0, load: float = 2.0) -> tuple[str, str]:
+        with Recorder.create(tmp_path / name, {**HEADER, "settings": {"loads": [load]}}) as record:
+            record.point({"force_ratio": ratio}, {"rigid": (250.0, np.full(5, volt))}, 7)
+            record.finish("complete", {})
+        done = Run.open(tmp_path / name)
+        return done.digest(), done.signal_digest()
+
+    digest, signals = digests("one")
+    assert digests("again") == (digest, signals)
+    other, same = digests("ratio", ratio=0.3 * LAST_DIGIT)
+    assert (other != digest, same) == (True, signals)
+    assert digests("volt", volt=1.1)[1] != signals != digests("load", load=3.0)[1]
 
 
 @x86_64

@@ -45,7 +45,7 @@ def test_each_ratio_gets_its_modulus_or_a_bound(palpate: Palpate) -> None:
 
 def test_without_an_uncertainty_the_ratios_own_scatter_counts(palpate: Palpate) -> None:
     (point,) = palpate(*MODULUS, "--force-ratio", "0.3").object["points"]
-    assert point["force_ratio_u"] == pytest.approx(0.041 * 0.3)
+    assert point["force_ratio_u"] == pytest.approx(get_design("single").ratio_scatter * 0.3)
     (exact,) = palpate(*MODULUS, "--force-ratio", "0.3", "--uncertainty", "0").object["points"]
     assert (
         exact["scale_high_Pa"] / exact["scale_low_Pa"] < 1 + 1e-9 < 1.1 < point["scale_high_Pa"] / point["scale_low_Pa"]

@@ -51,7 +51,10 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(propagation, "TRIALS", 2000)
 
 
-def test_the_modulus_is_that_of_the_sample_and_every_step_is_kept(bench: Bench, tmp_path: Path) -> None:
+def test_the_modulus_is_that_of_the_sample_and_every_step_is_kept(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(modulus, "DISPLAYS", 8)  # with 4, one seed of eight gives an uncertainty above a tenth
     result = compressed(bench, tmp_path / "run")
     c, sample = result.compression, get_sample("1")
     for found, true in (

@@ -16,7 +16,7 @@ from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.position.expected import share_noise, share_scatter
+from palpate.procedures.measurements.position.expected import share_noise
 from palpate.procedures.measurements.position.procedure import PositionSweep
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
@@ -31,7 +31,7 @@ def test_a_smaller_tolerance_takes_more_sets_where_the_scatter_counts() -> None:
         [each["sets"] for each in replace(ASKED, tolerance=u).plan(REAL).predicted.told["planned"]]
         for u in (2e-4, 1e-4, 0.9e-4)
     ]
-    assert sets == [[10, 10], [10, 10], [15, 10]]
+    assert sets == [[10, 10], [23, 11], [38, 23]]
     assert {row["name"]: row["unit"] for row in ASKED.plan(REAL).predicted.told["predicted_results"]} == {
         "position at 2 mm": "mm", "position at 12 mm": "mm",
     }  # fmt: skip
@@ -41,12 +41,12 @@ def test_one_load_set_is_expected_to_tell_a_place_as_sets_do_that_are_off_as_run
     single = PositionSweep((2e-3, 12e-3), load=0.1)  # so small a load that its noise counts
     rows = single.plan(REAL).predicted.told["predicted_results"]
     design, sample, rng = REAL.design, get_sample(single.sample), np.random.default_rng(3)
-    scatter = share_scatter(design)
+    scatter = np.array(design.tooth_covariance)
     for x, row in zip(single.positions, rows, strict=True):
         shares = np.array(tooth_shares(design, sample, (x, design.cell[1] / 2)))
         noise = share_noise(design, shares.tolist(), single.load)
-        apart = [noise, shares * scatter, np.full(2, ERROR / math.sqrt(3))]
-        sets = shares + sum(each * rng.normal(size=(400, 2)) for each in apart)
+        apart = np.diag(np.square(noise) + ERROR**2 / 3) + scatter * np.outer(shares, shares)
+        sets = shares + rng.normal(size=(400, 2)) @ np.linalg.cholesky(apart).T
         found = [locate(design, sample, (left, right), noise, scatter).u for left, right in sets]
         assert row["unit"] == "mm"
         assert row["u"] == pytest.approx(1e3 * math.sqrt(np.mean(np.square(found))), rel=0.1)

@@ -110,13 +110,13 @@ MEMBERS = {  # what a script or a class of its own uses
     "Plan": "likely predicted procedure seconds steps summary",
     "Procedure": (
         "automated_by begin calibrates calibrating check check_result constants dwells enough evaluate manual_work "
-        "model_question name newer_settings pausable plan point recorded report required_loads resumable_on_real_bench "
-        "save_calibration skips"
+        "model_question name newer_settings on pausable plan point recorded report required_loads "
+        "resumable_on_real_bench save_calibration skips"
     ),
     "Recorder": "close create event finish finished measured point points",
     "Run": (
-        "digest events folder hashed header open points procedure simulated started status summary table "
-        "waveform waveform_names waveforms"
+        "digest events folder hashed header open points procedure signal_digest simulated started status summary "
+        "table waveform waveform_names waveforms"
     ),
     "StaticLoadWork": "arrange end load",
     "Target": (

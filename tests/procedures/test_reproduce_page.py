@@ -203,6 +203,17 @@ def test_the_page_leads_to_every_table_and_part_and_marks_what_is_counted_elsewh
         assert f"<td>{count}</td>" in overview
 
 
+def test_cells_that_palpate_has_nothing_for_are_counted_as_absent_and_every_other_is_a_row(whole: Whole) -> None:
+    absent = [table for table in whole.done.all_tables() if table.absent]
+    assert sum(table.absent_cells for table in absent) == 90
+    assert {table.number for table in absent} == {*(f"A2.{number}" for number in range(9, 21)), "5.5", "5.6"}
+    for table in (table for table, _ in whole.done.tables):
+        columns = read_table(table.number).columns if table.arrangement else {}
+        assert {*columns} <= {*table.absent, *(row.quantity for row in table.rows)}
+    assert "90 cells are absent and counted nowhere: no oscilloscope is simulated" in whole.page
+    assert "<li>absent: 6 cells of oscilloscope_mV: no oscilloscope is simulated" in whole.page
+
+
 def test_the_page_says_what_could_turn_the_sign_and_where_every_cause_is_gone_through(whole: Whole) -> None:
     section = whole.page.partition('id="models-beside-the-experiments"')[2].partition("<h1")[0]
     assert section.count("<li>blind run, ") == 6
@@ -427,8 +438,10 @@ def test_benches_that_know_nothing_of_the_experiments_stand_beside_them_as_predi
 def test_a_curve_and_a_bench_of_other_models_are_told_apart(whole: Whole) -> None:
     """The curve of the single sensor is of a round one and the bench of a square one, so they lie apart."""
     labels = [str(each.get_label()) for each in whole.panels("Figure 5.7")[0].get_lines()]
-    assert "ours, 3D: axisymmetric, identified, predicted" in labels
-    assert "ours, 2D: beam, predicted" in labels
+    fitted = "fitted (beside experiments: predicted)"  # to the theories of the thesis, which are the crosses
+    assert f"ours, 3D: axisymmetric, identified, {fitted}" in labels
+    assert f"ours, 2D: beam, {fitted}" in labels
+    assert "ours, 3D: axisymmetric, physical, predicted" in labels
     captions = [whole.caption(figure.number) for figure in WITH_THEORIES]
     assert ["model axisymmetric) and the benches of the square one" in each for each in captions] == [
         True,

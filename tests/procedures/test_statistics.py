@@ -285,13 +285,13 @@ def test_means_that_are_called_apart_are_so_by_welchs_test() -> None:
 
 def test_a_place_is_where_its_likelihood_says() -> None:
     design, sample = get_design("common_base"), get_sample("1")
-    shares, noise, scatter = (0.32, 0.09), (0.004, 0.003), (0.05, 0.04)
+    shares, noise, scatter = (0.32, 0.09), (0.004, 0.003), np.array([[25e-4, -6e-4], [-6e-4, 16e-4]])
     x = np.linspace(0, design.plate.length, round(design.plate.length / 1e-5) + 1)
     expected = shares_along(design, sample, x)
-    log = np.zeros(x.size)
-    for share, told, by_noise, by_gain in zip(shares, expected, noise, scatter, strict=True):
-        u = np.sqrt(by_noise**2 + (by_gain * told) ** 2 + stats.uniform(-ERROR, 2 * ERROR).var())
-        log += stats.norm(told, u).logpdf(share)
+    alone = np.diag(np.square(noise) + stats.uniform(-ERROR, 2 * ERROR).var())
+    log = np.array([
+        stats.multivariate_normal(told, alone + scatter * np.outer(told, told)).logpdf(shares) for told in expected.T
+    ])  # fmt: skip
     weight = np.exp(log - log.max()) / np.exp(log - log.max()).sum()
     found = locate(design, sample, shares, noise, scatter)
     below = np.cumsum(weight)

@@ -156,7 +156,7 @@ def test_the_processes_of_one_grid_are_correlated_as_their_sum_is(rate: float) -
 def test_a_sum_is_the_moving_average_of_all_numbers_before_across_blocks_too(which: int) -> None:
     grid = pink_noise._grids(1000.0)[which]
     found = pink_noise._Sum(Stream(3, "a"), 1.0, (grid,)).values(2 * BLOCK - 30, BLOCK + 60)
-    first = 3 * BLOCK - 30 - 999  # the block before the first of the noise is the stream's first
+    first = (2 + pink_noise.BEFORE) * BLOCK - 30 - 999  # the noise begins after the stream's first blocks
     normals = Stream(3, "a").child(grid.step).normal(first, BLOCK + 60 + 999)
     assert found == pytest.approx(np.convolve(normals, to_one_number(grid, 1000), mode="valid"), abs=1e-12)
 

@@ -54,7 +54,10 @@ def array_of(count: int) -> Design:
                 teeth=tuple(range(count)),
             ),
         ),
-        ratio_scatter=SINGLE.ratio_scatter,
+        # [A] Teeth are independent of each other; each goes with the base as the single sensor's does.
+        scatter_correlation={
+            (f"rigid_{k + 1}", "total"): SINGLE.scatter_correlation["rigid", "total"] for k in range(count)
+        },
         thesis_force_ratio={},
         thesis_softness_order=(),
         source="[T] 3.2, 4.4 (2 (N + 1) electrodes); pitch, pattern and sensitivities [A]",

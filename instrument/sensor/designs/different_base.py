@@ -24,7 +24,10 @@ DIFFERENT_BASE = Design(
         Film(name="rigid_2", channel=3, sensitivity=5.692e-3, scatter=0.081, teeth=(1,)),
         Film(name="total_2", channel=4, sensitivity=64.21e-3, scatter=0.021, teeth=(1,)),
     ),
-    ratio_scatter=0.041,  # [A] the single sensor's: the thesis has one load only
+    # [A] Each tooth and its base are as a single sensor, independent of the other: the thesis has one load only.
+    scatter_correlation={
+        (f"rigid_{tooth}", f"total_{tooth}"): SINGLE.scatter_correlation["rigid", "total"] for tooth in (1, 2)
+    },
     thesis_force_ratio={"1": 0.348, "2": 0.127, "3": 0.189, "4": 0.246, "5": 0.170, "6": 0.287},  # Table 5.7, 3 N
     thesis_softness_order=("1", "6", "4", "3", "5", "2"),  # Figure 5.5
     source="[T] 3.2.1, Table 5.7, Figure 5.5",

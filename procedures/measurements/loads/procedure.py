@@ -12,7 +12,7 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.quantity import check_tolerance
-from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.design import THESIS_LOADS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import STEP, Dwell, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
@@ -25,7 +25,7 @@ from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.loads.repeats import Repeats, floor_of, one_set_suffices
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, ratio_of, valid_ratios
 from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, LoadSets
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.dwells import Dwells
@@ -52,7 +52,13 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
     newer_settings = frozenset({"tolerance", "extrapolate"})
 
     samples: Annotated[tuple[str, ...], Setting(help="Rubber samples, in order.")] = ("1", "2", "3", "4", "5", "6")
-    loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    loads: Annotated[
+        tuple[float, ...] | None,
+        Setting(
+            "N",
+            "Loads, peak to peak; a repeated one is a set of its own. None: those that the thesis has for the sensor.",
+        ),
+    ] = None
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     tolerance: Annotated[
@@ -63,6 +69,14 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         ),
     ] = None
     extrapolate: Extrapolate = False
+
+    @property
+    def sets(self) -> tuple[float, ...]:
+        """The loads [N]; those of the single sensor's tables until `on` has told which sensor it is."""
+        return THESIS_LOADS if self.loads is None else self.loads
+
+    def on(self, target: Target) -> LoadSweep:
+        return replace(self, loads=target.design.thesis_loads) if self.loads is None else self
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
@@ -77,8 +91,8 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
             get_sample(sample)
         if len(set(self.samples)) < len(self.samples):
             raise RangeError(f"samples {quoted(list(self.samples))}: one is named twice; name each sample once")
-        check_force(self.loads, target.force_limit)
-        check_increasing("loads", self.loads, "N", repeated=True)
+        check_force(self.sets, target.force_limit)
+        check_increasing("loads", self.sets, "N", repeated=True)
         check_frequency(self.frequency, target)
         if self.tolerance is None:
             check_time(self.dwell, self.frequency)
@@ -89,24 +103,24 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
                 repeats.allocation(sample)
 
     def required_loads(self) -> RequiredLoads:
-        return RequiredLoads(self.loads, self.extrapolate)
+        return RequiredLoads(self.sets, self.extrapolate)
 
     def dwells(self) -> Dwells:
         dwell = self.dwell if self.tolerance is None else max(STEP, 1 / self.frequency)
         objects = [get_sample(name) for name in self.samples]
-        return Dwells(objects, (min(self.loads), max(self.loads)), self.frequency, dwell)
+        return Dwells(objects, (min(self.sets), max(self.sets)), self.frequency, dwell)
 
     def repeats(self, target: Target) -> Repeats | None:
         """The repeated load sets, where one of a sample cannot have the tolerance; None: one can, or none is asked."""
         if self.tolerance is None or one_set_suffices(target.design, self.samples, self.tolerance):
             return None
-        return Repeats(target.design, tuple(self.loads), self.frequency, self.tolerance, target.mounts)
+        return Repeats(target.design, tuple(self.sets), self.frequency, self.tolerance, target.mounts)
 
     def plan(self, target: Target) -> Plan[LoadStep]:
         """All points: every load on every sample; with a tolerance of the mean, the most load sets of each sample."""
         if repeats := self.repeats(target):
             return self._repeated(repeats)
-        sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        sets = list(zip(self.sets, told_sets(self.sets), strict=True))
         steps = [
             self._step(target, name, load, told, first=not number)
             for name in self.samples
@@ -123,7 +137,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         for sample in self.samples:
             dwell, most = repeats.allocation(sample).dwell, repeats.most(sample)
             for number in range(most):
-                load = self.loads[number % len(self.loads)]
+                load = self.sets[number % len(self.sets)]
                 seconds = point_seconds(self.frequency, dwell, first=not number, mounts=repeats.mounts)
                 what, group = f"sample {sample}, {load:g} N, set {number + 1}", f"mount sample {sample}"
                 scatter = repeats.design.ratio_scatter
@@ -142,9 +156,9 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         """The mean ratio that is expected of a sample, by the lines of `mean_ratio`."""
         ratio = expected_ratio(design, sample)
         dwells = [
-            self.dwell if self.tolerance is None else self._chosen(design, load, ratio).dwell for load in self.loads
+            self.dwell if self.tolerance is None else self._chosen(design, load, ratio).dwell for load in self.sets
         ]
-        return Expected.of(expected_mean(ratio_of(sample), design, ratio, self.loads, dwells))
+        return Expected.of(expected_mean(ratio_of(sample), design, ratio, self.sets, dwells))
 
     def _step(self, target: Target, sample: str, load: float, told: str, first: bool) -> LoadStep:
         design = target.design
@@ -181,7 +195,7 @@ class Sweeping(DynamicLoadWork):
     """The bench work: one load after the other on each sample."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep) -> None:
-        super().__init__(lab, record, sweep.loads, sweep.frequency, sweep.samples, sweep.extrapolate)
+        super().__init__(lab, record, sweep.sets, sweep.frequency, sweep.samples, sweep.extrapolate)
         self._chosen: DwellChoice | None = None
         if sweep.tolerance is not None and sweep.repeats(lab.target) is None:
             self._chosen = _chosen(lab.design, sweep.tolerance)

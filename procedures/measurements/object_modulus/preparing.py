@@ -17,7 +17,7 @@ from palpate.instrument.allocation.preparations import Prepared, prepare
 from palpate.instrument.allocation.purchase import Preparation, Way
 from palpate.instrument.calibration.films import FEWEST
 from palpate.instrument.errors import PalpateError, RangeError
-from palpate.instrument.findings.film_forces import calibration_u, scatter_covariance
+from palpate.instrument.findings.film_forces import calibration_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import validate
@@ -68,7 +68,7 @@ def films_of(design: Design, found: Expected, frequency: float) -> Preparation |
         return None
     shared = np.array([[len({*a.teeth} & {*b.teeth}) for b in design.films] for a in design.films])
     count = np.array([len(film.teeth) for film in design.films])
-    covariance = scatter_covariance(design) * shared / np.outer(count, count)
+    covariance = np.asarray(design.scatter_covariance) * shared / np.outer(count, count)
     u = calibration_u(replace(design, film_covariance=tuple(map(tuple, covariance.tolist()))))
     teeth, point = len(design.teeth), point_seconds(frequency, FILM_DWELL, first=False)
     return Preparation(CALIBRATION, found.sensitivity * u, teeth * (MOUNTING + APPROACH), teeth * point, FEWEST)

@@ -13,12 +13,13 @@ import math
 from collections.abc import Sequence
 from itertools import product
 
+import numpy as np
+
 from palpate.instrument.allocation.lines import Line, Unit
 from palpate.instrument.allocation.stopping import FIRST
-from palpate.instrument.findings.film_forces import ratio_scatter
 from palpate.instrument.findings.mean_ratio import NOISE as BY_NOISE
 from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM, SCATTER
-from palpate.instrument.findings.position import locate
+from palpate.instrument.findings.position import Floats, locate
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import Sample
@@ -45,7 +46,7 @@ def expected_places(
         load: load, peak to peak [N].
         dwell: dwell of each point [s].
     """
-    scatter = share_scatter(design)
+    scatter = np.array(design.tooth_covariance)
     found = []
     for place in places:
         noise = [u / math.sqrt(dwell) for u in share_noise(design, tooth_shares(design, sample, place), load)]
@@ -67,12 +68,6 @@ def place_seconds(frequency: float, dwell: float, load: float) -> float:
 def name_of(x: float) -> str:
     """Name of the result for a place at x [m]."""
     return f"position at {1e3 * x:g} mm"
-
-
-def share_scatter(design: Design) -> list[float]:
-    """Relative standard deviation of each tooth's share from load set to load set."""
-    base = next(film for film in design.films if film.kind == FILM_KINDS[1])
-    return [ratio_scatter(design, film, base) for film in design.films if film is not base]
 
 
 def share_noise(design: Design, shares: Sequence[float], load: float) -> list[float]:
@@ -98,28 +93,28 @@ def lines_at(design: Design, sample: Sample, place: Place, load: float) -> tuple
     `locate` is no linear function of the shares. So a line is what it adds to ten load sets, the fewest that a
     tolerance has, beside the error of the table.
     """
-    scatter, nothing = share_scatter(design), (0.0, 0.0)
+    scatter, still, quiet = np.array(design.tooth_covariance), np.zeros((2, 2)), (0.0, 0.0)
     noise = share_noise(design, tooth_shares(design, sample, place), load)
-    table = _place_u(design, sample, place, nothing, nothing)
+    table = _place_u(design, sample, place, quiet, still)
 
-    def added(noise: Sequence[float], scatter: Sequence[float]) -> float:
-        less = ([each / math.sqrt(FIRST) for each in parts] for parts in (noise, scatter))
-        return math.sqrt(FIRST * max(_place_u(design, sample, place, *less) ** 2 - table**2, 0.0))
+    def added(noise: Sequence[float], scatter: Floats) -> float:
+        u = _place_u(design, sample, place, [each / math.sqrt(FIRST) for each in noise], scatter / FIRST)
+        return math.sqrt(FIRST * max(u**2 - table**2, 0.0))
 
     return (
-        Line(SCATTER, added(nothing, scatter), Unit.SET, PRIOR_FREEDOM),
-        Line(BY_NOISE, added(noise, nothing), Unit.SECOND),
+        Line(SCATTER, added(quiet, scatter), Unit.SET, PRIOR_FREEDOM),
+        Line(BY_NOISE, added(noise, still), Unit.SECOND),
         Line(TABLE, table, Unit.NOTHING),
     )
 
 
-def _place_u(design: Design, sample: Sample, place: Place, noise: Sequence[float], scatter: Sequence[float]) -> float:
-    """Standard uncertainty of a place [m] by shares of some noise and of some relative scatter."""
+def _place_u(design: Design, sample: Sample, place: Place, noise: Sequence[float], scatter: Floats) -> float:
+    """Standard uncertainty of a place [m] by shares of some noise and of some relative covariance."""
     shares = tooth_shares(design, sample, place)
-    table = ERROR / math.sqrt(3)
-    apart = [math.hypot(u, share * own, table) for u, share, own in zip(noise, shares, scatter, strict=True)]
+    apart = scatter * np.outer(shares, shares) + np.diag(np.square(noise) + ERROR**2 / 3)
+    together = np.linalg.cholesky(apart)
     square = 0.0
     for (one, own), (other, its) in product(QUADRATURE, repeat=2):
-        off = shares[0] + one * apart[0], shares[1] + other * apart[1]
+        off = (shares + together @ (one, other)).tolist()
         square += own * its * locate(design, sample, off, noise, scatter).u ** 2
     return math.sqrt(square)

@@ -8,11 +8,10 @@ from functools import partial
 from typing import Annotated
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.film_forces import ratio_scatter
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import check_place, tooth_shares
 from palpate.instrument.quantity import counted, show
-from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
@@ -210,10 +209,8 @@ def _at(design: Design, position: float) -> tuple[float, float]:
 def _point(design: Design, sample: Sample, position: float, measured: FilmPoint) -> PositionPoint:
     forces = measured.forces(design)
     left, right = forces.teeth
-    base = next(film for film in design.films if film.kind == FILM_KINDS[1])
-    scatter = [ratio_scatter(design, film, base) for film in design.films if film is not base]
     shares = (left.force_ratio, right.force_ratio)
-    found = locate(design, sample, shares, (left.noise_u, right.noise_u), scatter)
+    found = locate(design, sample, shares, (left.noise_u, right.noise_u), design.tooth_covariance)
     model = tooth_shares(design, sample, _at(design, position))
     thesis = _thesis().get(round(1e3 * position, 6), (None, None))
     return PositionPoint(

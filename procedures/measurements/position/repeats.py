@@ -35,7 +35,6 @@ from palpate.procedures.measurements.position.expected import (
     name_of,
     place_seconds,
     share_noise,
-    share_scatter,
 )
 from palpate.procedures.measurements.position.refusal import below_floor, mm
 from palpate.procedures.measurements.position.result import FoundPlace, PositionPoint
@@ -47,7 +46,7 @@ RESERVE = 1.0  # s, for a set that takes longer than usual
 ROUNDING = 1e-9  # of a tolerance
 
 NEAR = 5e-5  # m, within which the lines of a place are the same
-NONE = (0.0, 0.0)
+QUIET, STILL = (0.0, 0.0), ((0.0, 0.0), (0.0, 0.0))
 
 Shares = tuple[float, float]
 
@@ -158,13 +157,12 @@ class PlaceRepeats:
         """The place by the mean of shares, whose noise and scatter are `factor` times the expected ones."""
         less, mean = factor / math.sqrt(len(shares)), _mean(shares)
         noise = [less * u for u in self._noise(mean, plan)]
-        scatter = [less * u for u in share_scatter(self.design)]
-        return locate(self.design, self.sample, mean, noise, scatter)
+        return locate(self.design, self.sample, mean, noise, less**2 * np.array(self.design.tooth_covariance))
 
     def _found_lines(self, x: float, shares: Sequence[Shares]) -> tuple[Line, ...]:
         """Lines of the uncertainty of the place x [m] that was found; the table's by the shares that were measured."""
         *of_sets, table = self.lines(x)
-        return (*of_sets, replace(table, u=locate(self.design, self.sample, _mean(shares), NONE, NONE).u))
+        return (*of_sets, replace(table, u=locate(self.design, self.sample, _mean(shares), QUIET, STILL).u))
 
     def _apart(self, x: float, shares: Sequence[Shares], plan: Allocation) -> list[float]:
         """Exponential of how far each set alone would move the place x [m].
@@ -172,7 +170,7 @@ class PlaceRepeats:
         The rules of stopping take ratios, and look at their logarithms.
         """
         noise = self._noise(_mean(shares), plan)
-        off = deviations(self.design, self.sample, x, shares, noise, share_scatter(self.design))
+        off = deviations(self.design, self.sample, x, shares, noise, self.design.tooth_covariance)
         moved: list[float] = np.exp(self._of_set(x, plan) * off).tolist()
         return moved
 

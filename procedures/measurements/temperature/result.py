@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from palpate.instrument.findings.film_forces import scatter_covariance
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
@@ -109,10 +108,11 @@ class TemperatureResult:
 
 def gain_u(design: Design) -> np.ndarray:
     """Relative standard uncertainty of the films' gains, by scatter and calibration, shape (films,)."""
-    variance = scatter_covariance(design).diagonal()
+    variance = np.asarray(design.scatter_covariance).diagonal()
     if design.film_covariance is not None:
         variance = variance + np.asarray(design.film_covariance).diagonal()
-    return np.sqrt(variance)
+    found: np.ndarray = np.sqrt(variance)
+    return found
 
 
 def evaluate(points: Sequence[TemperaturePoint], design: Design) -> TemperatureResult:

@@ -30,6 +30,7 @@ from palpate.procedures.reproduce.chapter5.columns import (
 from palpate.procedures.reproduce.judging.rows import WITHIN, Group, Row, RowTable
 
 AT_3_N = 3.0
+ABSENT = "no oscilloscope is simulated, and what one reads of a noisy record depends on it"
 THESIS, OURS = "the thesis' cell", "our cell"
 
 
@@ -56,12 +57,11 @@ class Arrangement:
         return len(self.loads) if self.tables else 1
 
 
-SIX_LOADS = tuple(0.5 * n for n in range(3, 9))
-SEVEN_LOADS = (*SIX_LOADS, 4.5)
 ARRANGEMENTS = (
-    Arrangement("thesis_single", "single", SIX_LOADS, SINGLE_TABLES, "5.5"),
-    Arrangement("thesis_common_base", "common_base", SEVEN_LOADS, COMMON_BASE_TABLES, "5.6"),
-    Arrangement("thesis_different_base", "different_base", SEVEN_LOADS, {}, "5.7"),
+    Arrangement("thesis_single", "single", get_design("single").thesis_loads, SINGLE_TABLES, "5.5"),
+    Arrangement("thesis_common_base", "common_base", get_design("common_base").thesis_loads, COMMON_BASE_TABLES, "5.6"),
+    # [A] The loads of the other pair: of different bases the thesis has one load.
+    Arrangement("thesis_different_base", "different_base", get_design("common_base").thesis_loads, {}, "5.7"),
 )
 
 
@@ -119,7 +119,7 @@ def _at(swept: SweepResult, sample: str, load: float) -> LoadPoint:
 
 
 def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint], ratio: Part) -> RowTable:
-    """Cells of every row beside the point with that key. The oscilloscope's columns are not simulated."""
+    """Cells of every row beside the point with that key. Columns of which no quantity of ours tells are absent."""
     table, design = read_table(number), get_design(arrangement.design)
     told = load_told(table, [point.load_N for point in points.values()])
     of_one_sample = number in arrangement.tables.values()
@@ -135,7 +135,20 @@ def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint
         " All its forces and voltages are off by that factor, its ratios are not; the test for a bias divides by it",
     )
     again = bool(arrangement.tables) and not of_one_sample
-    return RowTable(number, table.title, table.doubt, tuple(rows), said if off else (), design.name, again=again)
+    told_of = {quantity.column for quantity in quantities(design)}
+    absent = tuple(column for column in table.columns if column not in told_of)
+    return RowTable(
+        number,
+        table.title,
+        table.doubt,
+        tuple(rows),
+        said if off else (),
+        design.name,
+        again=again,
+        absent=absent,
+        absent_cells=len(absent) * len(points),
+        absent_because=ABSENT if absent else "",
+    )
 
 
 def _row(
@@ -185,7 +198,7 @@ def _average(design: Design, swept: SweepResult, sample: str, ratio: Part, table
     """Row of the mean ratio. The printed mean is over all load sets, that of the different bases over one."""
     mean = next(mean for mean in swept.samples if mean.sample == sample)
     thesis, evidence = design.thesis_force_ratio[sample], of_experiment(RATIO, ratio, table)
-    sets = {"single": len(SIX_LOADS), "common_base": len(SEVEN_LOADS)}.get(design.name, 1)
+    sets = 1 if design.separate_bases else len(design.thesis_loads)
     ours, u = mean.force_ratio or math.nan, mean.force_ratio_u or math.nan
     if evidence is not Evidence.INPUT:  # otherwise our number is this very mean, which does not scatter about itself
         u = math.hypot(design.ratio_scatter * thesis / math.sqrt(sets), u)

@@ -90,7 +90,7 @@ def draw(
             by = line.model if line.model == "beam" else f"{line.model}, {name}"
             axes.plot(
                 moduli, line.ours(name, moduli, curves), style, color=color, lw=1.3,
-                label=f"ours, {line.words}: {by}, {line.evidence(name, *figure.tables).value}",
+                label=f"ours, {line.words}: {by}, {_of_both(line, name, figure)}",
             )  # fmt: skip
             said.append(f"{line.words}, model {line.model}, {name} set: {line.evidence(name).value}")
     _experiment(axes, figure.design, measured, "C3")
@@ -104,11 +104,17 @@ def draw(
         f"Hollow: the thesis' experiments ({MEANS}). Crosses: its theories"
         f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}."
         f" {_worth(measured, figure.design)}. In the curves' colours: the same benches by finite elements of that set"
-        f" (model {MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa, predicted: none is fitted to"
-        f" experiments; beside the thesis' theories they are: {'; '.join(said)}."
+        f" (model {MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa; none is fitted to these"
+        f" experiments; beside the crosses they are: {'; '.join(said)}."
         + (ROUND if any(line.model == "axisymmetric" for line in figure.theories) else "")
     )
     return save(drawing, figure.number, caption, folder)
+
+
+def _of_both(line: Line, parameters: str, figure: ExperimentFigure) -> str:
+    """What a curve is worth beside the thesis' theories, its crosses, and beside the experiments."""
+    crosses, experiments = line.evidence(parameters), line.evidence(parameters, *figure.tables)
+    return crosses.value if crosses is experiments else f"{crosses.value} (beside experiments: {experiments.value})"
 
 
 def cases(parameters: Sequence[str]) -> list[Case]:
