@@ -53,6 +53,9 @@ BUSIEST = 4  # requests in a row that are answered "busy"
 OFTEN, SELDOM = 0.3, 0.02  # probabilities; pyserial takes 0.3 s to close a port, so the line hangs up seldom
 MOST_LOOKS = 4  # reads after an acknowledged write before it is carried out
 LATEST = 0.02  # s of the wall
+PATIENCE = (
+    60  # s of the wall that everybody waits for an answer, so that a machine that is busy itself counts for nothing
+)
 WRITES = 16
 ORDERS = {  # registers by which each device gets orders, by unit id on its link
     "line": {1: strain_indicator.CONTRACT["command"], 2: positioner.CONTRACT["command"]},
@@ -175,7 +178,7 @@ class _Line:
     """The line itself."""
 
     def __init__(self, port: str, baudrate: int, stack: ExitStack) -> None:
-        self._end = stack.enter_context(serial.Serial(port, baudrate, timeout=5.0))
+        self._end = stack.enter_context(serial.Serial(port, baudrate, timeout=PATIENCE))
 
     def __call__(self, request: bytes) -> bytes:
         self._end.write(request)
@@ -191,6 +194,7 @@ def behind(description: BenchDescription, moods: Moodiness, stack: ExitStack) ->
     """The same bench through gateways, which stand until the end of `stack`."""
     tables = new_form(description, "")
     for name, table in tables["link"].items():
+        table["timeout"] = f"{PATIENCE} s"
         if table["kind"] == "modbus-tcp":
             device: Any = _Tcp(table["host"], table["port"], stack)
             table["port"] = stack.enter_context(Moody(Gateway(name, moods, device, line=False))).port
