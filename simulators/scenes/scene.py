@@ -133,8 +133,9 @@ class Scene:
             )
             for each in self.devices
         ]
+        correlations = sorted((*films, value) for films, value in self.design.scatter_correlation.items())
         content = {
-            "design": asdict(self.design),
+            "design": {**asdict(self.design), "scatter_correlation": correlations},
             "model": (self.model, self.tolerance, self.file.parameters),
             "seed": self.seed,
             "nodes": self.nodes,
