@@ -227,7 +227,8 @@ class CanLink:
                 self._answers_due.discard(node)
                 raise DeviceError(f"{who}: aborted the transfer: {error}") from error
             except SdoCommunicationError as error:
-                if self.network.notifier is not None and (failure := self.network.notifier.exception) is not None:
+                notifier = None if self._network is None else self._network.notifier
+                if notifier is not None and (failure := notifier.exception) is not None:
                     raise LinkError(f"{who}: {self._why_lost(failure)}") from failure
                 raise LinkTimeout(
                     f"{who}: no valid answer within {self._description.timeout:g} s; {self._why_none(node)}"

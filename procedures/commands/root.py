@@ -78,7 +78,7 @@ def run() -> None:
 
 
 def _run() -> None:
-    from palpate.instrument.errors import PalpateError
+    from palpate.instrument.errors import BenchError, PalpateError
 
     stdout = sys.stdout
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in ("strict", "surrogateescape"):
@@ -102,7 +102,8 @@ def _run() -> None:
             sys.exit(UNREAD)
         raise
     except PalpateError as error:
-        _complain(f"error: {(error.__cause__ and blamed(error.__cause__)) or error}", error)
+        of_package = isinstance(error, BenchError) and error.__cause__ and blamed(error.__cause__)
+        _complain(f"error: {of_package or error}", error)
         sys.exit(error.exit_code)
     except OSError as error:
         if isinstance(before := error.__context__, SystemExit) and before.code in ENDED:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from palpate.instrument.additions import check_ours
 from palpate.instrument.errors import UsageError
-from palpate.procedures.console.progress import Progress, silent
+from palpate.procedures.console.progress import Progress, expect, silent
 from palpate.procedures.engine.again import bring_back
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.known import GROUP, SHIPPED, WHAT, outside
@@ -143,6 +143,9 @@ def record_run(
             pause = PausedAgain(resumed.paused, session.lab.bench, pause)
         # The bench's time begins with its first run. A log holds one run, with as many looks at the clock as it had.
         before = 0.0 if len(bench.runs) == 1 else 1e-9 * session.lab.bench.clock.now_ns()
+        if bench.scene is None:  # else the bench's time is not that of whoever waits
+            ahead = planned(procedure, session.lab.target)
+            expect(progress, [step.seconds for step in ahead.steps], ahead.seconds)
         result = conduct(procedure, session.lab, session.record, progress, pause)
         outcome = session.outcome()
         promise = _promise(procedure, session.lab, result)

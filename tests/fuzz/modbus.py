@@ -10,10 +10,9 @@ import struct
 from fractions import Fraction
 from typing import Any
 
-from pymodbus.client import ModbusTcpClient
-
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links import tcp
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.rtu import RtuClient
 from palpate.instrument.contracts import CONTRACTS
@@ -26,8 +25,8 @@ OF_TYPE = {"uint16": ">H", "int16": ">h", "uint32": ">I", "int32": ">i", "float3
 IDENTITY = (0, 1, 2, 4, 6, 0x80)
 
 
-class TcpClient(ModbusTcpClient):
-    """pymodbus' client with a reply in place of a socket; silence after it is a time-out."""
+class TcpClient(tcp.TcpClient):
+    """Ours, with a reply in place of a socket; silence after it is a time-out."""
 
     pieces: list[bytes]
 
@@ -118,7 +117,7 @@ class Exchanges:
 
     def __init__(self, contract: Contract, tcp: bool) -> None:
         self.tcp = tcp
-        self.client = TcpClient("fuzz", retries=0) if tcp else SerialClient("fuzz")
+        self.client = TcpClient("fuzz") if tcp else SerialClient("fuzz")
         self.link = ModbusLink("fuzz", self.client)
         self.device = type("Device", (ModbusDevice,), {"contract": contract})(self.link, UNIT, WallClock())
         self.reads = [(f,) for f in contract.fields if f.access != "wo"]

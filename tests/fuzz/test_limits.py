@@ -54,7 +54,11 @@ def test_a_file_full_of_strange_keys_tells_the_first_of_them() -> None:
 def test_a_table_full_of_errors_tells_the_first_of_them() -> None:
     wrong = b"".join(b"k%d = 1\n" % n for n in range(1000))
     with pytest.raises(ConfigError, match=f"and {1000 - MOST_PROBLEMS} more$") as caught:
-        parse(BENCH.replace(b"[signal_generator]\n", b"[signal_generator]\n" + wrong), BenchDescription, "bench.toml")
+        parse(
+            BENCH.replace(b"[device.signal_generator]\n", b"[device.signal_generator]\n" + wrong),
+            BenchDescription,
+            "bench.toml",
+        )
     assert len(str(caught.value).splitlines()) == MOST_PROBLEMS + 1
 
 

@@ -404,7 +404,7 @@ def test_stored_surfaces_are_listed_with_their_bounds(palpate: Palpate) -> None:
         chosen = get_parameter_set(row["parameters"], "surface")
         sensor = chosen.design(get_design(row["design"]))
         estimate = response(sensor, chosen.load(1e5), "surface").error_estimate
-        assert estimate is not None and row["discretisation"] * (1 + 1e-12) >= estimate > 0  # rounded otherwise
+        assert estimate is not None and row["discretisation"] * (1 + 1e-10) >= estimate > 0  # other kernels round so
         assert row["meshes"] > 1 and row["poles"] > 10 and row["build_s"] > 0
     assert "error of the model" in palpate("accuracy", "surfaces", "--design", "single").out
 

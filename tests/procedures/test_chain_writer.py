@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.procedures.records import chain_writer, record
+from palpate.instrument import durable
+from palpate.procedures.records import chain_writer
 from palpate.procedures.records.chain import AROUND, FRAME, HASH, MAGIC, NOTHING, SECTOR, ChainFile, Head, head_of
 from palpate.procedures.records.chain_writer import ChainWriter, Content, create, packed
 from palpate.procedures.records.record import Recorder
@@ -233,7 +234,7 @@ def test_folders_that_are_made_for_a_run_are_synced_with_their_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced = list[Path]()
-    monkeypatch.setattr(record, "sync", synced.append)
+    monkeypatch.setattr(durable, "sync", synced.append)
     header = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z"}
     Recorder.create(tmp_path / "new" / "run", header).close()
     assert set(synced) == {tmp_path, tmp_path / "new"}

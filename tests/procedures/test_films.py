@@ -328,6 +328,7 @@ def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its
         pickup=0.0,
         noise=None,
         force_limit=10.0,
+        scene=None,
         filling=lambda _role: [listed] * 3,
         kind_in=lambda _role: None,
     )

@@ -165,7 +165,9 @@ def test_the_ratio_of_the_ratio_command_leads_back_to_its_modulus(palpate: Palpa
 def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
     said = palpate(*MODULUS, "--force-ratio", "0.3", "--quiet")
     assert (said.err, said.out) == ("", json.dumps(said.object, indent=2) + "\n")
-    assert list(said.object) == ["design", "parameters", "validation", "validation_line", "coverage", "points"]
+    assert list(said.object) == [
+        "design", "parameters", "simulated", "validation", "validation_line", "coverage", "points",
+    ]  # fmt: skip
     assert said.object["coverage"] == 0.95
     assert said.object["validation"][0]["model"] == said.object["points"][0]["model"]
     assert list(said.object["points"][0]) == [

@@ -12,12 +12,12 @@ from palpate.simulators.planning.settle import read_scene
 HEAD = 'name = "try"\npurpose = "a test"\ndesign = "single"\n'
 
 WRONG = {
-    "a rail below zero": ("amplifier_clip", 'rail = "-5 V"', ["rail", "more than 0", "-5"]),
-    "a limit of no current": ("current_limit", 'limit = "0 A"', ["limit", "more than 0"]),
-    "a stop without travel": ("end_stops", 'travel = "0 mm"', ["travel", "more than 0"]),
+    "a rail below zero": ("amplifier_clip", 'rail = "-5 V"', ["rail", "at least 1 mV", "-5"]),
+    "a limit of no current": ("current_limit", 'limit = "0 A"', ["limit", "at least 1 mA"]),
+    "a stop without travel": ("end_stops", 'travel = "0 mm"', ["travel", "at least 1 µm"]),
     "a stop of glass": ("end_stops", 'stiffness = "1e12 N/m"', ["stiffness", "at most"]),
-    "a massless armature": ("shaker_dynamics", 'mass = "0 kg"', ["mass", "more than 0"]),
-    "a negative inductance": ("shaker_dynamics", 'inductance = "-1 mH"', ["inductance", "more than 0"]),
+    "a massless armature": ("shaker_dynamics", 'mass = "0 kg"', ["mass", "at least 1 µkg"]),
+    "a negative inductance": ("shaker_dynamics", 'inductance = "-1 mH"', ["inductance", "at least 1 nH"]),
     "damping that drives": ("shaker_dynamics", 'damping = "-2 N s/m"', ["damping", "at least 0"]),
     "damping in another unit": ("shaker_dynamics", 'damping = "2 N/m"', ["damping", "'2 N/m'", "N s/m belongs"]),
     "an accumulator of other bits": ("frequency_error", "bits = 32", ["bits", "28 or 48", "32"]),
@@ -44,12 +44,12 @@ WRONG = {
     "a drift that settles at once": ("pyroelectric", 'settling = "0 s"', ["settling", "at least"]),
     "a negative charge": ("triboelectric", 'charge = "-1 pC"', ["charge", "at least 0"]),
     "a charge in volts": ("triboelectric", 'charge = "1 mV"', ["charge", "where C belongs"]),
-    "a film without capacitance": ("voltage_amplifier", 'disc = "0 pF"', ["disc", "more than 0"]),
+    "a film without capacitance": ("voltage_amplifier", 'disc = "0 pF"', ["disc", "at least 0.001 pF"]),
     "a negative cable": ("voltage_amplifier", 'cable = "-1 pF"', ["cable", "at least 0"]),
     "a leak of no resistance": ("humidity_leak", 'wet = "0 ohm"', ["wet", "at least 1 kohm"]),
     "a leak in no time": ("humidity_leak", 'over = "0 s"', ["over", "at least 1"]),
     "a negative scatter": ("gain_scatter", "strength = -1.0", ["strength", "at least 0"]),
-    "no feedback": ("charge_amplifier", 'feedback = "0 ohm"', ["feedback", "more than 0"]),
+    "no feedback": ("charge_amplifier", 'feedback = "0 ohm"', ["feedback", "at least 1 ohm"]),
 }
 
 

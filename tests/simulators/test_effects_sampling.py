@@ -324,7 +324,7 @@ def test_what_cannot_change_anything_is_bounded_by_round_off() -> None:
 
 def test_a_film_that_gives_hardly_anything_leaves_no_bound_of_the_ratio() -> None:
     chosen = scene()
-    case = case_of(chosen.design, chosen.model, {"glue_clamping": GlueClamping(factor=1e-9)}, Question())
+    case = case_of(chosen.design, chosen.model, {"glue_clamping": GlueClamping(factor=1e-6)}, Question())
     noise = WhiteNoise(density="20 µV/√Hz")
     beside = replace(case, effects={**case.effects, "pink_noise": PinkNoise()})
     assert bound_of(beside, noise).ratio == math.inf
