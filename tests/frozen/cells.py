@@ -97,7 +97,7 @@ OTHERS: dict[str, Lines] = {
     "accuracy": ("accuracy --json",),
     "accuracy dwell": ("accuracy dwell --dwell '0.5 s, 1 s' --estimator 'least squares' --json",),
     "accuracy models": ("accuracy models --json",),
-    "accuracy validation": ("accuracy validation --json", "accuracy validation --what-if --json"),
+    "accuracy validation": ("accuracy validation --json",),
     "accuracy surfaces": ("accuracy surfaces --json",),
     "accuracy integrators": ("accuracy integrators --json",),
     "bus": (
