@@ -1,28 +1,27 @@
-"""What the house may not become: `python -m tests.house` counts it and compares with `tests/house.toml`.
+"""How large the house is, and what it may never have: `python -m tests.house`.
 
-It counts circles of imports by the strictest rule: imports inside functions and those for type checking alone count.
-There are circles of modules, and circles of neighbours in a package (modules, or packages with all that is in them). It
-counts modules of folders that are too full, exemptions from the layers, and uses of `Any` in signatures of commands.
-
-Each of them may only shrink: what is new fails, and so does what is gone and still listed. Then, or after modules were
-renamed, `python -m tests.house --accept` writes what there is. The circles need grimp, which comes with import-linter.
+It prints sizes, which are not limits: a file holds one idea whole. It fails where modules import each other in a circle
+(imports inside functions and those for type checking count), where a contract of import-linter has an exemption, and
+where a signature of a command says `Any`. The circles need grimp, which comes with import-linter.
 """
 
 from __future__ import annotations
 
 import ast
+import re
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-KNOWN = Path(__file__).with_suffix(".toml")
-FOLDERS = ("instrument", "drivers", "simulators", "procedures")
+FOLDERS = ("instrument", "drivers", "simulators", "procedures", "palpate")
 COMMANDS = ROOT / "procedures" / "commands"
-REGISTRIES = ("effects", "contracts", "commands")  # of one shape, one file a thing
-FULL = 20  # modules in a folder
+MEASUREMENTS = ROOT / "procedures" / "measurements"
+CACHES = {"cache", "lru_cache"}
+PRIVATE = re.compile(r"import .*\b_[a-z]|\b\w+\._[a-z]\w*|setattr\([^)]*\"_[a-z]")
 
 
 def linter() -> dict[str, Any]:
@@ -32,21 +31,17 @@ def linter() -> dict[str, Any]:
     return found
 
 
-def exemptions() -> int:
+# --- what may never be ---------------------------------------------------------------------------------
+
+
+def exemptions() -> list[str]:
     """Imports that a contract would refuse and that are let pass."""
-    return sum(len(contract.get("ignore_imports", ())) for contract in linter()["contracts"])
+    return [each for contract in linter()["contracts"] for each in contract.get("ignore_imports", ())]
 
 
-def too_many() -> int:
-    """Modules that folders hold beyond what one can take in."""
-    folders = {path.parent for name in FOLDERS for path in (ROOT / name).rglob("*.py")}
-    counts = [len(list(each.glob("*.py"))) - 1 for each in folders if each.name not in REGISTRIES]  # not __init__
-    return sum(max(count - FULL, 0) for count in counts)
-
-
-def any_in_commands() -> int:
-    """How often signatures of the command line's functions say `Any`."""
-    return sum(_anys(ast.parse(path.read_text(encoding="utf-8"))) for path in COMMANDS.rglob("*.py"))
+def any_in_commands() -> list[str]:
+    """Modules of the command line whose functions say `Any` in a signature."""
+    return [path.name for path in sorted(COMMANDS.rglob("*.py")) if _anys(_tree(path))]
 
 
 def _anys(tree: ast.Module) -> int:
@@ -58,20 +53,14 @@ def _anys(tree: ast.Module) -> int:
     return sum(isinstance(name, ast.Name) and name.id == "Any" for name in names)
 
 
-def numbers() -> dict[str, int]:
-    """What is counted without grimp."""
-    return {"exemptions": exemptions(), "modules_too_many": too_many(), "any_in_commands": any_in_commands()}
-
-
-def circles() -> dict[str, list[str]]:
+def circles() -> list[str]:
     """Modules, or neighbours in a package, that import each other in the end: each circle's members in one text."""
     import grimp
 
     settings = linter()
-    roots = settings.get("root_packages") or [settings["root_package"]]
-    graph = grimp.build_graph(*roots, cache_dir=None)
+    graph = grimp.build_graph(settings["root_package"], cache_dir=None)
     imports = {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
-    neighbours: list[str] = []
+    found = _circles(imports)
     for package in sorted(module for module in graph.modules if graph.find_children(module)):
         inside: dict[str, set[str]] = {}
         for module, targets in imports.items():
@@ -79,8 +68,8 @@ def circles() -> dict[str, list[str]]:
                 first, second = (_child(name, package) for name in (module, target))
                 if first and second and first != second:
                     inside.setdefault(first, set()).add(second)
-        neighbours += _circles(inside)
-    return {"of_modules": _circles(imports), "of_neighbours": sorted(neighbours)}
+        found += _circles(inside)
+    return sorted(set(found))
 
 
 def _child(module: str, package: str) -> str:
@@ -108,44 +97,75 @@ def _circles(imports: dict[str, Any]) -> list[str]:
     return sorted(", ".join(names[index] for index in each) for each in members if len(each) > 1)
 
 
-def known() -> dict[str, Any]:
-    """What is listed."""
-    return tomllib.loads(KNOWN.read_text(encoding="utf-8"))
+# --- how large it is -----------------------------------------------------------------------------------
 
 
-def complaints(listed: dict[str, Any], found: dict[str, Any]) -> Iterator[str]:
-    """What is more than is listed, and what is less: then the list has to follow."""
-    for name, value in found.items():
-        before = listed.get(name)
-        if isinstance(value, int):
-            if before != value:
-                yield f"{name}: {value}, {before} are listed"
-        else:
-            yield from (f"{name}: new: {each}" for each in _without(value, before or ()))
-            yield from (f"{name}: gone, still listed: {each}" for each in _without(before or (), value))
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def _without(some: Iterable[str], others: Iterable[str]) -> list[str]:
-    return [each for each in some if each not in others]
+def _size(paths: Iterable[Path]) -> tuple[int, int, int]:
+    """Statements (a docstring is one), lines, files."""
+    statements = lines = files = 0
+    for path in paths:
+        tree = _tree(path)
+        statements += sum(isinstance(each, ast.stmt) for each in ast.walk(tree))
+        lines += len(path.read_text(encoding="utf-8").splitlines())
+        files += 1
+    return statements, lines, files
 
 
-def main(words: list[str]) -> int:
-    """Print what there is, and what is not as it is listed."""
-    import tomli_w
+def _product() -> list[Path]:
+    return [path for name in FOLDERS for path in sorted((ROOT / name).rglob("*.py"))]
 
-    found = {**numbers(), **circles()}
-    for name, value in found.items():
-        print(f"{name}: {value}" if isinstance(value, int) else f"{name}: {len(value)}")
-        if isinstance(value, list):
-            print("".join(f"  {each}\n" for each in value), end="")
-    if words == ["--accept"]:
-        KNOWN.write_text(tomli_w.dumps(found), encoding="utf-8")
-        return 0
-    wrong = list(complaints(known(), found))
-    for each in wrong:
-        print(f"not as tests/house.toml lists it: {each}", file=sys.stderr)
-    return 1 if wrong else 0
+
+def names_for_several() -> dict[str, int]:
+    """Names of classes that stand for several, and how often."""
+    names = (each.name for path in _product() for each in _tree(path).body if isinstance(each, ast.ClassDef))
+    return {name: count for name, count in sorted(Counter(names).items()) if count > 1}
+
+
+def _caches(paths: Iterable[Path]) -> int:
+    """Functions of modules that remember their results."""
+    found = 0
+    for path in paths:
+        for each in _tree(path).body:
+            if isinstance(each, ast.FunctionDef):
+                marks = [mark.func if isinstance(mark, ast.Call) else mark for mark in each.decorator_list]
+                found += any(getattr(mark, "attr", getattr(mark, "id", "")) in CACHES for mark in marks)
+    return found
+
+
+def sizes() -> Iterator[tuple[str, str]]:
+    """What is told and never asserted."""
+    tests = sorted((ROOT / "tests").rglob("*.py"))
+    for name, paths in (("product", _product()), ("tests", tests)):
+        statements, lines, files = _size(paths)
+        yield name, f"{statements} statements, {lines} lines in {files} files"
+    procedures = [each for each in sorted(MEASUREMENTS.iterdir()) if (each / "procedure.py").exists()]
+    lines = sum(_size(each.rglob("*.py"))[1] for each in procedures)
+    yield "a procedure", f"{lines / len(procedures):.0f} lines, the mean of {len(procedures)}"
+    yield "caches of modules in measurements", str(_caches(MEASUREMENTS.rglob("*.py")))
+    several = names_for_several()
+    yield "names of classes that stand for several", f"{len(several)}: {', '.join(several)}"
+    texts = {path: path.read_text(encoding="utf-8") for path in tests}
+    reached = sum(len(text.splitlines()) for text in texts.values() if PRIVATE.search(text))
+    whole = sum(len(text.splitlines()) for text in texts.values())
+    yield "lines of tests in files that reach names with an underscore", f"{100 * reached / whole:.0f} %"
+    words = sum(len(path.read_text(encoding="utf-8").split()) for path in (ROOT / "docs").rglob("*.md"))
+    yield "words of the documentation", str(words)
+
+
+def main() -> int:
+    """Print both; exit status 1: there is something that may never be."""
+    for name, told in sizes():
+        print(f"{name}: {told}")
+    status = 0
+    for name, found in (("circles", circles()), ("exemptions", exemptions()), ("Any in commands", any_in_commands())):
+        print(f"{name}: {len(found)}", *found, sep="\n  ")
+        status |= bool(found)
+    return status
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Writing the files of what is measured once and shipped: prices of models, validation, what-ifs."""
+"""Writing the files of what is measured once and shipped: prices of models and validation."""
 
 from __future__ import annotations
 

@@ -41,8 +41,7 @@ CAUSES = (
     " come from plates or films that yield, the load cell's calibration, friction or tilt, nor from a thickness or a"
     " modulus alone. It could come from how the load is spread, from the moduli of ring and objects together with it,"
     " from the films' gains, or from the readings: most of those printed for the common base are the single sensor's"
-    " times a constant. docs/validation.md goes through every cause; palpate accuracy validation --what-if prints what"
-    " each would do."
+    " times a constant. docs/validation.md goes through every cause."
 )
 HEADER = (
     "row", "quantity", "by", "evidence", "printed", "thesis", "ours", "difference", "thesis less ours, % of ours",

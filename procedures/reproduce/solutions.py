@@ -31,15 +31,15 @@ class Solutions:
     asked: dict[str, list[float]] = field(default_factory=dict)
 
     @classmethod
-    def shipped(cls, file: Path = SHIPPED, renew: str = "palpate reproduce models --fresh") -> Self:
-        """Solutions that come with palpate, from a file that the command `renew` writes. Raises ConfigError."""
+    def shipped(cls, file: Path = SHIPPED) -> Self:
+        """Solutions that come with palpate. Raises ConfigError: the file is damaged."""
         try:
             known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
             if all(isinstance(number, float) for numbers in known.values() for number in numbers):
                 return cls(known)
         except (OSError, ValueError, AttributeError, TypeError, RecursionError):
             pass
-        raise ConfigError(f"{file}: is damaged; solve anew: {renew}")
+        raise ConfigError(f"{file}: is damaged; solve anew: palpate reproduce models --fresh")
 
     def of(
         self,

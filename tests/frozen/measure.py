@@ -30,6 +30,11 @@ MOVING = {
 ADDRESS = re.compile(
     r"(?<=127\.0\.0\.1:)\d+|(?<=port = )\d+|(?<=/dev/pts/)\d+|(?<=palpate-)\d+-\d+|(?<=replay-)\d+-\d+"
 )
+# What a printed text says of the clock on the wall and of the day.
+PRINTED = re.compile(
+    r"[\d.]+ s here|\(x [\d.]+\)|\d{8}T\d{6}Z|\d{4}-\d\d-\d\d(?:[T ][\d:]+Z?)?|\b[0-9a-f]{12,64}\b|"
+    r"[\d.]+ s of processor time"
+)
 ENDED = (129, 130, 143)  # by a closed terminal, Ctrl-C or SIGTERM: so does the comparison
 SPELLED = ("thesis_single", "sweep position")  # other runs have a digest of their names alone
 WORDS = "text"  # of help
@@ -86,13 +91,22 @@ def answers(name: str, lines: tuple[str, ...]) -> list[Found]:
             for packed in Path("old").glob("*.xz"):
                 packed.with_suffix("").write_bytes(lzma.decompress(packed.read_bytes()))
         spelled = not name.startswith(("run ", "old run")) or any(word in name for word in SPELLED)
-        return [_answer(line, Path(folder), spelled) for line in lines]
+        found = [_answer(line, Path(folder), spelled) for line in lines]
+    if name.startswith("target "):
+        return [{key: value for key, value in each.items() if key != "values"} for each in found]
+    return found
 
 
 def _answer(line: str, folder: Path, spelled: bool) -> Found:
     status, out, err = palpate(line)
     if status != 0:
-        return {"status": status, "said": "" if out else err.strip().splitlines()[-1][:200]}
+        lines = err.strip().splitlines() or [""]
+        said = next((each for each in lines if each.startswith("palpate: error")), lines[-1])
+        return {"status": status, "said": "" if out else ADDRESS.sub("*", said.replace(str(folder), "."))[:200]}
+    if "--json" not in line.split():
+        text = PRINTED.sub("*", ADDRESS.sub("*", out.replace(str(folder), ".")))
+        parts = [part for part in text.split("\n\n") if part.strip()]
+        return {"status": status, "values": {f"{i} {part.strip()[:40]}": digest(part) for i, part in enumerate(parts)}}
     told = json.loads(ADDRESS.sub("*", out.replace(str(folder), ".")))
     if line.startswith("bus show"):
         told = {"traffic": _traffic(told["messages"])}
