@@ -67,7 +67,7 @@ def sim() -> Iterator[SimulatedBench]:
 def file(sim: SimulatedBench, tmp_path: Path) -> Path:
     """A bench file, with which the bench is opened as a real one."""
     path = tmp_path / "bench.toml"
-    path.write_text(sim.description.to_toml(), encoding="utf-8")
+    path.write_text(sim.description.patient().to_toml(), encoding="utf-8")
     return path
 
 
