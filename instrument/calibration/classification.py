@@ -149,37 +149,41 @@ def _spread(deflections: Floats) -> Floats:
 
 def classify_iso_376(load: Floats, found: Quantities) -> Classification:
     """The best class that holds from some load to the greatest one, and at least down to half of it."""
-    known = {name: values for name, values in found.items() if values is not None}
-    missing = [name for name in found if name not in known and name not in MAY_BE_MISSING]
-    low = load[load <= ISO_376_PART * load[-1]]
+    if reasons := short_of_iso_376(load, found, "2"):
+        return _none(*reasons)
+    name = next(name for name in ISO_376 if not short_of_iso_376(load, found, name))
+    good = np.all([values <= ISO_376[name][key] for key, values in found.items() if values is not None], axis=0)
+    first = int(np.flatnonzero(~good).max(initial=-1)) + 1
+    return Classification(name=name, least_N=float(load[first]), greatest_N=float(load[-1]))
+
+
+def short_of_iso_376(load: Floats, found: Quantities, name: str) -> list[str]:
+    """Why runs do not give a class: what they lack, and the quantities above its limits; empty: they do."""
+    missing = [key for key, values in found.items() if values is None and key not in MAY_BE_MISSING]
+    reasons = lacking_for_iso_376(load, missing)
+    must = max(int((load <= ISO_376_PART * load[-1]).sum()) - 1, 0)  # from here a class holds at the latest
+    for key, values in found.items():
+        if values is None:
+            continue
+        worst, limit = float(values[must:].max()), ISO_376[name][key]
+        if not worst <= limit:  # NaN is no class
+            reasons.append(
+                f"{key.replace('_', ' ')} {100 * worst:.3g} % from {load[must]:.4g} N on exceeds the "
+                f"{100 * limit:.3g} % of ISO 376 class {name}"
+            )
+    return reasons
+
+
+def lacking_for_iso_376(load: Floats, missing: Sequence[str]) -> list[str]:
+    """What loads and runs lack for any class; `missing`: quantities that the runs do not tell."""
     reasons = []
     if load.size < ISO_376_LOADS:
         reasons.append(f"ISO 376 asks for {ISO_376_LOADS} loads, not {load.size}")
-    if not low.size:
+    if load[0] > ISO_376_PART * load[-1]:
         reasons.append(f"ISO 376 asks for loads down to {ISO_376_PART:.0%} of the greatest")
     if missing:
         reasons.append(f"ISO 376 asks for {' and '.join(missing)}, which the runs do not tell")
-    if not reasons:
-        for name, limits in ISO_376.items():
-            good = np.all([values <= limits[key] for key, values in known.items()], axis=0)
-            bad = np.flatnonzero(~good)
-            first = int(bad[-1]) + 1 if bad.size else 0
-            if first < low.size:
-                return Classification(name=name, least_N=float(load[first]), greatest_N=float(load[-1]))
-    must = must_hold(load)
-    for key, values in known.items():
-        worst, limit = 100 * float(values[must:].max()), 100 * ISO_376["2"][key]
-        if worst > limit:
-            reasons.append(
-                f"{key.replace('_', ' ')} {worst:.3g} % from {load[must]:.4g} N on exceeds the "
-                f"{limit:.3g} % of ISO 376 class 2"
-            )
-    return _none(*reasons)
-
-
-def must_hold(load: Floats) -> int:
-    """Number of the load from which a class must hold at the latest: the greatest one of half the greatest or less."""
-    return max(int((load <= ISO_376_PART * load[-1]).sum()) - 1, 0)
+    return reasons
 
 
 def iso_376_class_of(key: str, worst: float) -> str:

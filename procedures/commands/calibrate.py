@@ -27,8 +27,7 @@ def calibrate() -> None:
     "load-cell",
     epilog="Examples:\n\n  palpate calibrate load-cell\n\n  palpate calibrate load-cell --bench lab.toml"
     "\n\n  palpate calibrate load-cell --tolerance '0.3 %' --dry-run"
-    "\n\n  palpate calibrate load-cell --time '8 min' --loads-u '0.02 %'"
-    "\n\n  palpate calibrate load-cell --loads '100 gf:1000 gf:100 gf' --runs 2 --positions 0,120,240 --creep",
+    "\n\n  palpate calibrate load-cell --loads '100 gf:1000 gf:100 gf' --runs 2 --positions 0,120,240 --class 1",
 )
 @option(
     "--loads",
@@ -53,17 +52,12 @@ def calibrate() -> None:
     "--class",
     "iso_class",
     metavar="CLASS",
-    help="Class of ISO 376 that shall be reached, 00, 0.5, 1 or 2: the series is planned for it.",
+    help="Class of ISO 376 that shall be reached, 00, 0.5, 1 or 2; if it is not, the exit status is 1.",
 )
 @option(
     "--tolerance",
     callback=texts.share,
     help="Relative standard uncertainty of the sensitivity: the series is planned for it, of --loads at hand.",
-)
-@option(
-    "--time",
-    callback=texts.bench_time("8 min"),
-    help="Bench time that is not exceeded: the series is planned for it.",
 )
 @option(
     "--loads-u",
@@ -83,7 +77,6 @@ def load_cell(
     degree: str,
     iso_class: str | None,
     tolerance: float | None,
-    time: float | None,
     loads_u: float | None,
     creep: bool,
     valid_days: int,
@@ -94,14 +87,14 @@ def load_cell(
     certificate; and stores the calibration. Later runs with the same indicator use and name it, within its loads and
     until it expires.
 
-    With --tolerance, --time or --class the plan takes as many of the weights and runs as are needed or fit, and refuses
-    beforehand what they cannot give. --runs and --positions are then the fewest. A series ends early where its runs
-    show that the class is out of reach.
+    With --tolerance the plan takes as many of the weights and runs as are needed, and refuses beforehand what they
+    cannot give; --runs are then the fewest. With --class a calibration that is not of that class or better is stored
+    all the same, and the command says what binds.
     """
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 
     curve = None if degree == "auto" else int(degree)
-    asked = iso_class, tolerance, time, loads_u or 0.0
+    asked = iso_class, tolerance, loads_u or 0.0
     return LoadCellSeries(loads, runs, positions, curve, creep, valid_days, *asked)
 
 

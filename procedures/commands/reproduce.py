@@ -88,9 +88,8 @@ def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
 def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Compare the thesis' finite-element tables, theories and figures of chapter 4 with the sensor models.
 
-    Writes Tables 4.1 to 4.6, A2.1 to A2.7 and 5.8 cell by cell as CSV, with repaired cells marked; the figures of
-    chapter 4 as PNG, with the thesis' values as marks and palpate's as curves, and its schematics from designs and
-    meshes; and a summary.
+    Writes Tables 4.1 to 4.6, A2.1 to A2.7 and 5.8 cell by cell as CSV, with repaired cells marked; what
+    chapter 4 draws from numbers as PNG, with the thesis' values as marks and palpate's as curves; and a summary.
     """
     from palpate.instrument.notice import price
     from palpate.procedures.reproduce import models as against

@@ -12,17 +12,12 @@ from palpate.procedures.reproduce.figures.picture import Picture
 
 ALL = "All tables and figures of the thesis"
 WITH_SECTION = ("Figure 4.", "Figure 5.")
-# Schematics of chapter 3 that show the same as a figure of chapter 4, or a part of it.
-DRAWN_AT = {
-    **{f"Figure 3.{part}": "Figure 4.1a" for part in range(1, 8)}, "Figure 3.8": "Figure 4.9",
-    "Figure 3.9": "Figure 4.11a",
-}  # fmt: skip
 HEADER = ("number", "section", "shows", "here", "what it is of palpate", "doubt")
 KINDS = {"compared": "compared", "drawn": "drawn", "part": "a part of palpate", "none": "nothing"}
 
 
 def figure_sections(pictures: Sequence[Picture]) -> list[str]:
-    """A section for each figure of chapters 4 and 5: what it shows, what palpate has for it, and the picture."""
+    """A section for each figure of chapters 4 and 5: what it shows, what palpate has for it, and a picture of data."""
     return [_section(each, pictures) for each in contents().values() if each.number.startswith(WITH_SECTION)]
 
 
@@ -45,7 +40,7 @@ def listed(anchors: Container[str]) -> list[str]:
     """All tables and figures of the thesis, with a link to each that has an anchor on the page."""
     rows = []
     for each in contents().values():
-        place = anchor(DRAWN_AT.get(each.number, each.number))
+        place = anchor(each.number)
         number = f'<a href="#{place}">{each.number}</a>' if place in anchors else each.number
         cells = (each.section, each.shows, KINDS[each.ours], each.part, each.doubt)
         rows.append(f"<tr><td>{number}</td>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>")

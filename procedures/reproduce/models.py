@@ -12,10 +12,8 @@ from palpate.instrument.errors import UnknownName
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.reproduce.chapter4 import pair, position, single, theory
 from palpate.procedures.reproduce.curves import RINGS, Case, Curves
-from palpate.procedures.reproduce.figures import experiments, ratios
-from palpate.procedures.reproduce.figures.chapter4 import FIGURES
+from palpate.procedures.reproduce.figures import chapter4, chapter5
 from palpate.procedures.reproduce.figures.picture import Picture
-from palpate.procedures.reproduce.figures.position import draw as draw_position
 from palpate.procedures.reproduce.files import write_summary, write_table
 from palpate.procedures.reproduce.judging.comparison import Comparison
 from palpate.procedures.reproduce.solutions import Solutions
@@ -68,7 +66,7 @@ def cases(parameters: Sequence[str]) -> list[Case]:
     pairs = [pair.cases(parameters, design, ring) for design in ("common_base", "different_base") for ring in RINGS]
     singles = [single.cases(parameters, ring) for ring in RINGS]
     wanted = [case for cases in (*singles, *pairs) for case in cases.values()]
-    return [*wanted, *ratios.cases(parameters), *experiments.cases(parameters)]
+    return [*wanted, *chapter4.cases(parameters), *chapter5.cases(parameters)]
 
 
 def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> Curves:
@@ -93,9 +91,9 @@ def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh
             comparison = compare(parameters, curves)
             done.tables.append((comparison, write_table(comparison, done.folder)))
             if comparison.table.number == "A2.7":
-                done.pictures.append(draw_position(comparison, done.folder))
-        for draw in FIGURES.values():
-            done.pictures.append(draw(parameters, curves, done.folder))
+                done.pictures.append(chapter4.draw_position(comparison, done.folder))
+        for picture in chapter4.pictures(parameters, curves, done.folder):
+            done.pictures.append(picture)
     finally:
         if done.tables:  # also after an interruption
             done.summary = write_summary(done.tables, done.pictures, done.folder)

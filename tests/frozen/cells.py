@@ -42,7 +42,6 @@ TARGETS = (
     "sweep position --scene thesis_common_base --positions '6 mm, 14 mm' --load '4 N' --tolerance '0.3 mm'",
     "sweep position --scene thesis_common_base --positions '6 mm, 14 mm' --time '4 min'",
     "calibrate load-cell --tolerance '0.3 %'",
-    "calibrate load-cell --time '8 min'",
     "calibrate load-cell --class 1 --loads '300 gf:1000 gf:100 gf'",
     "calibrate films --tolerance '4 %' --loads '2 N, 3 N, 4 N'",
     "characterise --tolerance '2 %' --drift-time '10 s'",

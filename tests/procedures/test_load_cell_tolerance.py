@@ -1,4 +1,4 @@
-"""`calibrate load-cell --tolerance`, `--time` and `--class` plan weights and runs, and end where more help nothing."""
+"""`calibrate load-cell --tolerance` plans weights and runs and ends where more help nothing; `--class` judges."""
 
 from __future__ import annotations
 
@@ -17,19 +17,17 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
-from palpate.procedures.measurements.load_cell.learned import Learned, learned, stopped
 from palpate.procedures.measurements.load_cell.procedure import LOADS
+from palpate.procedures.measurements.load_cell.repeats import CellRepeats, Learned, run_seconds, spread
 from palpate.procedures.measurements.load_cell.result import REPEATS
-from palpate.procedures.measurements.load_cell.series import Wanted, run_seconds, series_for, spread
-from palpate.procedures.measurements.load_cell.wanted_class import why_not
 from tests.procedures.conftest import Palpate
 
 CALIBRATE = ("calibrate", "load-cell")
 SLOPE, STEP = 10.306, 1.0  # mV/N, mV
 
 
-def asked(tolerance: float) -> Wanted:
-    return Wanted(tolerance, LOADS, 1, 1, None, THESIS_LOAD_CELL)
+def asked(tolerance: float) -> CellRepeats:
+    return CellRepeats(tolerance, LOADS, 1, 1, None, THESIS_LOAD_CELL)
 
 
 def run_up_and_down(
@@ -49,11 +47,11 @@ def run_up_and_down(
 
 
 def measured(
-    random: np.random.Generator, wanted: Wanted, noise: float = 0.3, slope: float = SLOPE
+    random: np.random.Generator, wanted: CellRepeats, noise: float = 0.3, slope: float = SLOPE
 ) -> tuple[tuple[float, ...], list[Run]]:
     """The loads of a series and its runs, as many as it asks for."""
-    loads, runs, zero = series_for(wanted).loads, [], float(random.uniform(0, STEP))
-    while not runs or learned(wanted, loads, runs, STEP).runs > len(runs):
+    loads, runs, zero = wanted.plan().loads, [], float(random.uniform(0, STEP))
+    while not runs or wanted.learned(loads, runs, STEP).runs > len(runs):
         runs.append(run_up_and_down(random, loads, noise, slope, zero=zero))
     return loads, runs
 
@@ -63,7 +61,7 @@ def measured(
 
 @pytest.mark.parametrize("tolerance", [0.003, 0.0015, 0.0014])
 def test_the_plan_is_the_quickest_of_all_numbers_of_weights_and_runs(tolerance: float) -> None:
-    plan = series_for(asked(tolerance))
+    plan = asked(tolerance).plan()
     quickest = min(
         runs * run_seconds(count)
         for count in range(5, len(LOADS) + 1)
@@ -78,41 +76,17 @@ def test_the_plan_is_the_quickest_of_all_numbers_of_weights_and_runs(tolerance: 
 
 def test_what_the_steps_of_the_display_leave_no_run_lowers_and_the_refusal_says_what_would() -> None:
     with pytest.raises(RangeError, match=r"resolution leaves 0\.129 %: the display") as refused:
-        series_for(asked(0.0005))
+        asked(0.0005).plan()
     assert "best now  0.13 %" in str(refused.value)
     assert "0.0821 % by weights that are rounded independently" in str(refused.value)
-    assert series_for(asked(0.00131)).allocation.u <= 0.00131
+    assert asked(0.00131).plan().allocation.u <= 0.00131
     finer = replace(asked(0.0005), cell=THESIS_LOAD_CELL.model_copy(update={"resolution_mV": 0.1}))
-    assert series_for(finer).allocation.u <= 0.0005
-
-
-def test_class_and_tolerance_are_not_asked_together(palpate: Palpate) -> None:
-    assert "give one" in palpate(*CALIBRATE, "--tolerance", "1%", "--class", "1").complaint
-    assert "--time and --class" in palpate(*CALIBRATE, "--time", "9 min", "--class", "1").complaint
-
-
-def test_a_time_is_filled_with_the_weights_and_runs_that_tell_most() -> None:
-    plan = series_for(replace(asked(0.003), tolerance=None, time=480.0))
-    best = min(
-        expected_sensitivity(spread(LOADS, count), 2 * REPEATS * runs, 1, THESIS_LOAD_CELL)[0].u
-        for count in range(5, len(LOADS) + 1)
-        for runs in range(1, 5)
-        if runs * run_seconds(count) + 1 <= 480.0
-    )
-    assert plan.allocation.u == pytest.approx(best)
-    assert plan.allocation.seconds <= 480.0
-    both = replace(asked(0.0014), time=480.0)  # 0.14 % takes longer
-    assert series_for(both) == plan
-    assert series_for(replace(asked(0.003), time=480.0)) == series_for(asked(0.003))
-    with pytest.raises(RangeError, match=r"--time 142 s is too short: 1 run .* 5 weights takes 2 min 23 s"):
-        series_for(replace(asked(0.003), tolerance=None, time=142.0))
-    with pytest.raises(RangeError, match=r"--time .* holds \d+ runs up and down, above the limit of 1000 runs"):
-        series_for(replace(asked(0.003), tolerance=None, time=7.2e6))
+    assert finer.plan().allocation.u <= 0.0005
 
 
 def test_what_the_loads_are_off_by_counts_once_in_plan_and_result_and_no_run_lowers_it(palpate: Palpate) -> None:
     wanted = replace(asked(0.003), loads_u=0.001)
-    exact, plan = series_for(asked(0.003)), series_for(wanted)
+    exact, plan = asked(0.003).plan(), wanted.plan()
     assert plan.allocation.u == pytest.approx(math.hypot(exact.allocation.u, 0.001))
     assert plan.allocation.shares["weights"] == pytest.approx((0.001 / plan.allocation.u) ** 2)
     run = run_up_and_down(np.random.default_rng(1), LOADS)
@@ -128,7 +102,7 @@ def test_a_refusal_tells_the_weights_that_reach_what_the_loads_leave_of_the_tole
     said = []
     for wanted in (replace(asked(0.0013), loads_u=0.0012), asked(0.0005)):  # 0.13² = 0.12² + 0.05²
         with pytest.raises(RangeError, match=r"resolution leaves 0\.129 %.*: the display") as refused:
-            series_for(wanted)
+            wanted.plan()
         said.append(str(refused.value).split("weights up to ")[1].split(" N")[0])
     assert said[0] == said[1]
 
@@ -139,15 +113,15 @@ def test_a_refusal_tells_the_weights_that_reach_what_the_loads_leave_of_the_tole
 def test_a_display_that_scatters_more_than_was_expected_takes_more_runs() -> None:
     wanted = asked(0.0015)
     usual, noisy = (len(measured(np.random.default_rng(1), wanted, noise)[1]) for noise in (0.3, 0.9))
-    assert usual <= series_for(wanted).runs + 1
+    assert usual <= wanted.plan().runs + 1
     assert noisy > 2 * usual
 
 
 def test_a_cell_that_is_off_its_curve_ends_the_series_and_says_so() -> None:
-    loads, random = series_for(asked(0.0015)).loads, np.random.default_rng(2)
+    loads, random = asked(0.0015).plan().loads, np.random.default_rng(2)
     bent = run_up_and_down(random, loads)
     off = 2.0 * (-1) ** np.arange(len(loads))
-    found = learned(asked(0.0015), loads, [replace(bent, loading_mV=bent.loading_mV + off)], STEP)
+    found = asked(0.0015).learned(loads, [replace(bent, loading_mV=bent.loading_mV + off)], STEP)
     assert found.runs == 1
     assert found.why_not.startswith("deviation from the curve leaves")
 
@@ -167,17 +141,6 @@ def test_runs_whose_slopes_differ_more_than_noise_explains_count_in_the_uncertai
     assert apart.sensitivity.u == pytest.approx(math.hypot(differing.u, curve.u))
 
 
-def test_a_quantity_that_only_grows_and_is_above_its_limit_ends_a_series_for_a_class() -> None:
-    loads, random = tuple(float(load) for load in range(1, 9)), np.random.default_rng(4)
-    fine, wide = (
-        [run_up_and_down(random, loads, noise, slope, step=0.001) for slope in (SLOPE, SLOPE * 1.0015)]
-        for noise in (0.001, 0.001)
-    )
-    assert why_not("1", loads, fine[:1], 0.001) == ""
-    assert why_not("1", loads, wide, 0.001).startswith("repeatability is 0.151 %, above the 0.1 % of class 1")
-    assert why_not("2", loads, wide, 0.001) == ""
-
-
 def test_a_series_to_a_tolerance_ends_when_it_is_reached_and_tells_predicted_and_achieved(palpate: Palpate) -> None:
     planned = palpate(*CALIBRATE, "--tolerance", "0.3 %", "--dry-run", "--json").object
     found = palpate(*CALIBRATE, "--tolerance", "0.3 %", "--json").object
@@ -190,31 +153,6 @@ def test_a_series_to_a_tolerance_ends_when_it_is_reached_and_tells_predicted_and
     certificate = Path(found["certificate"]).read_text(encoding="utf-8")
     assert "runs up and down in each position | 1 |" in certificate
     assert "uncertainty of all loads together | none given |" in certificate
-
-
-@pytest.mark.slow
-def test_a_class_is_planned_as_the_standard_has_it_and_reached(palpate: Palpate, tmp_path: Path) -> None:
-    scene = tmp_path / "cell.toml"
-    scene.write_text(
-        'name = "good cell"\npurpose = "A cell with a fine display."\ndesign = "single"\n'
-        '[effects.load_cell]\nzero = "0 mV"\nnoise = "2 uV"\ndecimals = 3\n',
-        encoding="utf-8",
-    )
-    weights = ("--loads", "300 gf:1000 gf:100 gf", "--scene", str(scene))
-    assert "resolution binds" in palpate(*CALIBRATE, *weights, "--class", "0.5").complaint  # not calibrated yet
-    palpate(*CALIBRATE, *weights, "--quiet")
-    found = palpate(*CALIBRATE, *weights, "--class", "0.5", "--json").object
-    runs = {(point["position_deg"], point["run"]) for point in found["points"]}
-    assert runs == {(0.0, 1), (0.0, 2), (120.0, 1), (240.0, 1)}
-    assert found["iso_376"]["name"] in ("00", "0.5")
-
-
-def test_a_series_for_a_time_ends_within_it(palpate: Palpate) -> None:
-    found = palpate(*CALIBRATE, "--time", "5 min", "--json").object
-    assert found["stopped"].endswith("reached; another run would not have ended within 5 min 00 s")
-    assert 280 < found["achieved_seconds"] <= 300
-    assert found["achieved_seconds"] == pytest.approx(sum(point["seconds"] for point in found["points"]), abs=0.1)
-    assert found["achieved_u"] == pytest.approx(found["predicted_u"], rel=0.2)
 
 
 @pytest.mark.slow
@@ -236,18 +174,65 @@ def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivi
         k = coverage_factor(found.degrees_of_freedom)
         held += abs(errors[-1]) <= k * found.u
         expected += 2 * ndtr(k * found.u / independent[-1]) - 1 if spread_of_slopes else 0.95
-        reached = learned(wanted, loads, runs, STEP)
+        reached = wanted.learned(loads, runs, STEP)
         assert found.u / found.value <= 0.0015 or reached.why_not
     assert held / number == pytest.approx(expected / number, abs=0.025)
     if spread_of_slopes:
         assert np.std(errors) <= 1.05 * math.sqrt(np.mean(np.square(independent)))
 
 
-def test_a_series_blames_the_time_only_if_that_ended_it() -> None:
-    wanted, missed = replace(asked(0.003), time=600.0), Learned(0.004, 5, "")
-    timed, planned = (stopped(wanted, missed, by_time=by_time) for by_time in (True, False))
-    assert timed.endswith("was asked for; another run would not have ended within 10 min 00 s")
-    assert planned.endswith("was asked for; the most runs that were planned are done")
-    assert ";" not in stopped(wanted, replace(missed, u=0.002), by_time=True)
+def test_a_series_that_misses_its_tolerance_says_why() -> None:
+    missed = Learned(0.004, 5, "")
+    assert asked(0.003).stopped(missed).endswith("was asked for; the most runs that were planned are done")
+    assert ";" not in asked(0.003).stopped(replace(missed, u=0.002))
     reason = "curve leaves 0.4 %, which no further run lowers"
-    assert stopped(wanted, replace(missed, why_not=reason), by_time=True).endswith(reason)
+    assert asked(0.003).stopped(replace(missed, why_not=reason)).endswith(reason)
+
+
+# --- a class that is asked for -----------------------------------------------------------------------------
+
+
+ISO = ("--loads", "300 gf:1000 gf:100 gf", "--runs", "2", "--positions", "0,120")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ((*ISO, "--class", "3"), "unknown class of ISO 376 '3'"),
+        (("--class", "1"), "--class 1: ISO 376 asks for 8 loads, not 7; ISO 376 asks for repeatability and reprod"),
+        (("--loads", "600 gf:1000 gf:50 gf", *ISO[2:], "--class", "1"), "asks for loads down to 50% of the greatest"),
+        ((*ISO, "--class", "1", "--tolerance", "1%"), "--tolerance and --class"),
+    ],
+)
+def test_what_cannot_have_a_class_is_refused_before_anything_moves(
+    palpate: Palpate, options: tuple[str, ...], message: str
+) -> None:
+    said = palpate(*CALIBRATE, *options)
+    assert (said.status, message in said.complaint) == (2, True), said.complaint
+
+
+def test_a_calibration_that_misses_its_class_is_stored_and_told_with_what_binds_and_ends_as_a_failure(
+    palpate: Palpate,
+) -> None:
+    said = palpate(*CALIBRATE, *ISO, "--class", "2")
+    assert said.status == 1
+    assert "wanted         class 2: NOT REACHED" in said.out
+    error = said.err.splitlines()[0]
+    assert error.startswith("palpate: error: class 2 is not reached (found: not classifiable): ")
+    assert "resolution 1.98 % from 4.903 N on exceeds the 0.2 % of ISO 376 class 2" in error
+    (run,) = palpate("runs", "list", "--json").object["runs"]
+    assert run["status"] == "complete"
+    assert (Path(run["run"]) / "calibration.toml").is_file()
+
+
+@pytest.mark.slow
+def test_a_calibration_of_a_better_class_than_was_asked_for_is_enough(palpate: Palpate, tmp_path: Path) -> None:
+    scene = tmp_path / "cell.toml"
+    scene.write_text(
+        'name = "good cell"\npurpose = "A cell with a fine display."\ndesign = "single"\n'
+        '[effects.load_cell]\nzero = "0 mV"\nnoise = "2 uV"\ndecimals = 3\n',
+        encoding="utf-8",
+    )
+    said = palpate(*CALIBRATE, *ISO, "--scene", str(scene), "--class", "0.5")
+    assert (said.status, "wanted         class 0.5: reached" in said.out) == (0, True)
+    assert "ISO 376        00 from" in said.out

@@ -52,7 +52,7 @@ SIGNATURES = {
         "repeatability reproducibility interpolation zero_return creep resolution_mV scatter_mV "
         "lower_limit_factor_N astm_e74 iso_376 gage_factor curvature"
     ),
-    "LoadCellSeries": "loads runs positions degree creep valid_days iso_class tolerance time loads_u",
+    "LoadCellSeries": "loads runs positions degree creep valid_days iso_class tolerance loads_u",
     "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
     "Measurement": "point waveforms error",
     "ModelCalibration": (

@@ -18,6 +18,7 @@ from palpate.instrument.thesis import contents, read_table
 from palpate.procedures.reproduce import curves, models, solutions
 from palpate.procedures.reproduce.chapter4 import position, single
 from palpate.procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, Case, Curves, Solved
+from palpate.procedures.reproduce.figures import chapter4
 from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series
 from palpate.procedures.reproduce.solutions import Solutions
 from tests.procedures.conftest import Palpate
@@ -52,7 +53,7 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
 
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(models, "FIGURES", {})
+    monkeypatch.setattr(chapter4, "pictures", lambda *_: [])
 
 
 def only(monkeypatch: pytest.MonkeyPatch, *tables: str) -> None:
@@ -216,14 +217,15 @@ def test_people_get_tables_pictures_and_a_summary_in_a_new_folder_of_the_store(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     only(monkeypatch, "A2.1", "A2.5", "A2.7")
-    some = ("Figure 4.3", "Figure 4.13")
-    monkeypatch.setattr(models, "FIGURES", {number: models.FIGURES[number] for number in some})
+    some = ("Figure 4.4", "Figure 4.13")
+    alone = [figure for figure in chapter4.RATIO_FIGURES if figure.number in some]
+    monkeypatch.setattr(chapter4, "RATIO_FIGURES", alone)
     said = palpate(*REPRODUCE, "--parameters", "identified")
     assert (said.status, said.err) == (0, "palpate: note: drawing every figure takes about 7 s\n")
     (folder,) = Path("runs").iterdir()
     assert folder.name.endswith("-reproduce-models")
     assert {file.name for file in folder.iterdir()} == {
-        "summary.md", "table_A2_7.png", "figure_4_3.png", "figure_4_13.png",
+        "summary.md", "table_A2_7.png", "figure_4_4.png", "figure_4_13.png",
         *(f"table_{number.replace('.', '_')}.csv" for number in models.TABLES),
     }  # fmt: skip
     assert "Table A2.5: two sensors on different bases" in said.out

@@ -207,7 +207,6 @@ def test_a_kept_solution_is_what_the_model_gives() -> None:
 
 def test_every_solution_that_is_needed_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curves, "solve", lambda *_: pytest.fail("not kept: palpate reproduce models --fresh"))
-    monkeypatch.setattr(models, "FIGURES", {})
     made = curves.Curves(models.cases(models.SETS), solutions=Solutions.shipped())
     for case in models.cases(models.SETS):
         made.of(case)

@@ -18,9 +18,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
-from skfem import ElementQuadP
 
-from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.models.evidence import REPEATS, Evidence
 from palpate.instrument.models.foundation import springs
 from palpate.instrument.sensor.designs import get_design
@@ -33,10 +31,8 @@ from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.reproduce import everything
 from palpate.procedures.reproduce.chapter5 import experiments
 from palpate.procedures.reproduce.figure_page import anchor
-from palpate.procedures.reproduce.figures import area_ratios, chapter4, chapter5, elements, orders, setup
-from palpate.procedures.reproduce.figures.experiments import WITH_THEORIES
-from palpate.procedures.reproduce.figures.measured import Measured
-from palpate.procedures.reproduce.figures.ratios import RATIO_FIGURES
+from palpate.procedures.reproduce.figures.chapter4 import AREA_RATIOS, RATIO_FIGURES, with_area_ratio
+from palpate.procedures.reproduce.figures.chapter5 import BY_RATIO, WITH_THEORIES
 from palpate.procedures.reproduce.judging.criterion import REQUIRED
 from palpate.procedures.reproduce.judging.rows import RowTable, counts
 from palpate.procedures.reproduce.models import Reproduction
@@ -45,25 +41,6 @@ from palpate.procedures.reproduce.page import PARTS, write_page
 from palpate.procedures.reproduce.report import print_everything
 from tests.procedures.conftest import silent
 from tests.procedures.test_reproduce_all import pressed, row, swept, weighed
-
-BENCH = BenchDescription.model_validate(
-    {
-        "name": "drawn",
-        "link": {
-            "rack": {"kind": "modbus-tcp", "host": "here"},
-            "line": {"kind": "modbus-rtu", "port": "/dev/line", "baudrate": 57600},
-            "can": {"kind": "canopen", "interface": "virtual", "channel": "here"},
-        },
-        "device": {
-            "signal_generator": {"kind": "signal_generator", "link": "rack", "unit": 7},
-            "shaker_amplifier": {"kind": "shaker_amplifier", "link": "rack", "unit": 8},
-            "strain_indicator": {"kind": "strain_indicator", "link": "line", "unit": 11},
-            "positioner": {"kind": "positioner", "link": "line", "unit": 12},
-            "sensor_node_1": {"kind": "sensor_node", "link": "can", "node": 3},
-            "sensor_node_2": {"kind": "sensor_node", "link": "can", "node": 4},
-        },
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +73,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
     ) -> Iterator[Any]:
         opened.append((scene, procedure, model, parameters))
         record = SimpleNamespace(folder=folder)
-        yield SimpleNamespace(bench=SimpleNamespace(description=BENCH), record=record, model=model or "experiment")
+        yield SimpleNamespace(bench=None, record=record, model=model or "experiment")
 
     def keep(figure: Figure, path: Path, **_: object) -> None:
         figures[Path(path).name] = figure
@@ -259,12 +236,12 @@ def test_every_number_of_the_thesis_is_on_the_page(whole: Whole) -> None:
             assert content.number in headings, content.number
 
 
-def test_what_the_thesis_draws_from_data_is_drawn_here_under_its_number_and_nothing_else_is_called_so(
+def test_what_the_thesis_draws_from_data_is_drawn_here_under_its_number_and_nothing_else_is(
     whole: Whole,
 ) -> None:
     numbers = [picture.number for picture in whole.done.models.pictures]
-    assert numbers == ["Table A2.7", *chapter4.FIGURES, *chapter5.FIGURES]
-    assert {content.number for content in contents().values() if content.ours == "drawn"} <= set(numbers)
+    drawn = [content.number for content in contents().values() if content.ours == "drawn"]
+    assert numbers == ["Table A2.7", *drawn]
     for picture in whole.done.models.pictures:
         kind, place = picture.number.split()
         assert picture.file.name == f"{kind.lower()}_{place.replace('.', '_')}.png"
@@ -381,17 +358,17 @@ def test_over_lambda_both_rings_fall_on_nearly_one_curve(whole: Whole) -> None:
 
 def test_area_ratios_end_at_the_share_of_the_tooth_and_at_one(whole: Whole) -> None:
     (axes,) = whole.panels("Figure 4.4")
-    for ratio in area_ratios.AREA_RATIOS:
+    for ratio in AREA_RATIOS:
         lambdas, ratios = line(axes, f"A = {ratio:g}: columns")
         assert ratios == pytest.approx((1 + lambdas) / (1 + ratio + lambdas))
     own = get_design("single")
-    wide = area_ratios.with_area_ratio(own, 20.0)
+    wide = with_area_ratio(own, 20.0)
     assert springs.ratio_of_modulus(wide, 1e-3, 3e-3) == pytest.approx(1 / 21, rel=1e-5)
     assert axes.get_xscale() == "log"
 
 
 def test_orders_have_the_thesis_left_ours_right_and_show_who_changes_places(whole: Whole) -> None:
-    for design, (number, source) in orders.BY_RATIO.items():
+    for design, (number, source) in BY_RATIO.items():
         (axes,) = whole.panels(number)
         samples = [re.search(r"sample (\d)", text).group(1) for text in texts(axes) if "sample" in text]  # type: ignore[union-attr]
         assert tuple(samples[:6]) == get_design(design).thesis_softness_order
@@ -471,47 +448,3 @@ def _theories(whole: Whole) -> dict[str, list[str]]:
         ]
         for figure in WITH_THEORIES
     }
-
-
-def test_the_set_up_is_that_of_the_bench(whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (axes,) = whole.panels("Figure 5.1a")
-    for words in (
-        "unit 7",
-        "unit 8",
-        "unit 11",
-        "unit 12",
-        "node 3, 4",
-        "Modbus RTU line, 57.6 kBd",
-        "CANopen, 1 Mbit/s",
-    ):
-        assert words in texts(axes)
-    assert "sample changer" not in texts(axes)
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
-    changer = {"kind": "sample_changer", "link": "rack", "unit": 1}
-    positioner = {"kind": "positioner", "link": "line", "unit": 9}
-    devices = {**BENCH.device, "sample_changer": changer, "positioner": positioner}
-    other = BENCH.model_copy(update={"device": devices})
-    setup.draw(Measured(other, {}, {}, {}, {}), tmp_path)
-    assert {"sample changer", "unit 9", "mounts"} <= set(texts(drawn[0].axes[0]))
-
-
-def test_sensors_are_drawn_with_the_numbers_of_their_designs(whole: Whole) -> None:
-    for number, lengths in (("4.1a", {"10"}), ("4.9", {"24", "12"}), ("4.11a", {"24", "12"})):
-        plan, section = whole.panels(f"Figure {number}")
-        assert {text for text in texts(plan) if text} == lengths
-        assert {text for text in texts(section) if text} == {"⌀ 2.8", "⌀ 10, inside 3", "3.88", "2 × 0.55"}
-
-
-def test_an_element_has_a_dot_for_each_shape_function_of_the_models(whole: Whole) -> None:
-    flat, brick = whole.panels("Figure 4.5")
-    plane = ElementQuadP(elements.DEGREE)
-    along = elements.DEGREE + 1
-    for axes, functions in ((flat, along**2), (brick, len(plane.doflocs) * along)):
-        dots = [each for each in axes.get_lines() if str(each.get_label()).startswith("of ")]
-        assert sum(len(np.asarray(each.get_xdata())) for each in dots) == functions
-
-
-def test_under_load_the_tooth_stands_above_the_ring(whole: Whole) -> None:
-    height = re.search(r"tooth stands (\d+) µm above", whole.caption("Figure 4.18"))
-    assert height and 100 < float(height.group(1)) < 600

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated
 
+import numpy as np
+
 from palpate.drivers.roles import LoadIndicator
+from palpate.instrument.calibration.classification import ISO_376, lacking_for_iso_376, quantities, short_of_iso_376
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_curve import load_cell_curve
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
-from palpate.instrument.errors import RangeError, UsageError, quoted
+from palpate.instrument.errors import EstimateError, RangeError, UnknownName, UsageError, quoted
 from palpate.instrument.quantity import LARGEST_TOLERANCE, check_tolerance, counted
-from palpate.procedures.engine.plan import Plan, Predicted
+from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, Procedure, Report
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
@@ -24,7 +28,7 @@ from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.lab.probable import probable_load_cell
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
-from palpate.procedures.measurements.load_cell.learned import late, learned, stopped
+from palpate.procedures.measurements.load_cell.repeats import CellRepeats, weighing_seconds
 from palpate.procedures.measurements.load_cell.result import (
     CREEP,
     CREEP_TIMES,
@@ -35,16 +39,11 @@ from palpate.procedures.measurements.load_cell.result import (
     ZERO_BEFORE,
     LoadCellPoint,
     LoadCellResult,
-    points_of_run,
     runs_of,
 )
-from palpate.procedures.measurements.load_cell.series import Wanted, most_runs, series_for, weighing_seconds
-from palpate.procedures.measurements.load_cell.series import predicted as promised
-from palpate.procedures.measurements.load_cell.wanted_class import ClassSeries, class_series, why_not
 from palpate.procedures.measurements.load_cell.work import RECOVERY, Weighing, WeightStep
 from palpate.procedures.measurements.settings import ValidDays
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_bench_time
 
 LOADS = tuple(1e-3 * m * STANDARD_GRAVITY for m in range(140, 741, 100))  # N, Table 5.1
 LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
@@ -61,7 +60,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     manual_work = "places the weights"
     constants = MappingProxyType({"repeats": REPEATS})
     newer_settings = frozenset(
-        {"runs", "positions", "degree", "creep", "valid_days", "iso_class", "tolerance", "time", "loads_u"}
+        {"runs", "positions", "degree", "creep", "valid_days", "iso_class", "tolerance", "loads_u"}
     )
 
     loads: Annotated[tuple[float, ...], Setting("N", "Increasing weights.")] = LOADS
@@ -77,9 +76,6 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         float | None,
         Setting(help="Relative standard uncertainty of the sensitivity: weights and runs are chosen for it."),
     ] = None
-    time: Annotated[
-        float | None, Setting("s", "Bench time that is not exceeded: weights and runs are chosen for it.")
-    ] = None
     loads_u: Annotated[
         float, Setting(help="Relative standard uncertainty of all loads together: weights and local gravity.")
     ] = 0.0
@@ -90,9 +86,9 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         Raises:
             RangeError: a load is not positive or exceeds the force limit; loads do not increase, or are too few for
                 the curve; there is no run; positions repeat or are outside 0 to 360 degrees; the validity is outside
-                the limits of ISO 376; the class or the tolerance cannot be reached with these weights; the time is too
-                short for one run; the loads' uncertainty is no share from 0 to below 0.5.
-            UsageError: a class is given beside a tolerance or a time.
+                the limits of ISO 376; these loads, runs and positions are too few for a class; the tolerance cannot be
+                reached with these weights; the loads' uncertainty is no share from 0 to below 0.5.
+            UsageError: a class is given beside a tolerance.
             UnknownName: there is no such class.
         """
         loads = self.loads
@@ -126,79 +122,55 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 f"--loads-u {100 * self.loads_u:g} % is outside 0 to {100 * LARGEST_TOLERANCE:g} %; give the relative "
                 "standard uncertainty of the loads, such as '0.02 %'"
             )
-        if self.iso_class is not None and self._is_planned:
-            other = "--time" if self.tolerance is None else "--tolerance"
-            raise UsageError(f"{other} and --class: the series is planned for one of them; give one")
-        check_bench_time(self.time, "5 min")
+        if self.iso_class is not None:
+            self._check_class(self.iso_class)
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
-        if self._is_planned:
-            series_for(self._wanted(target))
-        if self.iso_class is not None:
-            self._class_series(self.iso_class, target)
+            self._repeats(self.tolerance, target).plan()
 
-    @property
-    def _is_planned(self) -> bool:
-        """Whether weights and runs are planned for a tolerance or a time."""
-        return self.tolerance is not None or self.time is not None
+    def _check_class(self, name: str) -> None:
+        """Refuse what cannot have a class, whatever is read."""
+        if name not in ISO_376:
+            raise UnknownName("class of ISO 376", name, list(ISO_376))
+        if self.tolerance is not None:
+            raise UsageError("--tolerance and --class: a tolerance chooses weights and runs itself; give one")
+        told = {"repeatability": self.runs > 1, "reproducibility": len(self.positions) > 1}
+        if lacking := lacking_for_iso_376(np.asarray(self.loads), [each for each, known in told.items() if not known]):
+            raise RangeError(
+                f"--class {name}: {'; '.join(lacking)}; give for example --loads '300 gf:1000 gf:100 gf' --runs 2 "
+                "--positions 0,120,240"
+            )
 
-    def _wanted(self, target: Target) -> Wanted:
-        places = len(self.positions)
-        asked = tuple(self.loads), self.runs, places, self.degree, _cell(target)
-        return Wanted(self.tolerance, *asked, self.time, self.loads_u)
-
-    def _class_series(self, name: str, target: Target) -> ClassSeries:
-        return class_series(name, tuple(self.loads), self.runs, tuple(self.positions), _cell(target))
+    def _repeats(self, tolerance: float, target: Target) -> CellRepeats:
+        asked = tuple(self.loads), self.runs, len(self.positions), self.degree
+        return CellRepeats(tolerance, *asked, _cell(target), self.loads_u)
 
     def plan(self, target: Target) -> Plan[WeightStep]:
-        """All points: every weight of every run, then the creep test; where runs are planned, of the most runs."""
-        cell, readings = _cell(target), 2 * REPEATS * self.runs * len(self.positions)
-        if self._is_planned:
-            wanted = self._wanted(target)
-            series = series_for(wanted)
-            runs = dict.fromkeys(self.positions, most_runs(series))
-            return Plan(self.name, list(self._steps(series.loads, runs)), promised(wanted, series))
-        if self.iso_class is not None:
-            planned = self._class_series(self.iso_class, target)
-            steps = list(self._steps(planned.loads, {place: planned.runs_in(place) for place in planned.positions}))
-            readings = 2 * REPEATS * sum(map(planned.runs_in, planned.positions))
-            likely = predicted(steps, expected_sensitivity(planned.loads, readings, self.degree, cell, self.loads_u))
-            lines = planned.lines(self.iso_class)
-            expected = {"class": self.iso_class, "expected": dict(planned.expected), "binds": planned.binds}
-            return Plan(self.name, steps, Predicted(likely.seconds, likely.u, {**likely.told, **expected}, lines))
-        steps = list(self._steps(self.loads, dict.fromkeys(self.positions, self.runs)))
-        found = expected_sensitivity(self.loads, readings, self.degree, cell, self.loads_u)
+        """All points: every weight of every run, then the creep test; with a tolerance, of the most runs."""
+        if self.tolerance is not None:
+            repeats = self._repeats(self.tolerance, target)
+            planned = repeats.plan()
+            return Plan(self.name, list(self._steps(planned.loads, planned.most())), repeats.predicted())
+        steps = list(self._steps(self.loads, self.runs))
+        readings = 2 * REPEATS * self.runs * len(self.positions)
+        found = expected_sensitivity(self.loads, readings, self.degree, _cell(target), self.loads_u)
         return Plan(self.name, steps, predicted(steps, found))
 
     def skips(self, step: WeightStep, points: Sequence[LoadCellPoint], lab: Lab) -> bool:
-        """Whether the tolerance needs no run of the step's number, or the time has no place for it."""
-        if not self._is_planned or step.creep_s or step.run <= self.runs:
+        """Whether the tolerance needs no run of the step's number."""
+        if self.tolerance is None or step.creep_s or step.run <= self.runs:
             return False
-        wanted = self._wanted(lab.target)
-        loads = series_for(wanted).loads
-        runs = list(runs_of(points, len(loads)))
-        part = (self.positions.index(step.position_deg) + 1) / len(self.positions)
-        if late(wanted, points[: len(runs) * points_of_run(len(loads))], len(loads), part):
-            return True
-        return (
-            self.tolerance is not None
-            and step.run > learned(wanted, loads, runs, lab.bench.role(LoadIndicator).resolution_mV).runs
-        )
+        repeats = self._repeats(self.tolerance, lab.target)
+        loads = repeats.plan().loads
+        step_mV = lab.bench.role(LoadIndicator).resolution_mV
+        return step.run > repeats.learned(loads, list(runs_of(points, len(loads))), step_mV).runs
 
-    def enough(self, points: Sequence[LoadCellPoint], lab: Lab) -> str:
-        """Why no further run can give the class."""
-        if self.iso_class is None:
-            return ""
-        loads = self._class_series(self.iso_class, lab.target).loads
-        runs = list(runs_of(points, len(loads)))
-        return why_not(self.iso_class, loads, runs, lab.bench.role(LoadIndicator).resolution_mV) if runs else ""
-
-    def _steps(self, loads: Sequence[float], runs: Mapping[float, int]) -> Iterator[WeightStep]:
-        """Steps of the runs with some loads [N], as many in each position as `runs` says, and of the creep test."""
-        several = len(runs) > 1
-        for position, count in runs.items():
+    def _steps(self, loads: Sequence[float], runs: int) -> Iterator[WeightStep]:
+        """Steps of so many runs in each position with some loads [N], and of the creep test."""
+        several = len(self.positions) > 1
+        for position in self.positions:
             group = f"turn the load cell to {position:g} degrees" if several else "take all weights off"
-            for number in range(1, count + 1):
+            for number in range(1, runs + 1):
                 weights = [(ZERO_BEFORE, 0.0), *((LOADING, load) for load in loads)]
                 weights += [*((UNLOADING, load) for load in reversed(loads)), (ZERO_AFTER, 0.0)]
                 for direction, load in weights:
@@ -207,40 +179,43 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                     seconds = turning + weighing_seconds()
                     yield WeightStep(None, seconds, None, position, number, direction, load, what=what, group=group)
         for before, time in pairwise((-RECOVERY, *CREEP_TIMES)) if self.creep else ():
-            direction, last = f"{CREEP}_{time:.0f}_s", (position, count)
+            direction, last = f"{CREEP}_{time:.0f}_s", (position, runs)
             yield WeightStep(None, time - before, None, *last, direction, loads[-1], time, what=direction, group=group)
 
     def begin(self, lab: Lab, record: Recorder) -> Weighing:
-        turns = len(self.positions) > 1 or self.iso_class is not None
-        return Weighing(lab.bench, turns, self.creep, self.time is not None)
+        return Weighing(lab.bench, len(self.positions) > 1, self.creep)
 
     def evaluate(self, points: Sequence[LoadCellPoint], lab: Lab) -> LoadCellResult:
-        indicator, loads = lab.bench.role(LoadIndicator), self._loads(lab.target)
-        runs, why = list(runs_of(points, len(loads))), ""
-        if self._is_planned:
-            wanted = self._wanted(lab.target)
-            by_time = late(wanted, points[: len(runs) * points_of_run(len(loads))], len(loads), 1.0)
-            why = stopped(wanted, learned(wanted, loads, runs, indicator.resolution_mV), by_time=by_time)
-        elif self.iso_class is not None:
-            why = self.enough(points, lab) or "all runs are made"
+        indicator = lab.bench.role(LoadIndicator)
+        step = indicator.resolution_mV
+        repeats = None if self.tolerance is None else self._repeats(self.tolerance, lab.target)
+        loads = tuple(self.loads) if repeats is None else repeats.plan().loads
+        runs = list(runs_of(points, len(loads)))
+        stopped = "" if repeats is None else repeats.stopped(repeats.learned(loads, runs, step))
         crept = points[-1].direction.startswith(CREEP)
+        creep = points[-1].reading_mV - points[-2].reading_mV if crept else None
+        missed = ""
+        if self.iso_class is not None:
+            load = np.asarray(loads)
+            curve = load_cell_curve(load, runs, step, self.degree, self.loads_u).curve
+            missed = "; ".join(short_of_iso_376(load, quantities(load, runs, curve, step, creep), self.iso_class))
         calibration = calibrate_load_cell(
             loads,
             runs,
-            indicator.resolution_mV,
+            step,
             degree=self.degree,
-            creep_mV=points[-1].reading_mV - points[-2].reading_mV if crept else None,
+            creep_mV=creep,
             loads_u=self.loads_u,
             gage_factor=indicator.gage_factor,
             **lab.origin(LoadIndicator, self.valid_days),
         )
-        return LoadCellResult(calibration, points, why)
+        return LoadCellResult(calibration, points, stopped, missed)
 
-    def _loads(self, target: Target) -> Sequence[float]:
-        """The loads of each run [N]."""
-        if self._is_planned:
-            return series_for(self._wanted(target)).loads
-        return self.loads if self.iso_class is None else self._class_series(self.iso_class, target).loads
+    def check_result(self, result: LoadCellResult) -> None:
+        """Refuse a calibration that does not have the class. Raises EstimateError."""
+        if result.missed:
+            found = result.calibration.iso_376.name
+            raise EstimateError(f"class {self.iso_class} is not reached (found: {found}): {result.missed}")
 
     def save_calibration(self, done: Finished[LoadCellResult]) -> Kept:
         from palpate.procedures.measurements.load_cell.certificate import write_certificate

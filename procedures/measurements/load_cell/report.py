@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.instrument.calibration.classification import ISO_376, Classification, iso_376_class_of
+from palpate.instrument.calibration.classification import Classification, iso_376_class_of
 from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
@@ -55,7 +55,7 @@ def print_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome
         f"resolution     {c.resolution_mV:g} mV = {show(c.resolution(), 'N')}",
         f"range          {c.least_N:.4g} to {c.greatest_N:.4g} N, until {c.expires}",
         f"ISO 376        {_held(c.iso_376)}",
-        *([] if wanted is None else [f"wanted         class {wanted}: {_reached(c.iso_376, wanted)}"]),
+        *([f"wanted         class {wanted}: {'NOT REACHED' if result.missed else 'reached'}"] if wanted else []),
         *([f"stopped        {result.stopped}{_predicted(outcome)}"] if result.stopped else []),
         f"ASTM E74       {_held(c.astm_e74)}; LLF {c.lower_limit_factor_N:.3g} N",
         f"calibration    {outcome['calibration_file']}",
@@ -71,12 +71,6 @@ def _predicted(outcome: Outcome) -> str:
 
 def _place(point: LoadCellPoint) -> tuple[float, int, float]:
     return point.position_deg, point.run, point.load_gf
-
-
-def _reached(found: Classification, wanted: str) -> str:
-    names = list(ISO_376)
-    better = found.name in names and names.index(found.name) <= names.index(wanted)
-    return "reached" if better else "NOT REACHED; the line above says what binds"
 
 
 def _held(found: Classification) -> str:

@@ -42,7 +42,6 @@ class LoadCellPoint:
         reading_mV: mean of the readings.
         readings_mV: the readings.
         incidents: number of incidents since the point before.
-        seconds: bench time since the point before, or since the beginning [s]; None: the series has no time to keep.
     """
 
     position_deg: float
@@ -53,7 +52,6 @@ class LoadCellPoint:
     reading_mV: float
     readings_mV: tuple[float, ...]
     incidents: int = 0
-    seconds: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +59,14 @@ class LoadCellResult:
     """The calibration and the points that it comes from.
 
     Attributes:
-        stopped: why the series ended, where a tolerance, a time or a class was asked for; empty: it was fixed.
+        stopped: why the series ended, where a tolerance was asked for; empty: it was fixed.
+        missed: why the class that was asked for is not reached; empty: it is, or none was asked for.
     """
 
     calibration: LoadCellCalibration
     points: Sequence[LoadCellPoint]
     stopped: str = ""
+    missed: str = ""
 
     def summary(self) -> dict[str, Any]:
         """The results for JSON. Values without a unit are fractions; linearity and reversibility of the span."""
@@ -93,14 +93,9 @@ class LoadCellResult:
         return tuple(load_budget(c, load) for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N))
 
 
-def points_of_run(loads: int) -> int:
-    """Number of points of a run with some loads: up and down, and the zeros before and after."""
-    return 2 * loads + 2
-
-
 def runs_of(points: Sequence[LoadCellPoint], loads: int) -> Iterator[Run]:
     """The runs up and down with this number of loads each, with their zeros before and after."""
-    length = points_of_run(loads)
+    length = 2 * loads + 2
     for start in range(0, len(points) - length + 1, length):
         before, *weighed, after = points[start : start + length]
         mean = [point.reading_mV for point in weighed]

@@ -24,7 +24,6 @@ from palpate.procedures.measurements.load_cell.result import (
     LoadCellPoint,
 )
 from palpate.procedures.steps.indicator import steady
-from palpate.procedures.steps.laps import Laps
 from palpate.procedures.steps.policy import carry_out
 
 RECOVERY = 300.0  # s without load before the creep test, so that the creep of the runs is gone
@@ -58,11 +57,9 @@ class Weighing:
         bench: the open bench.
         turns: whether the cell is turned to several positions.
         creeps: whether the creep is watched at the end.
-        timed: whether points tell the bench time since the point before.
     """
 
-    def __init__(self, bench: Bench, turns: bool, creeps: bool, timed: bool) -> None:
-        self._laps = Laps(bench.clock, timed)
+    def __init__(self, bench: Bench, turns: bool, creeps: bool) -> None:
         self._bench, self._turns, self._creeps = bench, turns, creeps
         indicator = bench.role(LoadIndicator)
         bench.rest()
@@ -119,7 +116,6 @@ class Weighing:
             reading_mV=sum(values) / len(values),
             readings_mV=tuple(values),
             incidents=self._bench.incidents.new(),
-            seconds=self._laps.seconds(),
         )
 
     def _drift(self, before: float, after: float, span: float) -> DeviceError | None:

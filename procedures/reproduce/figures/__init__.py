@@ -1,1 +1,1 @@
-"""The thesis' figures under their own numbers: its values as marks, ours as curves, its schematics from our parts."""
+"""The thesis' figures under their own numbers: its values as marks, ours as curves."""

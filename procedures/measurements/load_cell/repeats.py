@@ -1,0 +1,291 @@
+"""A tolerance of a load cell's sensitivity: with which of the weights, and how often, they are put on and taken off.
+
+A run takes each of its loads up and down. More runs lower what noise leaves; what the display's steps leave depends on
+the loads alone, since a load is rounded alike in every run. So each number of loads is planned by itself, and the
+quickest plan is taken. The first run tells how much the display scatters, and that fixes how many runs there are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
+from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.stopping import FIRST
+from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.displayed import rounding_u
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_curve import (
+    CURVE,
+    POSITIONS,
+    REPEATABILITY,
+    WEIGHTS,
+    load_cell_curve,
+    slope_u,
+)
+from palpate.instrument.errors import RangeError
+from palpate.instrument.quantity import counted, show
+from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
+from palpate.instrument.uncertainty.rounding import mean_u
+from palpate.procedures.engine.plan import Predicted
+from palpate.procedures.engine.promise import RESULTS
+from palpate.procedures.lab.mounts import MOUNTING
+from palpate.procedures.measurements.load_cell.expected import SENSITIVITY, told
+from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SETTLING
+from palpate.procedures.measurements.prospects import display_scatter
+from palpate.procedures.showing.plan import duration
+
+Floats = npt.NDArray[np.float64]
+
+READINGS, RESOLUTION, DEVIATION = "scatter of readings", "resolution", "deviation from the curve"
+FEWEST_LOADS = 5  # of a curve of degree 1: three degrees of freedom tell whether readings are off it
+MOST_RUNS = 1000  # in all positions together
+MOST = 5, 4  # times the planned runs, and runs besides: a series that needs more ends without its tolerance
+ALIKE = 1.05  # rounding that is greater than the independent one by this is told to be shared
+EXACT = "weights and gravity count as exact: see --loads-u"
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRuns:
+    """The loads of each run [N], the number of runs in each position, and the plan of which they are part.
+
+    `allocation.sets` are the runs in all positions together, and `allocation.seconds` is all their time.
+    """
+
+    loads: tuple[float, ...]
+    runs: int
+    allocation: Allocation
+
+    def most(self) -> int:
+        """The most runs in each position."""
+        return MOST[0] * self.runs + MOST[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """What the runs so far tell.
+
+    Attributes:
+        u: relative standard uncertainty of the sensitivity that they give.
+        runs: number of runs in each position that reach the tolerance, at least those that are done.
+        why_not: why no further run reaches it; empty: the runs do.
+    """
+
+    u: float
+    runs: int
+    why_not: str
+
+
+@dataclass(frozen=True)
+class CellRepeats:
+    """The runs that give the sensitivity of a load cell a tolerance.
+
+    Attributes:
+        tolerance: relative standard uncertainty of the sensitivity.
+        weights: loads at hand, increasing [N].
+        runs: least number of runs in each position.
+        positions: number of positions of the cell.
+        degree: degree of the curve; None: 1 is expected, and the readings decide.
+        cell: what is known of the cell and its display before.
+        loads_u: relative standard uncertainty of all loads together, as by gravity.
+    """
+
+    tolerance: float
+    weights: tuple[float, ...]
+    runs: int
+    positions: int
+    degree: int | None
+    cell: LoadCellCalibration
+    loads_u: float = 0.0
+
+    def plan(self) -> PlannedRuns:
+        """The quickest runs.
+
+        Raises:
+            RangeError: no number of runs reaches the tolerance, or it takes too many; the message says what binds, the
+                best there is, and what would do.
+        """
+        return _quickest(self)
+
+    def lines_before(self, loads: Sequence[float], runs: int) -> list[Line]:
+        """Lines of the sensitivity by so many runs with some loads [N], by what is known of the cell before."""
+        cell = self.cell
+        reading = cell.sensitivity_mV_per_N * np.asarray(loads, dtype=np.float64)
+        known = display_scatter(cell), cell.resolution_mV
+        return lines_of(loads, reading, self.degree or 1, *known, runs, self.loads_u)
+
+    def learned(self, loads: Sequence[float], runs: Sequence[Run], step: float) -> Learned:
+        """What complete runs with some loads [N] tell; `step`: step of the indicator's display [mV]."""
+        load, done = np.asarray(loads, dtype=np.float64), math.ceil(len(runs) / self.positions)
+        fitted = load_cell_curve(load, runs, step, self.degree, self.loads_u)
+        found, curve = fitted.sensitivity, fitted.curve
+        u = found.u / found.value
+        degree, scatter = curve.coefficients.size - 1, fitted.scatter_mV or step / math.sqrt(12)
+        parts = {part.name: part for part in found.components}
+        fixed = [Line(POSITIONS, parts[POSITIONS].u / found.value, Unit.NOTHING)] if parts[POSITIONS].u else []
+
+        def lines_by(number: int, loads_u: float = self.loads_u) -> list[Line]:
+            return lines_of(loads, curve.reading(load), degree, scatter, step, number, loads_u)
+
+        if curve.by_scatter:
+            of_noise = budget(lines_by(len(runs), 0.0), 1, len(runs), 1)
+            off = math.sqrt(max((parts[CURVE].u / found.value) ** 2 - of_noise.u**2, 0.0))
+            fixed.append(Line(DEVIATION, off, Unit.NOTHING))
+        least = done
+        if differing := parts.get(REPEATABILITY):
+            fixed.append(Line("runs", differing.u / found.value * math.sqrt(len(runs)), Unit.SET))
+            least = max(done, FIRST)  # the scatter of the runs themselves decides: few of them tell little of it
+        if u <= self.tolerance and len(runs) >= least * self.positions:
+            return Learned(u, done, "")
+        try:
+            plan = self.by_lines(tuple(loads), lambda number: lines_by(number) + fixed)
+        except BelowFloor as error:
+            return Learned(u, done, f"{error.line} leaves {told(error.floor)}, which no further run lowers")
+        except RangeError:  # by the scatter that was found no time is enough
+            return Learned(u, done, "by the scatter that was found no number of runs is enough")
+        return Learned(u, max(plan.runs, least), "")
+
+    def stopped(self, found: Learned) -> str:
+        """Why the series ended, for people."""
+        why = found.why_not
+        if not why and found.u > self.tolerance:
+            why = "the most runs that were planned are done"
+        return f"{told(found.u)} reached, {told(self.tolerance)} was asked for{f'; {why}' if why else ''}"
+
+    def by_lines(self, loads: tuple[float, ...], lines_by: Callable[[int], list[Line]]) -> PlannedRuns:
+        """The plan with some loads; `lines_by`: lines of the sensitivity by a number of runs in all positions.
+
+        Raises BelowFloor, or RangeError: no number of runs is enough.
+        """
+        places, dwell = self.positions, weighing_seconds()
+        # The runs are the sets; turning the cell is paid once.
+        costs = Costs(MOUNTING * places if places > 1 else 0.0, 0.0, run_seconds(len(loads)) - dwell)
+        fewest = self.runs * places
+        runs = math.ceil(allocate(lines_by(fewest), costs, self.tolerance, dwell, fewest).sets / places)
+        reached = budget(lines_by(runs * places), 1, runs * places, 1.0)
+        shares = {row["name"]: row["share"] for row in reached.rows()}
+        binds = max(shares, key=lambda name: shares[name])
+        seconds = costs.seconds(1, runs * places, dwell)
+        return PlannedRuns(loads, runs, Allocation(1, runs * places, dwell, seconds, reached.u, shares, binds))
+
+    def predicted(self) -> Predicted:
+        """What the series is predicted to take and to give; a plan for people."""
+        planned = self.plan()
+        plan, count = planned.allocation, len(planned.loads)
+        each = "" if self.positions == 1 else f" in each of {counted(self.positions, 'position')}"
+        lines = [
+            f"wanted         {told(self.tolerance)} of the sensitivity",
+            f"plan           {counted(planned.runs, 'run')} up and down{each} with {counted(count, 'weight')}:"
+            f" {duration(plan.seconds)}",
+            f"weights        {', '.join(f'{load:.4g}' for load in planned.loads)} N",
+            f"expected       {told(plan.u)}; {f'loads count with {told(self.loads_u)}' if self.loads_u else EXACT}",
+            f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
+        ]
+        of_series = {"loads_N": list(planned.loads), "runs": planned.runs, "positions": self.positions,
+                   "seconds": plan.seconds, "u": plan.u, "binds": plan.binds, "shares": plan.shares}  # fmt: skip
+        results = [{"name": SENSITIVITY, "u": plan.u, "unit": "relative"}]
+        said = {"tolerance": self.tolerance, "planned": of_series, RESULTS: results}
+        return Predicted(plan.seconds, plan.u, said, lines)
+
+
+def run_seconds(loads: int) -> float:
+    """Bench time of one run up and down with some loads, and of its zeros before and after [s]."""
+    return (2 * loads + 2) * weighing_seconds()
+
+
+def weighing_seconds() -> float:
+    """Time in which a weight is placed, settles and is read [s]."""
+    return PLACING + SETTLING + (REPEATS - 1) * INTERVAL
+
+
+def lines_of(
+    loads: Sequence[float], reading: Floats, degree: int, scatter: float, step: float, runs: int, loads_u: float
+) -> list[Line]:
+    """Lines of the sensitivity by runs with some loads.
+
+    Args:
+        loads: the loads [N].
+        reading: readings on the curve at these loads (n,) [mV].
+        degree: degree of the curve.
+        scatter: standard deviation of single displayed values [mV].
+        step: step of the display [mV].
+        runs: number of runs in all positions, which tell how well the slope is known, and so what loads share of the
+            rounding.
+        loads_u: relative standard uncertainty of all loads together.
+    """
+    load = np.asarray(loads, dtype=np.float64)
+    weights, powers = polynomials(load, degree)
+    sensitivity = float(interpolate(load, reading, 0.0, degree).coefficients[1])
+    rounded = powers[1] * rounding_u(load, reading, weights, scatter, step, 2 * REPEATS * runs)
+    lines = [
+        Line(READINGS, slope_u(load, degree) / sensitivity * scatter / math.sqrt(2 * REPEATS), Unit.SET),
+        Line(RESOLUTION, float(np.linalg.norm(rounded)) / sensitivity, Unit.NOTHING),
+    ]
+    return lines + ([Line(WEIGHTS, loads_u, Unit.NOTHING)] if loads_u else [])
+
+
+def spread(weights: Sequence[float], count: int) -> tuple[float, ...]:
+    """So many of the weights, evenly spread, with the least and the greatest."""
+    numbers = np.round(np.linspace(0, len(weights) - 1, count)).astype(int)
+    return tuple(weights[number] for number in numbers)
+
+
+@lru_cache(maxsize=64)
+def _quickest(asked: CellRepeats) -> PlannedRuns:
+    least = min(len(asked.weights), max(FEWEST_LOADS, (asked.degree or 1) + 2))
+    found: list[PlannedRuns] = []
+    refused: list[tuple[BelowFloor, tuple[float, ...]]] = []
+    for count in range(least, len(asked.weights) + 1):
+        loads = spread(asked.weights, count)
+        try:
+            found.append(asked.by_lines(loads, partial(asked.lines_before, loads)))
+        except BelowFloor as error:
+            refused.append((error, loads))
+    if not found:
+        raise _below_floor(asked, *min(refused, key=lambda each: each[0].floor))
+    best = min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
+    if best.allocation.sets > MOST_RUNS:
+        raise RangeError(
+            f"--tolerance {told(asked.tolerance)} takes {counted(best.allocation.sets, 'run')} up and down, "
+            f"{duration(best.allocation.seconds)}, above the limit of {MOST_RUNS} runs; give a greater --tolerance"
+        )
+    return best
+
+
+def _below_floor(asked: CellRepeats, error: BelowFloor, loads: Sequence[float]) -> RangeError:
+    """The refusal of a tolerance below what weights and display leave, by the loads that leave the least [N]."""
+    tolerance, loads_u, cell = asked.tolerance, asked.loads_u, asked.cell
+    best = f"best now  {told(1.01 * error.floor)}"
+    if tolerance <= loads_u:
+        lines = [
+            f"--tolerance {told(tolerance)} cannot be reached: --loads-u says {told(loads_u)}, which no run lowers",
+            best,
+            "or        weights of a better class, or the local gravity, and a smaller --loads-u",
+        ]
+        return RangeError("\n  ".join(lines))
+    rounded = mean_u(display_scatter(cell), cell.resolution_mV, math.inf)
+    slope = slope_u(np.asarray(loads, dtype=np.float64), asked.degree or 1)
+    apart = rounded * slope / cell.sensitivity_mV_per_N
+    left, wanted = (math.sqrt(u**2 - loads_u**2) for u in (error.floor, tolerance))  # by the display alone
+    heavier = (loads[-1] - loads[0]) * left / wanted + loads[0]
+    lines = [
+        f"--tolerance {told(tolerance)} cannot be reached: resolution leaves {told(left)}"
+        f"{f', and --loads-u {told(loads_u)}' if loads_u else ''}: the display of "
+        f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
+        best,
+        f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",
+        "or        an indicator with finer steps",
+    ]
+    if error.floor > ALIKE * math.hypot(apart, loads_u):
+        lines.append(
+            f"or        {told(math.hypot(apart, loads_u))} by weights that are rounded independently: these are nearly"
+            " whole steps of the display apart, and rounded alike"
+        )
+    lines.append(f"note      by {cell.source}; a calibration without --tolerance tells the steps of this indicator")
+    return RangeError("\n  ".join(lines))
