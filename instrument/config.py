@@ -11,7 +11,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from palpate.instrument.errors import ConfigError, check_path
 from palpate.instrument.refusals import told
@@ -53,12 +53,6 @@ class Hashed(Config):
     """
 
     accepted: IsoDate | None = None
-    _verified: bool = PrivateAttr(default=True)
-
-    @property
-    def verified(self) -> bool:
-        """Whether the content is known to be as it was written. A file without a hash is not verified."""
-        return self._verified
 
     def sha256(self) -> str:
         """SHA-256 of the content, hexadecimal. Keys that are left out do not count."""
@@ -66,13 +60,11 @@ class Hashed(Config):
 
     def about(self) -> dict[str, Any]:
         """What the record of a run says about this file."""
-        return {"sha256": self.sha256(), "verified": self.verified, "accepted": self.accepted}
+        return {"sha256": self.sha256(), "accepted": self.accepted}
 
     def marks(self) -> str:
         """Remark to be shown behind the file's name; "" where the file is as it was written."""
-        edited = f"edited by hand, accepted on {self.accepted}" if self.accepted else ""
-        marks = ", ".join(mark for mark in ("" if self.verified else "unverified", edited) if mark)
-        return f" ({marks})" if marks else ""
+        return f" (edited by hand, accepted on {self.accepted})" if self.accepted else ""
 
 
 def _sha256(content: Mapping[str, Any]) -> str:
@@ -95,7 +87,7 @@ def read(path: Path, model: type[M]) -> M:
 
 
 def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
-    """Read a file that palpate wrote. A file without a hash is read, but is not `verified`.
+    """Read a file that palpate wrote.
 
     Args:
         path: the file.
@@ -103,7 +95,8 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
         edited: whether the file may have been changed since it was written.
 
     Raises:
-        ConfigError: as in `read`, or the file was changed after it was written, or another version wrote it.
+        ConfigError: as in `read`, or the file was changed after it was written, its hash is gone, or another version
+            wrote it.
     """
     data = read_data(path)
     told = data.pop("sha256", None)
@@ -116,11 +109,10 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
             f"{path}: is as another version of palpate wrote it, with other keys; remove it, and measure anew what it"
             f" holds\n{error}"
         ) from None
-    if told is None or edited:
-        found._verified = told == found.sha256()
-    elif told != found.sha256():
+    if not edited and told != found.sha256():
+        how = "is gone" if told is None else f"= {str(told)[:12]}… belongs to other values"
         raise ConfigError(
-            f"{path}: was changed after it was written: its sha256 = {str(told)[:12]}… belongs to other values; "
+            f"{path}: was changed after it was written: its sha256 {how}; "
             f"restore it from the folder of its run or, if the change is intended, accept it: {ACCEPT} {path}"
         )
     return found

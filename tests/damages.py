@@ -21,16 +21,14 @@ from palpate.instrument.calibration.files import read_calibration, write_calibra
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.config import Hashed
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
-from palpate.procedures.records import chain_writer
+from palpate.procedures.records import chain
 from palpate.procedures.records.chain import AROUND
-from palpate.procedures.records.check import check
+from palpate.procedures.records.damage import check, salvaging
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.resumed import Resumed
-from palpate.procedures.records.run import Run, reading_record
-from palpate.procedures.records.salvage import salvaging
+from palpate.procedures.records.run import Run, reading
 from palpate.procedures.study.store import Outcome, Store, stored
-from tests.runs import as_format3
 
 Files = dict[str, bytes]
 BAD = ("silent", "whole point not returned", "wrong point returned", "crashed")
@@ -158,21 +156,6 @@ def complete_run(folder: Path) -> Victim:
     return _run(folder, _read(folder), before)
 
 
-def old_run(folder: Path) -> Victim:
-    """A complete one of record format 3: nothing of it tells that its end is gone, but no wrong point comes of it."""
-    complete_run(folder)
-    as_format3(folder)
-    whole = _known(folder)
-
-    def judge(folder: Path, files: Files) -> list[str]:
-        with suppress(RecordError), salvaging(folder) as left:
-            if any(_wrong(whole, n, point.data, left.waveforms(n)) for n, point in left.points.items()):
-                return ["wrong point returned"]
-        return ["noticed" if check(folder).faults else "nothing noticed"]
-
-    return Victim(_read(folder), [], judge)
-
-
 def _known(folder: Path) -> dict[str, Any]:
     """All that reading a run gives."""
     run = Run.open(folder)
@@ -190,7 +173,7 @@ def _run(folder: Path, files: Files, before: list[Files]) -> Victim:
     for name, content in files.items():
         (folder / name).write_bytes(content)
     whole = _known(folder)
-    with reading_record(folder) as record:
+    with reading(folder) as record:
         rows: dict[int, list[bytes]] = {}
         for frame in record.frames:
             if frame.kind in (b"POIN", b"WAVE"):
@@ -244,8 +227,6 @@ def _calibration(folder: Path, whole: Hashed, read: Callable[[Path], Hashed]) ->
             found = read(folder / name)
         except ConfigError:
             return ["noticed"]
-        if not found.verified:
-            return ["called unverified"]
         return ["nothing changed" if found == whole else "silent"]
 
     return Victim(_read(folder), [], judge)
@@ -303,7 +284,6 @@ def bus_log(folder: Path) -> Victim:
 VICTIMS: dict[str, Callable[[Path], Victim]] = {
     "killed run": killed_run,
     "complete run": complete_run,
-    "run of format 3": old_run,
     "load-cell calibration": load_cell_file,
     "study": study,
     "bus log": bus_log,
@@ -311,7 +291,6 @@ VICTIMS: dict[str, Callable[[Path], Victim]] = {
 SHARES = {
     "killed run": 8,
     "complete run": 8,
-    "run of format 3": 1,
     "load-cell calibration": 4,
     "study": 4,
     "bus log": 2,
@@ -321,7 +300,7 @@ SHARES = {
 @contextmanager
 def damages(folder: Path) -> Iterator[Callable[[int], tuple[str, list[str]]]]:
     """What does a damage by its number: victim, and what came of it. The folder is best one in memory."""
-    with patch.object(chain_writer, "AHEAD", 20_000):  # zeros behind a run that was killed; a million take too long
+    with patch.object(chain, "AHEAD", 20_000):  # zeros behind a run that was killed; a million take too long
         victims = {name: make(folder / name.replace(" ", "-")) for name, make in VICTIMS.items()}
     drawn = [name for name in victims for _ in range(SHARES[name])]
     strangers = complete_run(folder / "stranger").files

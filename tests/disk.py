@@ -19,7 +19,7 @@ from typing import Any
 from unittest.mock import patch
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records.check import check
+from palpate.procedures.records.damage import check
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run, is_run
 

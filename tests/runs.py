@@ -1,19 +1,13 @@
-"""Runs on disk that are not as the recorder leaves them: rewritten on purpose, or of record format 3."""
+"""Runs on disk that are not as the recorder leaves them, but rewritten on purpose."""
 
 from __future__ import annotations
 
 import json
-import shutil
-import sqlite3
-from collections.abc import Callable, Mapping
-from contextlib import closing
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from palpate.procedures.records import format3
-from palpate.procedures.records.chain import NOTHING, Head
-from palpate.procedures.records.chain_writer import packed
-from palpate.procedures.records.encoding import row_crc32, waveform_crc32
+from palpate.procedures.records.chain import NOTHING, Head, packed
 from palpate.procedures.records.record_file import (
     HEAD_FILE,
     RECORD,
@@ -56,40 +50,3 @@ def rehash(
         parts, head = packed(start, frames, flags, stored.count(), len(events))
     (folder / RECORD).write_bytes(b"".join(parts))
     (folder / HEAD_FILE).write_bytes(head.packed() + head.again().packed())
-
-
-def as_format3(folder: Path, *, killed: bool = False) -> None:
-    """Turns a run into one of record format 3; `killed` leaves its points in the log of the database."""
-    path = folder / format3.DATABASE
-    with reading(folder) as stored, closing(sqlite3.connect(path)) as database:
-        database.executescript(format3.SCHEMA)
-        header: Mapping[str, Any] = {**stored.header, "status": stored.status, "summary": stored.summary}
-        rows = [(key, json.dumps(value, sort_keys=True, separators=(",", ":"))) for key, value in header.items()]
-        database.executemany("INSERT INTO run VALUES (?, ?, ?)", [(*row, row_crc32(*row)) for row in rows])
-        database.commit()
-        if killed:
-            database.execute("PRAGMA journal_mode = WAL")
-        for point in stored.points():
-            row = (point.id, point.bench_ns, point.text, len(point.waveforms))
-            database.execute("INSERT INTO point VALUES (?, ?, ?, ?, ?)", (*row, row_crc32(*row)))
-            for w in stored.waveforms(point.id):
-                crc32 = waveform_crc32(w.point_id, w.name, w.rate, w.samples)
-                database.execute(
-                    "INSERT INTO waveform (point_id, name, rate, samples, crc32) VALUES (?, ?, ?, ?, ?)",
-                    (w.point_id, w.name, w.rate, w.samples.tobytes(), crc32),
-                )
-            database.commit()
-        for event in stored.events():
-            values = (event["bench_ns"], event["kind"], event["message"])
-            database.execute(
-                "INSERT INTO event (bench_ns, kind, message, crc32) VALUES (?, ?, ?, ?)", (*values, row_crc32(*values))
-            )
-        database.commit()
-        if killed:
-            aside = folder.with_name(f"{folder.name}-copy")
-            shutil.copytree(folder, aside)
-    if killed:
-        shutil.rmtree(folder)
-        aside.rename(folder)
-    (folder / RECORD).unlink()
-    (folder / HEAD_FILE).unlink()

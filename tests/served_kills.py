@@ -27,7 +27,7 @@ from typing import Self
 
 from palpate.instrument.bench.can_ends import MULTICAST
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.records.check import check
+from palpate.procedures.records.damage import check
 from palpate.procedures.records.run import Run, is_run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import Place, SimulatedBench

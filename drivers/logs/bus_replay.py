@@ -33,7 +33,7 @@ from palpate.drivers.logs.bus_log import (
     packed,
     unpacked,
 )
-from palpate.drivers.logs.pcapng import Link, Packet, is_hashed, read_pcapng
+from palpate.drivers.logs.pcapng import Link, Packet, read_pcapng
 from palpate.drivers.logs.replay_wire import ReplayWire
 from palpate.instrument.bench.description import recorded_bench
 from palpate.instrument.bench.links import SerialLine, TcpLink
@@ -43,7 +43,6 @@ from palpate.instrument.contracts import shaker_amplifier
 from palpate.instrument.errors import ConfigError, LinkError, UsageError
 from palpate.instrument.own_process import Ends
 
-CHUNK = 4096  # bytes read at once
 TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its transaction number; the whole MBAP header
 AMPLIFIER = shaker_amplifier.CONTRACT
 ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # a write of token and counter
@@ -63,8 +62,6 @@ class BusReplay:
         path: the log.
         goes_on: True, as for a wall clock, so that nobody reads it to feed the watchdog.
         run: header of the recorded run.
-        verified: whether the log's hash shows that it is unchanged; False also for a log of an earlier version, which
-            has no hash.
         description: description of the recorded bench; inside the context with its present addresses.
     """
 
@@ -102,10 +99,7 @@ class BusReplay:
 
     def _read(self) -> list[Packet]:
         try:
-            path = logged(self.path)
-            with path.open("rb") as file:
-                self.verified = is_hashed(file.read(CHUNK))
-            return list(read_pcapng(path))
+            return list(read_pcapng(logged(self.path)))
         except OSError as error:
             raise UsageError(f"{self.path}: cannot be read: {error.strerror or error}; check the name") from error
         except (ValueError, struct.error) as error:

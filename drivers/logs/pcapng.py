@@ -1,7 +1,7 @@
 """Capture files with all traffic of a bench, in the format that Wireshark reads: pcapng (draft-ietf-opsawg-pcapng).
 
 Modbus TCP, a serial line and CAN each have their own interface, and so do palpate's notes, which are JSON. The last
-note is the SHA-256 of everything before it. A file without it was cut off, or comes from an earlier version.
+note is the SHA-256 of everything before it. A file without it was cut off.
 """
 
 from __future__ import annotations
@@ -143,17 +143,16 @@ def _block(kind: int, body: bytes) -> bytes:
     return struct.pack("<II", kind, size) + body + struct.pack("<I", size)
 
 
-def _beginning(options: bytes) -> bytes:
+def _beginning() -> bytes:
     """The section and interface blocks, which are the same in every file."""
-    section = _block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1) + options)
+    section = _block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1) + _options({APPLICATION: HASHED}))
     nanoseconds = _options({RESOLUTION: bytes([NANOSECONDS])})
     return section + b"".join(
         _block(INTERFACE, struct.pack("<HHI", kind, 0, 0) + nanoseconds) for kind in LINK_TYPES.values()
     )
 
 
-BEGINNING = _beginning(_options({APPLICATION: HASHED}))
-EARLIER = _beginning(b"")  # written by earlier versions, whose files have no hash
+BEGINNING = _beginning()
 
 
 def read_pcapng(path: Path) -> Iterator[Packet]:
@@ -165,9 +164,8 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
             one, by the hash.
     """
     data = path.read_bytes()
-    # Without this check a single wrong bit could make a cut-off file look like one of the version without a hash.
-    if not data.startswith((BEGINNING, EARLIER)):
-        if not any(_resembles(data, ours) for ours in (BEGINNING, EARLIER)):
+    if not data.startswith(BEGINNING):
+        if not _resembles(data):
             raise NotALog("no capture file of palpate, but another program's")
         raise ValueError("its first bytes are damaged or missing")
     at = 0
@@ -183,21 +181,14 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
                 return
             yield packet
         at += size
-    if is_hashed(data):
-        raise ValueError("it was cut off: its end is missing")
+    raise ValueError("it was cut off: its end is missing")
 
 
-def _resembles(data: bytes, ours: bytes) -> bool:
+def _resembles(data: bytes) -> bool:
     """Whether a file that does not begin as ours do began so once: it is cut off there, or has some wrong bytes."""
-    first = data[: len(ours)]
-    wrong = sum(here != there for here, there in zip(first, ours, strict=False))
+    first = data[: len(BEGINNING)]
+    wrong = sum(here != there for here, there in zip(first, BEGINNING, strict=False))
     return len(first) >= len(SECTION_TYPE) and wrong <= MOST_WRONG
-
-
-def is_hashed(data: bytes) -> bool:
-    """Whether a file with this beginning has a hash at its end; files of an earlier version have none."""
-    size = int.from_bytes(data[4:8], "little")
-    return HASHED in data[:size]
 
 
 def _packet(body: bytes) -> Packet:

@@ -17,7 +17,7 @@ PRIOR_FREEDOM = 7.0  # degrees of freedom of a design's `ratio_scatter`: the the
 
 
 class RatioPoint(Protocol):
-    """One point of a run, as the procedures record it. Records of earlier versions hold no degrees of freedom."""
+    """One point of a run, as the procedures record it. `degrees_of_freedom` of its noise; None: infinitely many."""
 
     @property
     def force_ratio(self) -> float: ...

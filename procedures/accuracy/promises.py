@@ -15,8 +15,7 @@ from typing import Any
 
 from palpate.instrument.errors import RecordError
 from palpate.procedures.engine.promise import ACHIEVED, RESULTS
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import list_runs
+from palpate.procedures.records.run import Run, list_runs
 
 
 @dataclass(frozen=True, slots=True)

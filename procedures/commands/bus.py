@@ -34,7 +34,7 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
     cut off; what precedes that is shown.
     """
     from palpate.procedures.logs.shown import Line, read_log
-    from palpate.procedures.records.holes import check_holes
+    from palpate.procedures.records.chain import check_holes
 
     output = Output(as_json, quiet)
     check_holes(log)
@@ -69,7 +69,7 @@ def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
     from palpate.procedures.engine.known import class_of
     from palpate.procedures.engine.replay import do_again
     from palpate.procedures.lab.logged import LoggedRun
-    from palpate.procedures.records.holes import check_holes
+    from palpate.procedures.records.chain import check_holes
 
     check_holes(log)
     logged, output = LoggedRun(log), Output(as_json, quiet)

@@ -191,8 +191,7 @@ def accept(file: Path, as_json: bool, quiet: bool) -> None:
     """Accept a calibration that was edited by hand, after you have checked it.
 
     FILE holds a hash of its content, and runs refuse it once the content was changed. This command gives it a new hash
-    and today's date, which every run that uses it reports. A file that is older than the hashes is accepted in the same
-    way.
+    and today's date, which every run that uses it reports.
     """
     from datetime import UTC, datetime
 

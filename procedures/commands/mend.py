@@ -19,11 +19,10 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
     """Check a run for damage without changing it. RUN is a folder or a name in runs/. Exit status 1: it is damaged.
 
     Every row has its own hash and the hash of the row before, and a second file holds the number of rows. So each lost
-    or changed row is found. A run that has not ended is not damaged. A run of record format 3 has only checksums, and
-    is called unhashed: points that are lost at its end go unnoticed.
+    or changed row is found. A run that has not ended is not damaged.
     """
-    from palpate.procedures.records.check import check as look_over
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.damage import check as look_over
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.runs import check_object, print_check
 
     output = Output(as_json, quiet)
@@ -42,8 +41,8 @@ def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
     All undamaged rows are found, wherever they lie in the damaged file. Header and last event of the new run say what
     is lost. A run that lost only its end can be resumed.
     """
-    from palpate.procedures.records.repair import repair as salvage
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.damage import repair as salvage
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.runs import print_repaired, repaired_object
 
     output = Output(as_json, quiet)
@@ -67,8 +66,7 @@ def install(run: str, as_json: bool, quiet: bool) -> None:
     from datetime import UTC, datetime
 
     from palpate.procedures.lab.calibrations import install_of
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))

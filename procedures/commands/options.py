@@ -237,7 +237,7 @@ class Output:
         try:
             text = _text(value)
         except (TypeError, ValueError):
-            from palpate.procedures.records.encoding import plain
+            from palpate.procedures.records.record_file import plain
 
             text = _text(cast("Mapping[str, object]", plain(value)))
         click.echo(text)

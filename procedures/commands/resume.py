@@ -32,15 +32,11 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
     from palpate.procedures.engine.known import class_of
     from palpate.procedures.engine.resume import begun, go_on
     from palpate.procedures.lab.keys import keyboard
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
-    from palpate.procedures.showing.runs import unhashed
+    from palpate.procedures.records.run import Run, find_run
 
     opened = Run.open(find_run(run, store()))
     output = Output(as_json, quiet)
     procedure = begun(opened, class_of(opened, "resume"), bench)
-    for line in unhashed(opened.hashed):
-        output.line(line)
     with keyboard() as pause, output.progress() as progress:
         done = go_on(
             procedure,

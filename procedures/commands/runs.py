@@ -27,7 +27,7 @@ for command in (resume, check, repair, install):
 def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
     from palpate.instrument.errors import UsageError
-    from palpate.procedures.records.run_list import list_runs
+    from palpate.procedures.records.run import list_runs
     from palpate.procedures.showing.runs import print_runs, run_row
 
     output = Output(as_json, quiet)
@@ -50,8 +50,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     Every row is checked against its hash. Runs with the same measured values have the same digest. The
     digest of signals counts settings, times and waveforms alone, and is the same by any arithmetic.
     """
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
     from palpate.procedures.showing.runs import print_run, run_object
 
     output = Output(as_json, quiet)
@@ -70,15 +69,13 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""
     from palpate.procedures.records.export import export as export_run
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
-    from palpate.procedures.showing.runs import unhashed
+    from palpate.procedures.records.run import Run, find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))
     files = export_run(opened, to, out or opened.folder)
     if output.as_json:
-        about = {"run": str(opened.folder), "simulated": opened.simulated, "hashed": opened.hashed}
+        about = {"run": str(opened.folder), "simulated": opened.simulated}
         output.json({**about, "files": [str(file) for file in files]})
-    for line in (*unhashed(opened.hashed), *map(str, files)):
-        output.line(line)
+    for file in files:
+        output.line(str(file))

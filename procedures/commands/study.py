@@ -36,8 +36,8 @@ def study(
     from importlib import metadata
 
     from palpate.instrument.errors import EstimateError, UsageError
+    from palpate.procedures.records.chain import check_holes
     from palpate.procedures.records.export import check_format
-    from palpate.procedures.records.holes import check_holes
     from palpate.procedures.study.description import read_study
     from palpate.procedures.study.report import plot_study, print_study
     from palpate.procedures.study.results import read_results

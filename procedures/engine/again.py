@@ -14,8 +14,8 @@ from palpate.procedures.lab.before import Before, Earlier
 from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.open import OpenBench
 from palpate.procedures.lab.software import added_by, versions
-from palpate.procedures.records.encoding import Waveforms
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.steps.pause import NOBODY, PausedAgain
 
 

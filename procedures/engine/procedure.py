@@ -41,9 +41,9 @@ from palpate.procedures.lab.calibrations import Unstored
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import Calibrating
 from palpate.procedures.lab.session import Kept, Outcome, Session
-from palpate.procedures.records.encoding import Waveforms
-from palpate.procedures.records.headers import settings_of
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import Waveforms
+from palpate.procedures.records.resumed import settings_of
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.flags import Judged, check_some_valid
@@ -181,7 +181,6 @@ class Procedure(ABC, Generic[S, P, R]):
         manual_work: what a person does in addition to mounting samples, as "places weights"; empty: nothing.
         automated_by: role of a device that does the `manual_work` instead, if the bench has one; None: no device can.
         constants: entries of the record in addition to the settings.
-        newer_settings: settings that records of older versions lack; a record must have all others to be resumed.
     """
 
     name: ClassVar[str]
@@ -193,7 +192,6 @@ class Procedure(ABC, Generic[S, P, R]):
     manual_work: ClassVar[str] = ""
     automated_by: ClassVar[Role | None] = None
     constants: ClassVar[Mapping[str, object]] = {}
-    newer_settings: ClassVar[frozenset[str]] = frozenset()
 
     @classmethod
     def recorded(cls, run: Run) -> Self:
@@ -206,8 +204,7 @@ class Procedure(ABC, Generic[S, P, R]):
         if run.procedure != cls.name:
             raise UsageError(f"{run.folder} is of procedure {run.procedure!r}, not {cls.name!r}; name its class")
         given = run.header["settings"]
-        asked = {each.name for each in fields(cls)} - cls.newer_settings
-        if isinstance(given, dict) and (lacking := asked - given.keys()):
+        if isinstance(given, dict) and (lacking := {each.name for each in fields(cls)} - given.keys()):
             lack = ", ".join(sorted(lacking))
             raise RecordError(
                 f"{run.folder}: its settings were recorded by another version of palpate (no {lack}); run anew"

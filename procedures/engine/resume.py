@@ -15,11 +15,9 @@ from palpate.procedures.lab.before import before_of
 from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.store import store
-from palpate.procedures.records.headers import header_of
 from palpate.procedures.records.record import MEASURED, put_file
-from palpate.procedures.records.resumed import Resumed
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import find_run
+from palpate.procedures.records.resumed import Resumed, header_of
+from palpate.procedures.records.run import Run, find_run
 from palpate.procedures.steps.pause import NOBODY, Pause
 
 if TYPE_CHECKING:
@@ -109,13 +107,10 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
         if bench is not None:
             raise UsageError("--bench: the run used a simulated bench; leave this option out")
         before = before_of(run)
-        unknown = before.unknown if before else ""
-        if header.get("runs_before"):
-            unknown = "the version of palpate that recorded it kept no account of the runs before it"
-        if unknown:
+        if before and before.unknown:
             raise UsageError(
-                f"{run.folder}: the simulated bench cannot be brought back to where the run began: {unknown}; run it "
-                "anew"
+                f"{run.folder}: the simulated bench cannot be brought back to where the run began: {before.unknown}; "
+                "run it anew"
             )
     elif not kind.resumable_on_real_bench and run.points() and not measured(run):
         raise UsageError(

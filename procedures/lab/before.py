@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from palpate.procedures.records.headers import values_of
+from palpate.procedures.records.resumed import values_of
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 
@@ -49,7 +49,7 @@ class Earlier:
         """The run by its header alone; its folder may be gone."""
         started = datetime.fromisoformat(self.header["started"]).astimezone(UTC)
         procedure = self.header["procedure"]
-        return Run(Path(self.folder), procedure, True, started, "complete", self.header, {}, hashed=True)
+        return Run(Path(self.folder), procedure, True, started, "complete", self.header, {})
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,9 +68,7 @@ class LoggedRun:
         header, where = self.wire.run, str(self.wire.path)
         try:
             started = datetime.fromisoformat(header["started"]).astimezone(UTC)
-            self.run = Run(
-                self.wire.path, header["procedure"], header["simulated"], started, "running", header, {}, hashed=True
-            )
+            self.run = Run(self.wire.path, header["procedure"], header["simulated"], started, "running", header, {})
             self.used = Used.of(header, where)
             scene = header["scene"]
             self.scene = None if scene is None else _scene(scene["toml"], self.wire.path)
@@ -94,7 +92,6 @@ class LoggedRun:
             **{key: self.run.header[key] for key in KEPT},
             "mounting": self.mounting,
             "replayed": str(self.wire.path),
-            "replay_verified": self.wire.verified,
         }
 
 

@@ -30,8 +30,8 @@ from palpate.procedures.lab.open import Calibrating, OpenBench
 from palpate.procedures.lab.operator import Mounting, weaker
 from palpate.procedures.lab.software import added_by, commit, versions
 from palpate.procedures.lab.store import result_folder
-from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import PAUSED, Recorder, put_file
+from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run
 from palpate.simulators.scenes.scene import Scene

@@ -8,7 +8,8 @@ are not on disk. It has two entries, each in a sector of its own. They are writt
 whenever the power fails. They are counted, so that an entry that was overwritten by an older one is noticed.
 
 Behind the frames the file holds zeros until it is closed: writing over zeros needs one sync less than making the file
-longer.
+longer. What is written is on disk before the caller goes on. A sparse file is refused before it is read: a hole of
+200 GB takes no space on disk, but hours to read.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ import hashlib
 import os
 import stat
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from palpate.procedures.records.encoding import LARGEST_ROW
+from palpate.instrument.durable import sync
+from palpate.instrument.errors import RecordError
+from palpate.instrument.own_process import Ends
 
 MAGIC = b"\x89PALPATE"
 FRAME = struct.Struct("<8s16sQ4sIII32s")  # magic, chain, number, kind, id, flags, length of the content, hash before
@@ -35,10 +38,13 @@ SECTOR = 512  # bytes; a disk writes a sector whole or not at all
 AT_A_TIME = 1_000_000  # bytes that a search reads at once
 READINGS = 3  # tries to read a head that is not whole: it may just be being written
 NOTHING = bytes(HASH)  # hash before the first frame
-
 LAST = 1 << 31  # flag of the last frame of each addition
+LARGEST_ROW = 40_000_000  # bytes of a frame's content; a point has some thousand
+AHEAD = 1_000_000  # bytes of zeros that are written at a time
+MOST_HOLES = 1_000_000_000  # bytes of holes; a file of a run has none, a copy of it some MB
 
 Bytes = bytes | memoryview
+Content = tuple[bytes, int, Sequence[Bytes]]  # kind and id of a frame, parts of its content
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,3 +259,184 @@ def _linked(file: ChainFile, head: Head | None, fault: str, name: str) -> Chain:
     if len(ends) > 1 or not all(map(file.only_zeros, ends)):  # the writer is never further ahead
         raise ValueError(f"{name} is older than the rows that it counts")
     return Chain(file, head, frames)
+
+
+# --- writing -------------------------------------------------------------------------------------------
+
+
+class ChainWriter:
+    """The one writer of a chain. When `append` returns, all frames that it was given are on disk.
+
+    Every method raises OSError. After a sync has failed, nothing more is written: Linux drops the data that it could
+    not write, and a later sync that succeeds would not bring it back. The same holds after the head could not be
+    written.
+    """
+
+    def __init__(self, path: Path, head_path: Path, head: Head, flags: int) -> None:
+        """Open the files, to go on behind the frames that the head counts. `flags` go into every frame."""
+        self.head = head
+        self._flags = flags
+        self._broken = False
+        with Ends() as undo:
+            self._file = undo.enter_context(_writable(path))
+            self._head_file = undo.enter_context(_writable(head_path))
+            undo.close_in_child(self._file, self._head_file)
+            self._size = os.fstat(self._file).st_size
+            self._open = undo.pop_all()
+
+    def close(self) -> None:
+        self._open.close()
+
+    def append(self, frames: Sequence[Content], *, points: int = 0, events: int = 0) -> None:
+        """Add frames, each of a kind, an id and the parts of its content. They complete so many points and events."""
+        if self._open.elsewhere:
+            raise OSError(0, "it belongs to the process that this one was forked from; write it there")
+        if self._broken:
+            raise OSError(0, "an earlier write or sync failed, so nothing is written after it")
+        parts, head = packed(self.head, frames, self._flags, points, events)
+        try:
+            self._write(self._file, parts, self.head.length)
+        except OSError:
+            with contextlib.suppress(OSError):  # half a frame must not stay behind the whole ones
+                os.ftruncate(self._file, self.head.length)
+                self._size = self.head.length
+            raise
+        self._grow(head.length)
+        self._sync(self._file)
+        self._tell(head)
+
+    def confirm(self, tail: bytes, head: Head) -> None:
+        """Write frames behind those that the head counts once more (`tail`) and sync them; then write `head`."""
+        self._write(self._file, [tail], self.head.length)  # the same bytes: a crash changes nothing
+        os.ftruncate(self._file, head.length)
+        self._size = 0
+        self._grow(head.length)
+        self._sync(self._file)
+        if tail:
+            self._tell(head)
+
+    def end(self) -> None:
+        """Cut off the zeros at the end of the file, and write the last entry of the head a second time."""
+        os.ftruncate(self._file, self.head.length)
+        self._sync(self._file)
+        self._tell(self.head)
+
+    def _grow(self, length: int) -> None:
+        """Write zeros ahead where frames of this length reach the end of the file; without them if the disk is full.
+
+        To write over zeros takes one sync less than to make a file longer.
+        """
+        if length > self._size:
+            with contextlib.suppress(OSError):
+                self._write(self._file, [bytes(AHEAD)], length)
+            self._size = os.fstat(self._file).st_size
+
+    def _tell(self, so_far: Head) -> None:
+        head = replace(so_far, turn=self.head.turn + 1)
+        try:
+            self._write(self._head_file, [head.packed()], SECTOR * (head.turn % 2))
+        except OSError:
+            self._broken = True  # the head may count these frames by now, so they must not be written over
+            raise
+        self._sync(self._head_file)
+        self.head = head
+
+    def _write(self, handle: int, parts: Sequence[Bytes], at: int) -> None:
+        content = memoryview(b"".join(parts))
+        while content:
+            done = os.pwrite(handle, content, at)
+            content, at = content[done:], at + done
+
+    def _sync(self, handle: int) -> None:
+        try:
+            os.fdatasync(handle)
+        except OSError:
+            self._broken = True
+            raise
+
+
+def packed(
+    head: Head, frames: Sequence[Content], flags: int, points: int = 0, events: int = 0
+) -> tuple[list[Bytes], Head]:
+    """The bytes of frames that follow those which `head` counts, and the head that counts them, too."""
+    parts: list[Bytes] = []
+    number, length, before = head.frames, head.length, head.hash
+    for left, (kind, own, content) in zip(range(len(frames))[::-1], frames, strict=True):
+        size = sum(map(len, content))
+        start = FRAME.pack(MAGIC, head.chain, number, kind, own, flags if left else flags | LAST, size, before)
+        total = hashlib.sha256(start)
+        for part in content:
+            total.update(part)
+        before = total.digest()
+        parts += [start, *content, before]
+        number, length = number + 1, length + AROUND + size
+    points, events = head.points + points, head.events + events
+    return parts, replace(head, frames=number, length=length, points=points, events=events, hash=before)
+
+
+def create(path: Path, head_path: Path, chain: bytes, frames: Sequence[Content], flags: int) -> None:
+    """Create the two files of a chain.
+
+    The chain is written under another name and then renamed, so that a program which is killed meanwhile leaves a whole
+    chain or none. The head counts no frames yet: a head that counts some, without a chain beside it, shows that the
+    chain was lost.
+    """
+    aside = path.with_name(f"{path.name}.new")
+    head = Head(chain, 0, 0, 0, 0, 0, NOTHING)
+    parts, _ = packed(head, frames, flags)
+    try:
+        aside.write_bytes(b"".join(parts))
+        head_path.write_bytes(head.packed() + head.again().packed())
+        for file in (aside, head_path):
+            sync(file)
+        aside.replace(path)
+        sync(path.parent)
+    except BaseException:
+        for file in (aside, path, head_path):
+            file.unlink(missing_ok=True)
+        raise
+
+
+@contextlib.contextmanager
+def _writable(path: Path) -> Iterator[int]:
+    handle = os.open(path, os.O_RDWR)
+    try:
+        yield handle
+    finally:
+        os.close(handle)
+
+
+# --- sparse files --------------------------------------------------------------------------------------
+
+
+def check_holes(path: Path) -> None:
+    """Refuse a file whose holes are too large. Raises RecordError. A path that is no file is left to its reader."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would be waited for
+    except OSError:
+        return
+    try:
+        size = os.fstat(handle).st_size
+        begins = _too_many(handle, size) if size > MOST_HOLES else None
+    finally:
+        os.close(handle)
+    if begins is not None:
+        raise RecordError(
+            f"{path} is damaged (it is {size} bytes long, and more than {MOST_HOLES} of them were never written, a "
+            f"hole from byte {begins} on); restore it from a copy, or cut it off there: truncate -s {begins}"
+        )
+
+
+def _too_many(handle: int, size: int) -> int | None:
+    """Start of the hole with which all holes together become too large; None: they do not."""
+    at = holes = 0
+    while at < size:
+        begins = os.lseek(handle, at, os.SEEK_HOLE)
+        try:
+            at = os.lseek(handle, begins, os.SEEK_DATA) if begins < size else size
+        except OSError:  # no data follows
+            at = size
+        holes += at - begins
+        if holes > MOST_HOLES:
+            return begins
+    return None

@@ -108,7 +108,6 @@ def as_dataset(run: Run) -> xr.Dataset:
     stamps = {
         "procedure": run.procedure,
         "simulated": str(run.simulated).lower(),
-        "hashed": str(run.hashed).lower(),
         "started": run.started.isoformat(),
     }
     found: xr.Dataset = xarray.Dataset(variables, coordinates, stamps)

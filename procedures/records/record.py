@@ -2,7 +2,7 @@
 
 A run has two files. A point or event is appended to `run.record` and synced to disk; then `run.head`, a small file that
 says how many points and events the record holds, is rewritten and synced. Only then does the caller hear of the point.
-`procedures/records/chain_writer.py` writes both files, `procedures/records/record_file.py` describes their format, and
+`procedures/records/chain.py` writes both files, `procedures/records/record_file.py` describes their format, and
 `procedures/records/run.py` reads them.
 """
 
@@ -23,19 +23,19 @@ from typing import Literal, Self, TypeVar
 from palpate.instrument.durable import make_folder
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.own_process import Ends
-from palpate.procedures.records.chain_writer import ChainWriter, Content, create
-from palpate.procedures.records.encoding import Waveforms
+from palpate.procedures.records.chain import ChainWriter, Content, create
 from palpate.procedures.records.record_file import (
     HEAD_FILE,
     RECORD,
     SIMULATED,
+    Waveforms,
     chain_of,
     event_frame,
     header_frame,
     point_frames,
     status_frame,
 )
-from palpate.procedures.records.run import is_run, reading_record, storing
+from palpate.procedures.records.run import is_run, reading, storing
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 PAUSED = "paused"  # kind of the event that a pause begins with
@@ -73,7 +73,8 @@ class Recorder:
                 if header is not None:
                     if is_run(folder):
                         raise UsageError(f"{folder} already holds a run; choose another --out")
-                    begin(folder, header, [header_frame(header)])
+                    flags = SIMULATED if header["simulated"] else 0
+                    create(*self._files, chain_of(header), [header_frame(header)], flags)
             self._open = undo.pop_all()
         if header is not None:
             with contextlib.ExitStack() as undo:
@@ -87,7 +88,7 @@ class Recorder:
         A writer that was killed may have left frames that the head does not count yet. They may be in the memory of the
         operating system and not on disk, so they are written and synced again before the head counts them.
         """
-        with reading_record(self.folder) as record, storing(self.folder / RECORD, running=True):
+        with reading(self.folder) as record, storing(self.folder / RECORD, running=True):
             flags = SIMULATED if record.header["simulated"] else 0
             self._writer = ChainWriter(*self._files, record.head, flags)
             self._open.callback(self._writer.close)
@@ -276,8 +277,3 @@ def _locked(folder: Path) -> Iterator[int]:
         yield handle
     finally:
         os.close(handle)
-
-
-def begin(folder: Path, header: Mapping[str, object], frames: Sequence[Content]) -> None:
-    """Create the two files of a new run."""
-    create(folder / RECORD, folder / HEAD_FILE, chain_of(header), frames, SIMULATED if header["simulated"] else 0)

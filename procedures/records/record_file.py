@@ -17,25 +17,118 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from palpate.instrument.errors import RangeError
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import Chain, ChainFile, Frame, Head
-from palpate.procedures.records.chain_writer import Content
-from palpate.procedures.records.encoding import LARGEST_ROW, SAMPLE, Waveforms, as_json, encoded
-from palpate.procedures.records.stored import Point, Waveform
+from palpate.procedures.records.chain import LARGEST_ROW, Chain, ChainFile, Content, Frame, Head
 
 RECORD, HEAD_FILE = "run.record", "run.head"
 FORMAT = 4
 HEADER, WAVE, POINT, EVENT, STATUS = b"HEAD", b"WAVE", b"POIN", b"EVNT", b"STAT"
 SIMULATED = 1
 IN_A_FRAME = 1 << 18  # samples
+SAMPLE = np.dtype("<f4")
+REAL = "fiub"  # kinds of numpy types: real numbers, and true and false
+LONGEST = 100  # characters of a value in a message
+_OWN_COLUMNS = frozenset({"id", "bench_ns", "simulated"})
+_ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+Waveforms = Mapping[str, tuple[float, np.ndarray]]
+Status = Literal["running", "complete", "stopped", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Waveform:
+    """Samples of one signal at one point: `samples`, shape (n,), float32; `rate`, Hz."""
+
+    point_id: int
+    name: str
+    rate: float
+    samples: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A point as it is stored: `text` is its data as canonical JSON, `waveforms` are the names of its waveforms."""
+
+    id: int
+    bench_ns: int
+    text: str
+    waveforms: tuple[str, ...]
+
+
+# --- canonical JSON and float32 samples ----------------------------------------------------------------
+
+
+def encoded(data: Mapping[str, object], waveforms: Waveforms) -> tuple[str, list[tuple[str, float, np.ndarray]]]:
+    """Encode a point: its text, and name, rate and float32 samples of each waveform. Raises RangeError."""
+    if taken := _OWN_COLUMNS & data.keys():
+        raise RangeError(f"a point may not have a value {', '.join(sorted(taken))}: the record sets it")
+    stored = [(name, float(rate), _float32(name, rate, samples)) for name, (rate, samples) in waveforms.items()]
+    return as_json(data), stored
+
+
+def as_json(value: object) -> str:
+    """Canonical JSON of a value: keys sorted, no spaces, ASCII, null for NaN and infinities. Raises as `plain` does."""
+    try:
+        return _ENCODER.encode(value)
+    except (TypeError, ValueError):  # numpy's values, NaN, or what is no JSON at all
+        return _ENCODER.encode(plain(value))
+
+
+def plain(value: object, where: str = "") -> object:
+    """A value of which JSON can be made: numpy's values as numbers and lists, and null for NaN and infinities.
+
+    Raises RangeError: it holds something else than numbers, texts, true, false, null, and lists and tables of these;
+    `where` names its place in the message.
+    """
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (str, int, float)):
+        return value
+    if isinstance(value, Mapping):
+        return {_name(key, where): plain(item, f"{where}.{key}" if where else str(key)) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(item, where) for item in value]
+    raise RangeError(
+        f"{where or 'it'}: {str(value)[:LONGEST]} is of type {type(value).__name__}, which a record cannot hold; give "
+        "numbers, texts, true or false, or lists and tables of these"
+    )
+
+
+def _name(key: object, where: str) -> str:
+    """A key of a table as text."""
+    if isinstance(key, (str, int)):
+        return str(key)
+    raise RangeError(f"{where or 'it'}: {key!r} names a value; a name must be a text")
+
+
+def _float32(name: str, rate: float, samples: np.ndarray) -> np.ndarray:
+    if not (math.isfinite(rate) and rate > 0):
+        raise RangeError(f"waveform {name!r}: the sample rate is {rate} Hz; it must be positive and finite")
+    samples = np.asarray(samples)
+    if samples.dtype.kind not in REAL:
+        raise RangeError(f"waveform {name!r}: the samples are {samples.dtype}; they must be numbers")
+    if samples.ndim != 1:
+        raise RangeError(f"waveform {name!r}: the samples have shape {samples.shape}; they must be (n,)")
+    try:
+        with np.errstate(over="raise"):
+            return np.ascontiguousarray(samples, dtype=SAMPLE)
+    except FloatingPointError:
+        limit = float(np.finfo(SAMPLE).max)
+        raise RangeError(f"waveform {name!r}: a sample is beyond float32 (±{limit:.3g})") from None
+
+
+# --- frames --------------------------------------------------------------------------------------------
 
 
 def chain_of(header: Mapping[str, object]) -> bytes:
@@ -76,9 +169,13 @@ def status_frame(status: str, summary: Mapping[str, object], header: Mapping[str
 
 
 class Record:
-    """A record whose links are whole. Contents are verified when they are read. Implements `Stored`."""
+    """A record as it was at one moment, whose links are whole. Contents are verified when they are read.
 
-    hashed = True
+    Reading a damaged part raises ValueError, TypeError or KeyError.
+
+    Attributes:
+        header: the header, without `status` and `summary`.
+    """
 
     def __init__(self, linked: Chain) -> None:
         """Read the frames of a chain. Raises ValueError: it is no run, or damaged."""
@@ -113,17 +210,21 @@ class Record:
             raise ValueError(f"some of its {head.points} points and {head.events} events are missing")
 
     def count(self) -> int:
+        """Number of points."""
         return len(self._points)
 
     def points(self) -> Iterator[Point]:
+        """All points in order."""
         for point_id, frame in self._points.items():
             found = self.json(frame)
             yield Point(point_id, found["bench_ns"], as_json(found["data"]), tuple(w[0] for w in found["waveforms"]))
 
     def events(self) -> list[dict[str, Any]]:
+        """All events in order: `bench_ns`, `kind`, `message`."""
         return [self.json(frame) for frame in self._events]
 
     def waveforms(self, point_id: int | None = None, name: str | None = None) -> Iterator[Waveform]:
+        """Waveforms in order, one in memory at a time; only those of a point and a name where these are given."""
         for frame in self._points.values():
             if point_id in (None, frame.id):
                 listed = self.json(frame)["waveforms"]
@@ -135,6 +236,7 @@ class Record:
                         yield Waveform(frame.id, its_name, rate, whole[its_name])
 
     def faults(self) -> Iterator[str]:
+        """One sentence for each damage between points, waveforms and events, which none of them shows."""
         for point_id in self._waves.keys() - self._points.keys():
             for frame in self._waves[point_id]:
                 if self._file.content(frame) is None:

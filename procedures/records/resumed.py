@@ -2,34 +2,166 @@
 
 A real bench begins at the first point that is not stored. A simulated bench does everything again, because its readings
 depend on everything that was done before. Points that are stored already are compared with what the bench gives now and
-are not stored a second time. So the finished run equals that of a bench that was never interrupted.
+are not stored a second time. So the finished run equals that of a bench that was never interrupted. The header of the
+record is compared with that of the bench as it is now.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import tomllib
 from collections import deque
-from collections.abc import Mapping
-from typing import TypeVar
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from palpate.instrument.arithmetic import ALIKE, alike, same_arithmetic
-from palpate.instrument.errors import RecordError, UsageError
-from palpate.procedures.records.check import check
-from palpate.procedures.records.encoding import Waveforms, as_json, encoded
-from palpate.procedures.records.headers import changes, header_of, values_of
-from palpate.procedures.records.record import MEASURED, PAUSED, Recorder, begin
-from palpate.procedures.records.record_file import event_frame, header_frame, point_frames, status_frame
-from palpate.procedures.records.run import Run, reading, storing
+from palpate.instrument.bench.comparison import compared
+from palpate.instrument.bench.description import BenchDescription, recorded_bench
+from palpate.instrument.errors import ConfigError, RecordError, UsageError, quoted
+from palpate.instrument.refusals import wrong
+from palpate.procedures.records.damage import check
+from palpate.procedures.records.record import MEASURED, PAUSED, Recorder
+from palpate.procedures.records.record_file import Waveforms, as_json, encoded, status_frame
+from palpate.procedures.records.run import Run, reading
 
+COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED, UNSTORED = "continued", "changed", "unstored"
 MARKS = frozenset({CONTINUED, CHANGED, UNSTORED, "stopped", "failed"})  # events of the record, not of the procedure
 ACCEPT = "--accept-change"
 
 T = TypeVar("T")
 NamedWaveform = tuple[str, float, np.ndarray]
+
+
+# --- headers -------------------------------------------------------------------------------------------
+
+
+class _Scene(BaseModel):
+    toml: str
+
+
+class _Header(BaseModel):
+    """Header of a procedure's record on a bench; see `procedures/lab/session.py`."""
+
+    settings: dict[str, Any]
+    scene: _Scene | None
+    bench: str
+    devices: dict[str, str]
+    contracts: str
+    calibration: dict[str, Any]
+    film_calibration: dict[str, Any] | None
+    versions: dict[str, str]
+
+
+def header_of(run: Run) -> Mapping[str, Any]:
+    """The header of a run that a procedure began on a bench. Raises RecordError: the run has another kind of header."""
+    header: Mapping[str, Any] = run.header
+    try:
+        _Header.model_validate(header, strict=True)
+        tomllib.loads(header["bench"] if header["scene"] is None else header["scene"]["toml"])
+    except ValidationError as error:
+        reason = _first(error)
+    except tomllib.TOMLDecodeError as error:
+        reason = str(error)
+    else:
+        return header
+    raise RecordError(f"{run.folder}: its header is not that of a procedure on a bench ({reason}); run anew")
+
+
+def settings_of(run: Run, kind: type[T]) -> T:
+    """The settings of a run, as their dataclass. Raises RecordError."""
+    (settings,) = values_of(kind, [run.header["settings"]], f"{run.folder}: its settings")
+    return settings
+
+
+def _first(error: ValidationError) -> str:
+    first: Mapping[str, Any] = dict(error.errors(include_url=False)[0])
+    key = ".".join(map(str, first["loc"]))
+    return f"{key}: is missing" if first["type"] == "missing" else f"{key}: {quoted(first['input'])} {wrong(first)}"
+
+
+def changes(before: Mapping[str, Any], now: Mapping[str, Any], where: str) -> list[str]:
+    """How a header differs from that of a record, where it must not; `where` names the record in messages.
+
+    Raises:
+        RecordError: the record's bench cannot be read.
+    """
+    parts = comparable(before), comparable(now)
+    if before["scene"] is None:
+        known, here = (_bench(header, where) for header in (before, now))
+        parts[0]["bench"], parts[1]["bench"] = compared(known, here)
+    return list(differences(*parts))
+
+
+def comparable(header: Mapping[str, Any]) -> dict[str, Any]:
+    """The part of a header that must not change. A simulated bench has new addresses; its scene counts."""
+    found = {key: header[key] for key in COMPARED}
+    found["maps"] = header.get("maps", {})  # a bench without makers' devices has none
+    found["model_calibration"] = header.get("model_calibration")  # of runs that ask a model which references calibrated
+    found["before"] = header.get("before")  # of runs that did not begin on a bench as it was opened
+    found["devices"] = {}
+    listed = [(name.partition(" at ")[0], serial) for name, serial in header["devices"].items()]
+    if found["scene"] is not None:
+        listed.sort()  # they stand in the order of their addresses, which a simulated bench has anew each time
+    for title, serial in listed:
+        several = sum(known.partition(" #")[0] == title for known in found["devices"])
+        found["devices"][f"{title} #{several + 1}" if several else title] = serial
+    if found["scene"] is not None:
+        found["scene"] = tomllib.loads(found["scene"]["toml"])
+    del found["bench"]
+    return found
+
+
+def _bench(header: Mapping[str, Any], where: str) -> BenchDescription:
+    """The bench of a header. Raises RecordError."""
+    try:
+        return recorded_bench(header["bench"], f"{where}: its bench file")
+    except ConfigError as error:
+        raise RecordError(f"{error}; run anew, or install what is missing") from None
+
+
+def differences(before: Any, now: Any, key: str = "") -> Iterator[str]:
+    """One text for each value that differs, with its key."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for name in dict.fromkeys((*before, *now)):
+            yield from differences(before.get(name), now.get(name), f"{key}.{name}" if key else name)
+    elif before != now:
+        yield f"{key}: {json.dumps(before)} in the record, {json.dumps(now)} now"
+
+
+def values_of(kind: type[T], data: list[Any], what: str) -> list[T]:
+    """Dataclasses of JSON `data`; `what` names it in messages. Raises RecordError: it is of other fields."""
+    try:
+        return _as(kind, data)
+    except ValidationError as error:
+        raise RecordError(f"{what} were recorded by another version of palpate ({_first(error)}); run anew") from None
+
+
+def _as(kind: type[T], data: list[Any]) -> list[T]:
+    """Turn JSON `data` into dataclasses; a null in the place of a number becomes NaN."""
+    adapter = TypeAdapter(list[kind])  # type: ignore[valid-type]
+    try:
+        return adapter.validate_python(data)
+    except ValidationError as error:
+        nulls = [tuple(e["loc"]) for e in error.errors(include_url=False) if e["input"] is None]
+        if not nulls:
+            raise
+        try:
+            for *path, last in nulls:
+                where: Any = data
+                for part in path:
+                    where = where[part]
+                where[last] = float("nan")
+        except (LookupError, TypeError):  # no number belongs there
+            raise error from None
+    return adapter.validate_python(data)
+
+
+# --- going on ------------------------------------------------------------------------------------------
 
 
 class Resumed(Recorder):
@@ -99,26 +231,11 @@ class Resumed(Recorder):
                 f"arithmetic: {json.dumps(was)} in the record, {json.dumps(now)} now; stored points are compared to"
                 f" {ALIKE:g} of each number"
             )
-        if not self.run.hashed:
-            found.append("record format 3 until here, 4 from now on: its rows were unhashed")
-            self._convert()
         self._write_on()
         marks = [(CONTINUED, f"after point {len(self._stored)}"), *((CHANGED, change) for change in found)]
         events = [self._event(kind, message, self._bench_ns, behind) for behind, (kind, message) in enumerate(marks)]
         known = {"mounting": header["mounting"]} if "mounting" in header else {}
         self._append([status_frame("running", {}, known), *events], events=len(events))
-
-    def _convert(self) -> None:
-        """Write the content of a database of record format 3 into a record beside it. The database stays as it is."""
-        frames = [header_frame(self.run.header)]
-        with reading(self.folder) as stored:
-            for number, event in enumerate(stored.events(), 1):
-                frames.append(event_frame(number, event["kind"], event["message"], event["bench_ns"]))
-            for point in stored.points():
-                waveforms = {w.name: (w.rate, w.samples) for w in stored.waveforms(point.id)}
-                frames += point_frames(point.id, json.loads(point.text), waveforms, point.bench_ns)
-        with storing(self.folder, running=True):
-            begin(self.folder, self.run.header, frames)
 
     def point(self, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> int:
         """The same as `Recorder.point`, but a point that is stored already is compared with this one.

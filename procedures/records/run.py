@@ -1,8 +1,7 @@
-"""A run on disk, for reading.
+"""A run on disk, for reading, and the runs of a store.
 
-A run is a folder. In record format 4 it holds `run.record` and `run.head` (`record_file.py`); copy both. In
-format 3 it holds `run.sqlite` (`format3.py`). Reading never changes a run; it works while the run is being
-written, and in a folder that is read-only. `record.py` writes runs.
+A run is a folder with `run.record` and `run.head` (`record_file.py`); copy both. Reading never changes a run; it works
+while the run is being written, and in a folder that is read-only. `record.py` writes runs.
 """
 
 from __future__ import annotations
@@ -11,33 +10,29 @@ import contextlib
 import errno
 import hashlib
 import json
-import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 
-from palpate.instrument.errors import RecordError, UnknownName, check_path, reason
-from palpate.procedures.records import format3, record_file
-from palpate.procedures.records.chain import read_head
-from palpate.procedures.records.holes import check_holes
-from palpate.procedures.records.record_file import HEAD_FILE, RECORD
-from palpate.procedures.records.stored import Status, Stored, Waveform
+from palpate.instrument.errors import RecordError, UnknownName, UsageError, check_path, reason
+from palpate.procedures.records import record_file
+from palpate.procedures.records.chain import check_holes, read_head
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD, Status, Waveform
 
 if TYPE_CHECKING:
     import pandas as pd
 
 ELSEWHERE = "a writable folder with --out or $PALPATE_STORE"
-_FULL = ("ENOSPC", "EDQUOT", "SQLITE_FULL")
+_FULL = ("ENOSPC", "EDQUOT")
 _REMEDY = {
     "EFBIG": "raise the limit on file sizes (ulimit -f)",
     "EIO": "check the disk",
-    "SQLITE_IOERR": "check the disk, its free space and the limit on file sizes (ulimit -f)",
 }
-_DAMAGES = (sqlite3.Error, KeyError, ValueError, TypeError, OverflowError, RecursionError, IndexError)
+_DAMAGES = (KeyError, ValueError, TypeError, OverflowError, RecursionError, IndexError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +42,6 @@ class Run:
     Attributes:
         started: UTC.
         status: the stored status; the run of a killed program stays "running".
-        hashed: whether a lost row would be noticed; in record format 3 it would not be.
 
     All methods raise RecordError, which names what is damaged.
     """
@@ -59,7 +53,6 @@ class Run:
     status: Status
     header: Mapping[str, object] = field(repr=False)
     summary: Mapping[str, object] = field(repr=False)
-    hashed: bool
 
     @classmethod
     def open(cls, folder: Path) -> Self:
@@ -74,9 +67,7 @@ class Run:
                 raise TypeError("its header is not that of a run")
             if not isinstance(header["simulated"], bool):
                 raise TypeError("its header does not say whether it is simulated")
-            return cls(
-                folder, header["procedure"], header["simulated"], started, status, header, summary, stored.hashed
-            )
+            return cls(folder, header["procedure"], header["simulated"], started, status, header, summary)
 
     def points(self) -> list[dict[str, Any]]:
         """All points in order, as they were stored, with `id` and `bench_ns`; null is None."""
@@ -167,21 +158,6 @@ def read(folder: str | Path) -> Run:
 
 def is_run(folder: Path) -> bool:
     """Whether a folder holds a run or what is left of one; not if its writer was killed before the run had begun."""
-    return _is_there(folder / format3.DATABASE) or _has_record(folder)
-
-
-def is_format4(folder: Path) -> bool:
-    """Whether a run is of record format 4: whether it has a record, or a head that tells of one.
-
-    A database beside the record is the older part of a resumed run. Raises RecordError: the holes of a file are too
-    large.
-    """
-    for name in (RECORD, format3.DATABASE, format3.LOG):
-        check_holes(folder / name)
-    return _has_record(folder)
-
-
-def _has_record(folder: Path) -> bool:
     if _is_there(folder / RECORD):
         return True
     head = read_head(folder / HEAD_FILE)[0]
@@ -209,19 +185,8 @@ def last_modified(folder: Path) -> datetime:
 
 
 @contextlib.contextmanager
-def reading(folder: Path) -> Iterator[Stored]:
+def reading(folder: Path) -> Iterator[record_file.Record]:
     """Open a run as it is now for reading. Raises RecordError, also for damage that is found inside the block."""
-    if _is_there(folder / format3.DATABASE) and not is_format4(folder):
-        with _reading(folder / format3.DATABASE), format3.opened(folder) as database:
-            yield database
-    else:
-        with reading_record(folder) as record:
-            yield record
-
-
-@contextlib.contextmanager
-def reading_record(folder: Path) -> Iterator[record_file.Record]:
-    """The same as `reading`, for a run of record format 4."""
     check_holes(folder / RECORD)
     with _reading(folder / RECORD), record_file.opened(folder) as record:
         yield record
@@ -253,9 +218,6 @@ def storing(path: Path, choose: str = ELSEWHERE, *, running: bool = False) -> It
     """
     try:
         yield
-    except sqlite3.Error as error:
-        code = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
-        raise RecordError(f"cannot write {path}: {error}; {_remedy(code, path, choose, running)}") from error
     except RecordError:
         raise
     except OSError as error:
@@ -278,3 +240,54 @@ def _add_waveforms(total: hashlib._Hash, waveforms: Iterable[Waveform]) -> None:
     for waveform in waveforms:
         row = (waveform.point_id, waveform.name, waveform.rate, waveform.samples.size)
         total.update(json.dumps(row).encode() + b"\n" + waveform.samples.tobytes())
+
+
+# --- the runs of a store -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """A line in a list of runs. Of a damaged run only `folder`, `started` (time of its file) and `fault` are known."""
+
+    folder: Path
+    started: datetime
+    procedure: str = ""
+    simulated: bool | None = None
+    status: Status | Literal["damaged"] = "damaged"
+    points: int = 0
+    fault: str = ""
+
+
+def list_runs(store: Path) -> list[RunSummary]:
+    """The runs in `store`, newest first; folders without a run are left out."""
+    runs = [_summary(folder) for folder in _folders(store)]
+    return sorted(runs, key=lambda run: (run.started, run.folder.name), reverse=True)
+
+
+def _summary(folder: Path) -> RunSummary:
+    try:
+        run = Run.open(folder)
+        with reading(run.folder) as stored:
+            points = stored.count()
+    except RecordError as error:
+        return RunSummary(folder, last_modified(folder), fault=str(error))
+    return RunSummary(folder, run.started, run.procedure, run.simulated, run.status, points)
+
+
+def _folders(store: Path) -> Iterator[Path]:
+    return (path for path in store.glob("*") if path.is_dir() and is_run(path))
+
+
+def find_run(text: str, store: Path) -> Path:
+    """The folder of the run that `text` names: a path, or a name in `store`.
+
+    Raises:
+        UnknownName: there is no such run; the message lists the runs of the store. UsageError: it is a file.
+    """
+    check_path(Path(text))
+    for folder in (Path(text), store / text):
+        if is_run(folder):
+            return folder
+    if Path(text).is_file():
+        raise UsageError(f"{text} is a file, and no run; give the folder of a run")
+    raise UnknownName("run", text, (path.name for path in _folders(store)))

@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from palpate.instrument.quantity import counted
-from palpate.procedures.records.check import Found
-from palpate.procedures.records.repair import Repaired
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import RunSummary
+from palpate.procedures.records.damage import Found, Repaired
+from palpate.procedures.records.run import Run, RunSummary
 from palpate.procedures.showing.marks import legend
 from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, new_table, number, print_all, stamped
 from palpate.procedures.steps.flags import FLAGS
 
-UNHASHED = "unhashed: record format 3 has no hashes, so points that are lost at its end go unnoticed"
 TIME = "%Y-%m-%d %H:%M:%S"
 
 
@@ -26,17 +23,9 @@ def print_runs(found: list[RunSummary], folder: Path) -> None:
         return
     table = new_table(None, "run", "procedure", "started (UTC)", "status", "points", "")
     for run in found:
-        marks = [STAMP] * bool(run.simulated) + ["unhashed"] * (run.hashed is False)
-        table.add_row(
-            run.folder.name, run.procedure, f"{run.started:{TIME}}", run.status, str(run.points), " ".join(marks)
-        )
-    old = unhashed(False if any(run.hashed is False for run in found) else None)
-    print_all(f"Runs in {folder}", table, *old, *(f"damaged: {run.fault}" for run in found if run.fault))
-
-
-def unhashed(hashed: bool | None) -> list[str]:
-    """The note for a run of record format 3; empty for other runs."""
-    return [UNHASHED] if hashed is False else []
+        mark = STAMP if run.simulated else ""
+        table.add_row(run.folder.name, run.procedure, f"{run.started:{TIME}}", run.status, str(run.points), mark)
+    print_all(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
 
 
 def run_row(run: RunSummary) -> dict[str, Any]:
@@ -47,7 +36,6 @@ def run_row(run: RunSummary) -> dict[str, Any]:
         "procedure": run.procedure,
         "simulated": run.simulated,
         "status": run.status,
-        "hashed": run.hashed,
         "points": run.points,
         "fault": run.fault or None,
     }
@@ -60,7 +48,6 @@ def run_object(run: Run, digest: str, signal_digest: str) -> dict[str, Any]:
         "procedure": run.procedure,
         "simulated": run.simulated,
         "status": run.status,
-        "hashed": run.hashed,
         "digest": digest,
         "signal_digest": signal_digest,
         "header": dict(run.header),
@@ -96,7 +83,6 @@ def print_run(run: Run, digest: str, signal_digest: str) -> None:
         f"digest       {digest}",
         f"of signals   {signal_digest}",
         f"arithmetic   {kernels or '-'}",
-        *unhashed(run.hashed),
         f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
         *blocks(table),
         *legend(table, marks=FLAGS),
@@ -126,7 +112,7 @@ def print_check(found: Found) -> None:
     """Print the findings of a check."""
     table = new_table(None, "status", "points", "waveforms", "verdict")
     table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")
-    lines = [*unhashed(found.hashed), *(f"damaged: {fault}" for fault in found.faults)]
+    lines = [f"damaged: {fault}" for fault in found.faults]
     if found.faults:
         lines.append(f"salvage it with: palpate runs repair {found.folder} --out DIR")
     elif found.status != "complete":
@@ -138,7 +124,6 @@ def repaired_object(done: Repaired) -> dict[str, Any]:
     """A salvaged run as JSON."""
     return {
         "run": str(done.folder),
-        "hashed": done.hashed,
         "points": done.points,
         "waveforms": done.waveforms,
         "gone": done.gone,
@@ -149,6 +134,5 @@ def print_repaired(done: Repaired) -> None:
     """Print how much was salvaged, and what is lost."""
     print_all(
         f"{done.folder}: {counted(done.points, 'point')}, {counted(done.waveforms, 'waveform')}",
-        *unhashed(done.hashed),
         *(f"gone: {what}" for what in done.gone or ["nothing"]),
     )

@@ -20,9 +20,9 @@ from palpate.instrument.errors import PalpateError, RecordError, check_path
 from palpate.instrument.extras import library
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.quantity import parse
-from palpate.procedures.records.encoding import as_json
+from palpate.procedures.records.chain import check_holes
 from palpate.procedures.records.export import check_format
-from palpate.procedures.records.holes import check_holes
+from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import hashable, storing
 from palpate.procedures.study.description import Study, StudyFile, Value, parted, study_of
 from palpate.procedures.study.store import RECORD, Outcome, stored
@@ -221,13 +221,13 @@ def coordinate(values: Sequence[Value]) -> tuple[list[Value], str]:
 
 
 class _RatioPoint:
-    """A stored point, a `mean_ratio.RatioPoint`. Numbers that earlier versions did not store are 0 or None."""
+    """A stored point, a `mean_ratio.RatioPoint`."""
 
     def __init__(self, stored: Mapping[str, Any]) -> None:
         self.force_ratio, self.force_ratio_u = float(stored["force_ratio"]), float(stored["force_ratio_u"])
-        self.noise_u, self.pickup_u = float(stored.get("noise_u", 0.0)), float(stored.get("pickup_u", 0.0))
+        self.noise_u, self.pickup_u = float(stored["noise_u"]), float(stored["pickup_u"])
         self.calibration_u = 0.0
-        self.degrees_of_freedom: float | None = stored.get("degrees_of_freedom")
+        self.degrees_of_freedom: float | None = stored["degrees_of_freedom"]
 
 
 def _group(means: Sequence[CellMean]) -> Group:

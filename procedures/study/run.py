@@ -12,7 +12,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 
 from palpate.instrument.errors import BenchError, PalpateError
 from palpate.procedures.console.progress import Progress
-from palpate.procedures.records.encoding import as_json
+from palpate.procedures.records.record_file import as_json
 from palpate.procedures.study.description import Study, Value
 from palpate.procedures.study.store import Outcome, Store
 

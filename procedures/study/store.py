@@ -24,12 +24,10 @@ from typing import Any, Self
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import Chain, Frame
-from palpate.procedures.records.chain_writer import ChainWriter, create
+from palpate.procedures.records.chain import Chain, ChainWriter, Frame, create
 from palpate.procedures.records.run import storing
 
 RECORD, HEAD_FILE = "study.record", "study.head"
-OLD = "study.sqlite"  # file of earlier versions
 STUDY, CELL = b"STUD", b"CELL"
 LONGEST_VALUE = 60  # characters, in a message
 
@@ -68,8 +66,6 @@ class Store:
         with Ends() as undo:
             with storing(path):
                 folder.mkdir(parents=True, exist_ok=True)
-                if (folder / OLD).exists():
-                    raise UsageError(f"{folder} holds a study of an earlier version of palpate; choose another --out")
                 lock = os.open(folder, os.O_RDONLY)
                 undo.callback(os.close, lock)
                 undo.close_in_child(lock)
@@ -122,8 +118,6 @@ def stored(folder: Path) -> tuple[dict[str, Any], list[Outcome]]:
     """
     path = folder.absolute() / RECORD
     if not path.is_file():
-        if (folder / OLD).is_file():
-            raise UsageError(f"{folder} holds a study of an earlier version of palpate; read it with that version")
         raise UsageError(f"{folder} holds no study; make one with: palpate study STUDY.toml --out {folder}")
     with _sound(path), chain.opened(path, path.with_name(HEAD_FILE)) as found:
         return _asked(found), sorted(_outcomes(found), key=lambda outcome: outcome.cell)

@@ -21,8 +21,8 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.lab.software import packages_of
 from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import as_json
 from palpate.procedures.steps.checks import check_frequency
 from palpate.procedures.steps.film_point import is_short
 from palpate.procedures.steps.flags import CLIPPED, SHORT, USED

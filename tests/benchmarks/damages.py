@@ -1,4 +1,4 @@
-"""A million damages of what is read back: runs, their database of before, calibrations, studies, bus logs.
+"""A million damages of what is read back: runs, calibrations, studies, bus logs.
 
 Resumable: each thousand goes to `damages-VERSION.jsonl` in `$PALPATE_CAMPAIGN` (`campaigns`), VERSION being that of the
 code; a command that is given again goes on from there. `$PALPATE_DAMAGES` says how many; `$PALPATE_SHARE` (as 0/2)
@@ -23,10 +23,7 @@ DAMAGES = 1_000_000
 BLOCK = 1000
 ROOT = Path(__file__).parents[2]
 TRIED = (
-    *(
-        f"procedures/records/{name}.py"
-        for name in ("chain", "check", "encoding", "format3", "pages", "record_file", "salvage")
-    ),
+    *(f"procedures/records/{name}.py" for name in ("chain", "damage", "record_file")),
     *("procedures/study/store.py", "instrument/config.py", "instrument/calibration/files.py", "drivers/logs/pcapng.py"),
     "tests/damages.py",
 )

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records.check import check
+from palpate.procedures.records.damage import check
 from palpate.procedures.records.record_file import RECORD
 from palpate.procedures.records.run import Run
 from tests.benchmarks.row import Row

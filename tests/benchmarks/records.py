@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import as_json
 from tests.benchmarks.row import Row
 
 HEADER = {"procedure": "records", "simulated": True, "started": "2026-01-02T03:04:05Z"}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.logs.pcapng import BEGINNING, EARLIER, Link, Packet, PcapngWriter, is_hashed, read_pcapng
+from palpate.drivers.logs.pcapng import BEGINNING, Link, Packet, PcapngWriter, read_pcapng
 
 PACKETS = [
     Packet(0x0123_4567_89AB_CDEF, "oven", Link.TCP, True, b"abc"),
@@ -70,7 +70,6 @@ def written(*packets: Packet, end: bool = True) -> bytes:
 def test_a_file_begins_with_its_section_and_four_interfaces_whose_times_are_nanoseconds() -> None:
     assert bytes.fromhex(BEGINS) == BEGINNING
     assert written(end=False) == BEGINNING
-    assert bytes.fromhex("0a0d0d0a 1c000000 4d3c2b1a 0100 0000 ffffffffffffffff 1c000000" + INTERFACES) == EARLIER
 
 
 @pytest.mark.parametrize("number", range(len(PACKETS)))
@@ -141,12 +140,6 @@ def test_packets_come_back_whatever_their_length(size: int, tmp_path: Path) -> N
     assert read(tmp_path, written(*packets)) == packets
 
 
-def test_a_file_of_an_earlier_version_has_no_hash_and_is_read() -> None:
-    content = written(*PACKETS, end=False)
-    assert is_hashed(content)
-    assert not is_hashed(EARLIER + content[len(BEGINNING) :])
-
-
 def test_a_file_without_its_end_is_read_up_to_there_and_told(tmp_path: Path) -> None:
     found = []
     path = tmp_path / "c.pcapng"
@@ -154,7 +147,6 @@ def test_a_file_without_its_end_is_read_up_to_there_and_told(tmp_path: Path) -> 
     with pytest.raises(ValueError, match="it was cut off: its end is missing"):
         found.extend(packet for packet in read_pcapng(path))
     assert found == PACKETS
-    assert read(tmp_path, EARLIER + written(*PACKETS, end=False)[len(BEGINNING) :]) == PACKETS
 
 
 WHOLE = written(*PACKETS)
@@ -178,13 +170,6 @@ CUT_OFF = written(*PACKETS, end=False)
 def test_damage_is_told_with_its_kind_and_place(content: bytes, says: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(says)}"):
         read(tmp_path, content)
-
-
-def test_blocks_of_other_kinds_are_passed_over(tmp_path: Path) -> None:
-    """Other tools may add blocks to a file of an earlier version, also such of the least size."""
-    other = bytes.fromhex("cc0b0000 0c000000 0c000000")
-    earlier = EARLIER + other + CUT_OFF[len(BEGINNING) :] + other
-    assert read(tmp_path, earlier) == PACKETS
 
 
 def test_a_note_that_is_not_the_hash_may_be_called_so_on_another_interface(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import tomli_w
 
 from palpate.instrument.bench.comparison import compared
 from palpate.instrument.bench.description import BenchDescription, recorded_bench
-from palpate.procedures.records.headers import COMPARED, comparable, differences
+from palpate.procedures.records.resumed import COMPARED, comparable, differences
 from tests.drivers.benches import new_form
 from tests.drivers.outside import installed
 

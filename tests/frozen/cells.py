@@ -176,14 +176,13 @@ def _cells() -> dict[str, Lines]:
     cells["old bench files"] = tuple(
         f"sweep loads --dry-run --bench old/{name}.toml --json" for name in ("bench", "bench-changer", "bench-least")
     )
-    for version in ("3", "4"):
-        cells[f"old run of record format {version}"] = (
-            f"runs check old/run-{version} --json",
-            f"runs show old/run-{version} --json",
-            f"runs export old/run-{version} --json",
-            f"runs resume old/run-{version} --json",
-            f"runs show old/run-{version} --json",
-        )
+    cells["old run of record format 4"] = (
+        "runs check old/run-4 --json",
+        "runs show old/run-4 --json",
+        "runs export old/run-4 --json",
+        "runs resume old/run-4 --json",
+        "runs show old/run-4 --json",
+    )
     cells["old bus log"] = ("bus replay old/log.pcapng --out again --json", "runs show again --json")
     return cells
 

@@ -1,4 +1,4 @@
-"""Run folders. An input is the record, or the database of record format 3, behind a byte that tells which.
+"""Run folders. An input is the record.
 
 What is damaged is either found, or leaves points and waveforms as they were.
 """
@@ -15,15 +15,12 @@ import numpy as np
 
 from palpate.instrument.errors import RecordError
 from palpate.procedures.records.chain import MAGIC
-from palpate.procedures.records.check import check
-from palpate.procedures.records.format3 import DATABASE
+from palpate.procedures.records.damage import check, salvaging
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.salvage import salvaging
 from tests.fuzz.files import FOLDER, in_file
 from tests.fuzz.target import Target, require
-from tests.runs import as_format3
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": datetime(2026, 11, 21, tzinfo=UTC).isoformat()}
 POINTS = [({"load_N": 1.5 + n, "valid": True}, 1_000_000_000 * (n + 1)) for n in range(3)]
@@ -41,8 +38,7 @@ def _stored() -> tuple[dict[str, bytes], list[dict[str, Any]], list[dict[str, An
     run = Run.open(folder)
     found = run.points(), run.events(), run.digest()
     files = {name: (folder / name).read_bytes() for name in (RECORD, HEAD_FILE)}
-    as_format3(folder)
-    return {**files, DATABASE: (folder / DATABASE).read_bytes()}, *found
+    return files, *found
 
 
 def decode(data: bytes) -> None:
@@ -50,11 +46,8 @@ def decode(data: bytes) -> None:
     folder = Path(FOLDER)
     for name in files:
         (folder / name).unlink(missing_ok=True)
-    if data[:1] == b"3":
-        in_file(DATABASE, data[1:])
-    else:
-        in_file(RECORD, data[1:])
-        in_file(HEAD_FILE, files[HEAD_FILE])
+    in_file(RECORD, data)
+    in_file(HEAD_FILE, files[HEAD_FILE])
     faults = check(folder).faults
     with contextlib.suppress(RecordError), salvaging(folder) as left:
         salvaged = [{"id": n, "bench_ns": point.bench_ns, **point.data} for n, point in left.points.items()]
@@ -69,9 +62,8 @@ def decode(data: bytes) -> None:
 
 
 def run() -> Target:
-    files = _stored()[0]
     return Target(
-        [b"4" + files[RECORD], b"3" + files[DATABASE]],
+        [_stored()[0][RECORD]],
         decode,
-        [b"\0\0", b"\xff\xff\xff\xff", b"null", b"[", b"CREATE VIEW point AS", b"\x0d\0\0\0", MAGIC, b"WAVE", b"STAT"],
+        [b"\0\0", b"\xff\xff\xff\xff", b"null", b"[", MAGIC, b"WAVE", b"STAT"],
     )

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -12,20 +9,12 @@ import pytest
 from palpate.drivers.links.sdo import LARGEST_OBJECT
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
-from palpate.instrument.errors import ConfigError, LinkError, RecordError
-from palpate.procedures.records import format3 as reader
-from palpate.procedures.records.check import check
-from palpate.procedures.records.format3 import DATABASE
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
+from palpate.instrument.errors import ConfigError, LinkError
 from palpate.procedures.reproduce import solutions
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import MOST_EFFECTS
 from tests.fuzz.can import NODE, Frames, Transfers, sdo_answers
 from tests.fuzz.files import BENCH
-from tests.runs import as_format3
-
-GOOD = {"procedure": "sweep loads", "simulated": True, "started": datetime(2026, 11, 21, tzinfo=UTC).isoformat()}
 
 
 @pytest.mark.parametrize(
@@ -87,30 +76,6 @@ def test_what_a_node_sends_unasked_is_not_kept() -> None:
         frames.node._on_frame(0x180 + NODE, bytearray(8), 0.0)
     assert transfers.node._node.sdo.responses.qsize() < 20
     assert frames.node._frames == []
-
-
-def damaged(folder: Path, statement: str) -> Path:
-    with Recorder.create(folder, GOOD) as record:
-        record.point({"load_N": 1.0}, {}, 1)
-        record.finish("complete", {"points": 1})
-    as_format3(folder)
-    with closing(sqlite3.connect(folder / DATABASE)) as database:
-        database.executescript(statement)
-    return folder
-
-
-def test_a_run_that_could_go_on_for_ever_or_holds_a_huge_row_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(reader, "LARGEST_ROW", largest := 1_000_000)
-    endless = "WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n) SELECT id, 1, '{}', 0 FROM n"
-    view = damaged(tmp_path / "view", f"DROP TABLE point; CREATE VIEW point AS {endless};")
-    assert "it has views or triggers" in " ".join(check(view).faults)
-    huge = damaged(
-        tmp_path / "huge", f"UPDATE run SET value = printf('%.*c', {largest + 1}, ' ') WHERE key = 'summary'"
-    )
-    with pytest.raises(RecordError, match=r"is damaged .*too big"):
-        Run.open(huge)
 
 
 def test_damaged_solutions_say_how_to_make_them_anew(tmp_path: Path) -> None:

@@ -154,20 +154,6 @@ def failed(said: Spoken, status: int, *names: str) -> None:
         assert name in said.complaint, said.complaint
 
 
-def test_a_wrong_bit_in_the_beginning_of_a_log_that_is_cut_off_is_noticed(tmp_path: Path) -> None:
-    """Such a log, cut between two packets, could pass for one of the version without a hash."""
-    log = tmp_path / "log.pcapng"
-    with log.open("wb") as file:
-        writer = PcapngWriter(file)
-        beginning = file.tell()
-        writer.write(Packet(1, "clock", Link.NOTE, True, b"1"))
-    cut_off = log.read_bytes()
-    for at in range(beginning):
-        log.write_bytes(cut_off[:at] + bytes([cut_off[at] ^ 0x20]) + cut_off[at + 1 :])
-        with pytest.raises(ValueError, match=r"no capture file of palpate|its first bytes are damaged"):
-            list(read_pcapng(log))
-
-
 def test_a_log_of_another_format_or_in_the_place_of_another_starts_nothing(palpate: Palpate) -> None:
     failed(palpate("sweep", "loads", "--log", "trace.pcap"), 2, "--log trace.pcap", ".blf")
     Path("t.pcapng").touch()

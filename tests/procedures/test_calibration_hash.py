@@ -1,4 +1,4 @@
-"""A calibration that was edited by hand is refused until somebody accepts it; one from before has no hash to tell."""
+"""A calibration that was edited by hand is refused until somebody accepts it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import re
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
-from typing import Any
 
 import pytest
 import tomli_w
@@ -61,24 +60,19 @@ def test_an_edit_that_is_accepted_is_used_and_told_by_every_run(palpate: Palpate
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", accepted)
     outcome = palpate(*SWEEP, "--json").object
     assert outcome["calibration"] == f"by weights (edited by hand, accepted on {accepted})"
-    told = {"sha256": read_calibration(stored).sha256(), "verified": True, "accepted": accepted}
+    told = {"sha256": read_calibration(stored).sha256(), "accepted": accepted}
     assert outcome["calibration_files"] == {"load_cell": told, "films": None}
     header = Run.open(Path(outcome["run"])).header
     assert header["calibration_files"] == outcome["calibration_files"]
     assert palpate("calibrate", "accept", str(stored)).out == f"{stored}: is as it was written, nothing to accept\n"
 
 
-def test_a_calibration_from_before_there_were_hashes_is_read_as_unverified_until_it_is_saved(
-    palpate: Palpate, stored: Path
-) -> None:
-    edit(stored, f'sha256 = "{read_calibration(stored).sha256()}"\n', "")
+def test_a_calibration_whose_hash_was_taken_out_is_refused_and_accepted_too(palpate: Palpate, stored: Path) -> None:
     found = read_calibration(stored)
-    assert not found.verified
-    assert "calibration    by weights (unverified)\n" in palpate(*SWEEP, "--out", "day").out
-    told: Any = Run.open(Path("day")).header["calibration_files"]
-    assert told["load_cell"]["verified"] is False
-    write_calibration(stored, found)
-    assert read_calibration(stored).verified
+    edit(stored, f'sha256 = "{found.sha256()}"\n', "")
+    assert f"{stored}: was changed after it was written: its sha256 is gone; restore it" in palpate(*SWEEP).complaint
+    assert palpate("calibrate", "accept", str(stored)).status == 0
+    assert read_calibration(stored).sensitivity_mV_per_N == found.sensitivity_mV_per_N
 
 
 @pytest.mark.slow

@@ -89,7 +89,7 @@ def test_a_store_that_cannot_be_written_to_is_told_with_the_remedy_which_works(
 def test_a_complete_run_whose_calibration_is_not_stored_is_resumed_to_store_it(palpate: Palpate) -> None:
     assert palpate(*CELL, "--out", "day").status == 0
     digest = Run.open(Path("day")).digest()
-    for gone in (("runs",), ("runs", "day/calibration.toml", "day/certificate.md")):  # the second: of older versions
+    for gone in (("runs",), ("runs", "day/calibration.toml", "day/certificate.md")):
         for path in map(Path, gone):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         assert palpate("runs", "resume", "day", "--quiet").status == 0

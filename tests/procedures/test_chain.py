@@ -22,13 +22,14 @@ from palpate.procedures.records.chain import (
     READINGS,
     SECTOR,
     ChainFile,
+    Content,
     Head,
     head_of,
     opened,
+    packed,
     read_head,
 )
-from palpate.procedures.records.chain_writer import Content, packed
-from palpate.procedures.records.encoding import LARGEST_ROW
+from palpate.procedures.records.record_file import LARGEST_ROW
 
 NAME = b"0123456789abcdef"
 BEGINNING = Head(NAME, 0, 0, 0, 0, 0, NOTHING)

@@ -10,9 +10,22 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument import durable
-from palpate.procedures.records import chain_writer
-from palpate.procedures.records.chain import AROUND, FRAME, HASH, MAGIC, NOTHING, SECTOR, ChainFile, Head, head_of
-from palpate.procedures.records.chain_writer import ChainWriter, Content, create, packed
+from palpate.procedures.records import chain
+from palpate.procedures.records.chain import (
+    AROUND,
+    FRAME,
+    HASH,
+    MAGIC,
+    NOTHING,
+    SECTOR,
+    ChainFile,
+    ChainWriter,
+    Content,
+    Head,
+    create,
+    head_of,
+    packed,
+)
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import RECORD, SIMULATED
 
@@ -174,7 +187,7 @@ def test_a_new_chain_is_on_disk_before_it_has_its_name_and_its_name_before_it_co
         done.append(("named", target.name))
         return replace(path, target)
 
-    monkeypatch.setattr(chain_writer, "sync", lambda path: done.append(("synced", path.name)))
+    monkeypatch.setattr(chain, "sync", lambda path: done.append(("synced", path.name)))
     monkeypatch.setattr(Path, "replace", renamed)
     create(tmp_path / "record", tmp_path / "head", CHAIN, FRAMES, 0)
     assert done == [("synced", "record.new"), ("synced", "head"), ("named", "record"), ("synced", tmp_path.name)]
@@ -184,7 +197,7 @@ def test_what_is_synced_is_synced_with_its_metadata_and_closed(tmp_path: Path, m
     synced = list[str]()
     monkeypatch.setattr(os, "fsync", lambda handle: synced.append(str(Path(f"/proc/self/fd/{handle}").readlink())))
     before = len(list(Path("/proc/self/fd").iterdir()))
-    chain_writer.sync(tmp_path)
+    chain.sync(tmp_path)
     assert synced == [str(tmp_path)]
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 

@@ -161,16 +161,6 @@ def test_a_run_after_those_of_a_script_goes_on_where_their_classes_are_known(
     assert palpate.resume(cut).run.digest() == whole.run.digest()
 
 
-def test_a_run_of_an_earlier_version_that_tells_only_how_many_came_before_it_is_run_anew(tmp_path: Path) -> None:
-    with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt):
-        palpate.run(SWEEP, bench, out=tmp_path / "old", progress=interrupt_at(1))
-
-    rehash(tmp_path / "old", header=lambda header: header.update(runs_before=1))
-    with pytest.raises(palpate.UsageError, match=r"kept no account of the runs before it; run it anew"):
-        palpate.resume(tmp_path / "old")
-    assert len(palpate.read(tmp_path / "old").points()) == 1
-
-
 SCRIPT = """
 import os, sys, palpate
 from tests.procedures.test_chained_runs import CHAIN

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.procedures.records import chain_writer
+from palpate.procedures.records import chain
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from tests.benchmarks.disk import cuts, failing
@@ -16,7 +16,7 @@ from tests.procedures.conftest import HEADER
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    monkeypatch.setattr(chain_writer, "AHEAD", 2000)  # a million zeros take their time in each case
+    monkeypatch.setattr(chain, "AHEAD", 2000)  # a million zeros take their time in each case
     with Recorder.create(tmp_path / "run", HEADER) as record:
         for n in (1, 2):
             record.point({"load_N": 0.5 * n}, {"rigid": (250.0, np.sin(0.1 * n * np.arange(300)))}, n)

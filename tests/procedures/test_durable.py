@@ -17,7 +17,7 @@ import pytest
 
 from palpate.instrument.errors import RecordError
 from palpate.procedures.console.progress import Progress
-from palpate.procedures.records.check import check
+from palpate.procedures.records.damage import check
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.run import Run

@@ -16,7 +16,7 @@ import palpate
 from palpate.drivers.logs.can_frames import read_frames
 from palpate.drivers.logs.pcapng import read_pcapng
 from palpate.instrument.errors import BenchError, BenchInUse
-from palpate.procedures.records.check import check
+from palpate.procedures.records.damage import check
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 

@@ -9,14 +9,11 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records import format3
-from palpate.procedures.records.check import check
-from palpate.procedures.records.holes import MOST, check_holes
+from palpate.procedures.records.chain import MOST_HOLES, check_holes
+from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import RECORD
-from palpate.procedures.records.repair import repair
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import list_runs
+from palpate.procedures.records.run import Run, list_runs
 from palpate.procedures.study.results import read_results
 from tests.procedures.conftest import HEADER, Palpate
 
@@ -31,16 +28,11 @@ def run(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-@pytest.mark.parametrize("name", [RECORD, format3.DATABASE, format3.LOG])
-def test_a_sparse_file_of_a_run_is_refused_with_its_size_and_what_to_do(run: Path, tmp_path: Path, name: str) -> None:
+def test_a_sparse_file_of_a_run_is_refused_with_its_size_and_what_to_do(run: Path, tmp_path: Path) -> None:
     whole = (run / RECORD).stat().st_size
-    if name != RECORD:
-        for file in run.iterdir():
-            file.unlink()
-        (run / format3.DATABASE).touch()
-    with (run / name).open("ab") as file:
+    with (run / RECORD).open("ab") as file:
         file.truncate(SPARSE)
-    said = rf"{name} is damaged \(it is {SPARSE} bytes long, and more than {MOST} of them were never written"
+    said = rf"{RECORD} is damaged \(it is {SPARSE} bytes long, and more than {MOST_HOLES} of them were never written"
     (fault, *_) = check(run).faults
     assert "never written" in fault
     with pytest.raises(RecordError, match=said):
@@ -49,9 +41,8 @@ def test_a_sparse_file_of_a_run_is_refused_with_its_size_and_what_to_do(run: Pat
         repair(run, tmp_path / "mended")
     (listed,) = list_runs(tmp_path)
     assert (listed.status, "never written" in listed.fault) == ("damaged", True)
-    if name == RECORD:
-        os.truncate(run / name, whole)
-        assert check(run).faults == []
+    os.truncate(run / RECORD, whole)
+    assert check(run).faults == []
 
 
 @pytest.mark.parametrize("command", [("bus", "show"), ("bus", "replay")])
@@ -84,11 +75,11 @@ def test_too_little_memory_is_one_message(palpate: Palpate, monkeypatch: pytest.
 def test_holes_between_data_count_together_and_what_was_written_counts_for_none(tmp_path: Path) -> None:
     with (tmp_path / "file").open("wb") as file:
         for part in range(4):
-            file.seek(part * MOST // 2 + part * 4096)
+            file.seek(part * MOST_HOLES // 2 + part * 4096)
             file.write(bytes(4096))
     with pytest.raises(RecordError):
         check_holes(tmp_path / "file")
-    os.truncate(tmp_path / "file", MOST // 2 + 4096)
+    os.truncate(tmp_path / "file", MOST_HOLES // 2 + 4096)
     check_holes(tmp_path / "file")
     shutil.rmtree(tmp_path)
     check_holes(tmp_path / "file")

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records import chain_writer
+from palpate.procedures.records import chain
 from palpate.procedures.records.chain import SECTOR
-from palpate.procedures.records.check import check
+from palpate.procedures.records.damage import check
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.run import Run
@@ -26,7 +26,7 @@ POINTS = 10
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as SIGKILL leaves it after ten durable points."""
     live, folder = (tmp_path_factory.mktemp("store") / name for name in ("live", "killed"))
-    with patch.object(chain_writer, "AHEAD", 1000), Recorder.create(live, HEADER) as record:
+    with patch.object(chain, "AHEAD", 1000), Recorder.create(live, HEADER) as record:
         for n in range(1, POINTS + 1):
             films = dict.fromkeys(("rigid", "total"), (250.0, np.sin(0.1 * n * np.arange(40))))
             record.point({"load_N": 0.5 * n}, films, n)

@@ -73,7 +73,7 @@ SIGNATURES = {
     "Report": "show draw",
     "RequiredLoads": "values extrapolate",
     "Response": "model force_rigid force_total force_ratio error_estimate tooth_forces films stiffness why",
-    "Run": "folder procedure simulated started status header summary hashed",
+    "Run": "folder procedure simulated started status header summary",
     "Setting": "unit help read",
     "SimpleResult": "points values budgets",
     "SoftnessTest": "objects loads dwell frequency model risk sets",
@@ -110,12 +110,12 @@ MEMBERS = {  # what a script or a class of its own uses
     "Plan": "likely predicted procedure seconds steps summary",
     "Procedure": (
         "automated_by begin calibrates calibrating check check_result constants dwells enough evaluate manual_work "
-        "model_question name newer_settings on pausable plan point recorded report required_loads "
+        "model_question name on pausable plan point recorded report required_loads "
         "resumable_on_real_bench save_calibration skips"
     ),
     "Recorder": "close create event finish finished measured point points",
     "Run": (
-        "digest events folder hashed header open points procedure signal_digest simulated started status summary "
+        "digest events folder header open points procedure signal_digest simulated started status summary "
         "table waveform waveform_names waveforms"
     ),
     "StaticLoadWork": "arrange end load",

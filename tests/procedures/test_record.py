@@ -17,11 +17,9 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError, RecordError, UsageError
-from palpate.procedures.records.chain import HASH
-from palpate.procedures.records.chain_writer import AHEAD
-from palpate.procedures.records.encoding import LARGEST_ROW
+from palpate.procedures.records.chain import AHEAD, HASH
 from palpate.procedures.records.record import Recorder, new_run_folder
-from palpate.procedures.records.record_file import IN_A_FRAME
+from palpate.procedures.records.record_file import IN_A_FRAME, LARGEST_ROW
 from palpate.procedures.records.run import Run
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z", "seed": 7}

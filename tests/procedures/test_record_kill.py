@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from palpate.procedures.records.record_file import RECORD
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import list_runs
+from palpate.procedures.records.run import Run, list_runs
 
 pytestmark = pytest.mark.slow
 

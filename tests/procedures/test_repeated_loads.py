@@ -13,8 +13,8 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.measurements.films.procedure import FilmSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
-from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.export import as_dataset
+from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.procedures.study.results import Results

@@ -23,16 +23,14 @@ from palpate.procedures.lab import keys, operator
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
-from palpate.procedures.records.encoding import as_json
-from palpate.procedures.records.headers import header_of, settings_of
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.record_file import HEAD_FILE
-from palpate.procedures.records.resumed import Resumed
+from palpate.procedures.records.record_file import HEAD_FILE, as_json
+from palpate.procedures.records.resumed import Resumed, header_of, settings_of
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import new_form
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
-from tests.runs import as_format3, rehash
+from tests.runs import rehash
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet")
 Stop = Callable[[int], None]
@@ -101,18 +99,6 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     assert said["softness_order"] == whole.summary["softness_order"]
     assert len(said["points"]) == 3
     assert events("cut") == ["stopped", "continued", "stopped", "continued"]
-
-
-def test_a_run_of_format_3_goes_on_in_format_4_and_says_so(palpate: Palpate, stop: Stop, whole: Run) -> None:
-    stopped(palpate, stop, 2, *SWEEP)
-    as_format3(Path("cut"))
-    before = Path("cut/run.sqlite").read_bytes()
-    assert palpate("runs", "resume", "cut", "--quiet").status == 0
-    run = Run.open(Path("cut"))
-    assert (run.status, run.hashed, run.digest(), run.summary) == ("complete", True, whole.digest(), whole.summary)
-    messages = [event["message"] for event in run.events() if event["kind"] == "changed"]
-    assert messages == ["record format 3 until here, 4 from now on: its rows were unhashed"]
-    assert Path("cut/run.sqlite").read_bytes() == before
 
 
 def test_a_calibration_goes_on_and_is_kept(palpate: Palpate, stop: Stop) -> None:
@@ -235,7 +221,7 @@ FORGERIES = [
 
 
 def run_of(header: dict[str, Any], name: str = "sweep-loads") -> Run:
-    return Run(Path("run"), name, True, datetime.now(UTC), "stopped", header, {}, True)
+    return Run(Path("run"), name, True, datetime.now(UTC), "stopped", header, {})
 
 
 @pytest.mark.parametrize("header", FORGERIES)

@@ -6,7 +6,6 @@ import contextlib
 import os
 import re
 import shutil
-import sqlite3
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -19,12 +18,11 @@ import pytest
 from palpate.instrument.errors import RecordError, UnknownName, UsageError
 from palpate.procedures.records import chain
 from palpate.procedures.records.chain import Head
+from palpate.procedures.records.damage import repair
 from palpate.procedures.records.export import export
 from palpate.procedures.records.record import Recorder, put_file
-from palpate.procedures.records.repair import repair
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import find_run, list_runs
-from tests.runs import as_format3, rehash
+from palpate.procedures.records.run import Run, find_run, list_runs
+from tests.runs import rehash
 
 NOBODY = 65534
 
@@ -57,14 +55,6 @@ def killed(tmp_path: Path) -> Path:
     shutil.copytree(tmp_path / "live", folder)
     recorder.finish("failed", {})
     return folder
-
-
-@pytest.fixture
-def old(killed: Path) -> Path:
-    """The same of record format 3: the database with its log, the log not yet merged."""
-    as_format3(killed, killed=True)
-    assert (killed / "run.sqlite-wal").stat().st_size > 0
-    return killed
 
 
 @contextlib.contextmanager
@@ -127,32 +117,14 @@ def test_a_head_that_is_older_than_its_record_is_refused(tmp_path: Path) -> None
 
 def test_a_killed_run_is_read(killed: Path) -> None:
     run = Run.open(killed)
-    assert (run.status, run.hashed) == ("running", True)
+    assert run.status == "running"
     check_two_points(run)
 
 
-def test_a_killed_run_of_format_3_is_read_with_its_log_and_is_unhashed(old: Path) -> None:
-    run = Run.open(old)
-    assert (run.status, run.hashed) == ("running", False)
-    check_two_points(run)
-
-
-def test_a_log_that_sqlite_may_not_share_is_read_from_a_copy(old: Path) -> None:
-    (old / "run.sqlite-shm").unlink(missing_ok=True)
-    (old / "run.sqlite-shm").mkdir()
-    check_two_points(Run.open(old))
-    assert (old / "run.sqlite-wal").stat().st_size > 0
-
-
-@pytest.mark.parametrize("format_", ["3", "3 without index", "4"])
-def test_a_killed_run_in_a_read_only_folder_is_read(killed: Path, format_: str) -> None:
-    if format_ != "4":
-        as_format3(killed, killed=True)
+def test_a_killed_run_in_a_read_only_folder_is_read(killed: Path) -> None:
     with tempfile.TemporaryDirectory() as public:
         folder = Path(public) / "run"
         shutil.copytree(killed, folder)
-        if format_ == "3 without index":
-            (folder / "run.sqlite-shm").unlink()
         for path in folder.iterdir():
             path.chmod(0o444)
         folder.chmod(0o555)
@@ -172,20 +144,17 @@ def test_a_waveform_that_a_point_has_not_is_named_with_those_it_has(tmp_path: Pa
         finished(tmp_path).waveform(2, "rigd")
 
 
-def damage(folder: Path, point: int, name: str = "run.record") -> None:
+def damage(folder: Path, point: int) -> None:
     """Flips a bit in a sample of a point's film."""
-    path = folder / name
+    path = folder / "run.record"
     content = bytearray(path.read_bytes())
     content[content.index(film(point).tobytes()) + 100] ^= 1
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("format_", [3, 4])
-def test_a_flipped_bit_in_a_waveform_is_found(tmp_path: Path, format_: int) -> None:
+def test_a_flipped_bit_in_a_waveform_is_found(tmp_path: Path) -> None:
     run = finished(tmp_path)
-    if format_ == 3:
-        as_format3(tmp_path)
-    damage(tmp_path, 2, "run.sqlite" if format_ == 3 else "run.record")
+    damage(tmp_path, 2)
     assert run.waveform(1, "rigid").size == 100
     with pytest.raises(RecordError, match=r"'rigid' of point 2 is not as it was written"):
         run.waveform(2, "rigid")
@@ -215,27 +184,6 @@ def test_a_record_that_is_cut_or_has_another_head_is_refused(tmp_path: Path) -> 
             Run.open(tmp_path / "run")
 
 
-@pytest.mark.parametrize(
-    ("statement", "message"),
-    [
-        ("PRAGMA user_version = 2", "record format 2, and this version of palpate reads 3 and 4; use"),
-        ("PRAGMA application_id = 1", "is not a run of palpate"),
-        ("DELETE FROM run WHERE key = 'status'", "no 'status'"),
-        ("UPDATE run SET value = '[' WHERE key = 'procedure'", "is damaged"),
-        ("UPDATE run SET value = 'null' WHERE key = 'simulated'", "'simulated' of the header is not as it was"),
-        ("DROP TABLE run", "no such table"),
-    ],
-)
-def test_a_database_that_is_no_such_run_is_refused(tmp_path: Path, statement: str, message: str) -> None:
-    finished(tmp_path)
-    as_format3(tmp_path)
-    with contextlib.closing(sqlite3.connect(tmp_path / "run.sqlite")) as database:
-        database.execute(statement)
-        database.commit()
-    with pytest.raises(RecordError, match=message):
-        Run.open(tmp_path)
-
-
 @pytest.mark.parametrize("name", ["run.record", "run.head"])
 def test_what_is_no_file_is_not_waited_for(tmp_path: Path, name: str) -> None:
     finished(tmp_path)
@@ -255,17 +203,12 @@ def test_a_header_that_is_none_of_a_run_is_refused(tmp_path: Path, key: str, val
         Run.open(tmp_path)
 
 
-def test_a_file_that_is_no_record_and_one_that_is_absent_are_named(tmp_path: Path) -> None:
+def test_a_record_that_is_absent_or_no_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"cannot read .*run\.record: No such file"):
         Run.open(tmp_path)
-    (tmp_path / "run.sqlite").write_bytes(b"x" * 4096)
-    with pytest.raises(RecordError, match=r"run\.sqlite is damaged \(file is not a database\); restore"):
-        Run.open(tmp_path)
-    (tmp_path / "run.sqlite").unlink()
-    os.mkfifo(tmp_path / "run.sqlite")  # would be waited for
-    for read in (Run.open, lambda folder: repair(folder, tmp_path / "mended")):
-        with pytest.raises(RecordError, match=r"cannot read .*run\.sqlite: It is no file"):
-            read(tmp_path)
+    os.mkfifo(tmp_path / "run.record")  # would be waited for
+    with pytest.raises(RecordError, match=r"cannot read .*run\.record: It is no file"):
+        repair(tmp_path, tmp_path / "mended")
 
 
 def test_a_file_beside_a_record_takes_the_place_of_a_pipe_or_a_link(tmp_path: Path) -> None:
@@ -310,15 +253,10 @@ def test_runs_are_listed_newest_first_with_the_damaged_ones(tmp_path: Path) -> N
         os.utime(tmp_path / "damaged" / name, (0, 0))
     (tmp_path / "plots").mkdir()
     (tmp_path / "file").touch()
-    for name in ("run.record", "run.sqlite"):  # their disk is not there
-        (tmp_path / f"link to {name}").mkdir()
-        (tmp_path / f"link to {name}" / name).symlink_to("/absent/file")
-    runs = list_runs(tmp_path)
-    linked, runs = runs[:2], runs[2:]
-    assert {run.folder.name: run.status for run in linked} == {
-        "link to run.record": "damaged",
-        "link to run.sqlite": "damaged",
-    }
+    (tmp_path / "link").mkdir()
+    (tmp_path / "link" / "run.record").symlink_to("/absent/file")  # its disk is not there
+    linked, *runs = list_runs(tmp_path)
+    assert (linked.folder.name, linked.status) == ("link", "damaged")
     assert [run.folder.name for run in runs] == ["a", "b", "c", "damaged"]
     assert (runs[0].status, runs[0].points, runs[0].simulated) == ("complete", 0, True)
     assert runs[0].started.isoformat() == "2025-03-14T16:00:00+00:00"

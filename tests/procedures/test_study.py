@@ -31,8 +31,8 @@ def evaluate(cell: Cell) -> Iterator[dict[str, Any]]:
     for load in (1.0, 2.0):
         ratio = int(cell["seed"]) / 10 + int(cell["sample"]) / 100
         yield {
-            "load_N": load, "force_ratio": ratio, "force_ratio_u": 0.03 * load, "model_force_ratio": 0.5,
-            "valid": load < 2 or cell["seed"] != 1, "flags": [],
+            "load_N": load, "force_ratio": ratio, "force_ratio_u": 0.03 * load, "noise_u": 0.0, "pickup_u": 0.0,
+            "degrees_of_freedom": None, "model_force_ratio": 0.5, "valid": load < 2 or cell["seed"] != 1, "flags": [],
         }  # fmt: skip
 
 

@@ -63,7 +63,6 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
 
     name = "characterise"
     point = FilmsPoint
-    newer_settings = frozenset({"tolerance", "time"})
 
     sample: SampleName = "1"
     loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5)

@@ -60,7 +60,6 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
     calibrates = True
     calibrating = "films"
     manual_work = "stands the pin on the teeth"
-    newer_settings = frozenset({"extrapolate", "tolerance"})
 
     loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
     frequencies: Annotated[tuple[float, ...], Setting("Hz", "Frequencies of the load.")] = (10.0,)

@@ -65,7 +65,6 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
     point = FrequencyPoint
     resumable_on_real_bench = True
     pausable = True
-    newer_settings = frozenset({"extrapolate"})
 
     frequencies: Annotated[tuple[float, ...], Setting("Hz", "Increasing frequencies of the load.")] = field(
         default_factory=lambda: parse_frequencies(DEFAULT)

@@ -59,7 +59,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
     indicator = settings_of.model_dump(mode="json", exclude={"gage_factor"}, exclude_none=True)
     points = run.points()
     runs = {p["position_deg"]: p["run"] for p in points if p["direction"] == ZERO_AFTER}  # the last one of each
-    loads_u = settings.get("loads_u", 0.0)  # an older version recorded none
+    loads_u = settings["loads_u"]
     pair = ("", "")
     return [
         Section("Identities", pair, [

@@ -59,9 +59,6 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     calibrating = "load cell"
     manual_work = "places the weights"
     constants = MappingProxyType({"repeats": REPEATS})
-    newer_settings = frozenset(
-        {"runs", "positions", "degree", "creep", "valid_days", "iso_class", "tolerance", "loads_u"}
-    )
 
     loads: Annotated[tuple[float, ...], Setting("N", "Increasing weights.")] = LOADS
     runs: Annotated[int, Setting(help="Runs up and down in each position; 2 give repeatability.")] = 1

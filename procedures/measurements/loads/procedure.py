@@ -49,7 +49,6 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
     point = LoadPoint
     resumable_on_real_bench = True
     pausable = True
-    newer_settings = frozenset({"tolerance", "extrapolate"})
 
     samples: Annotated[tuple[str, ...], Setting(help="Rubber samples, in order.")] = ("1", "2", "3", "4", "5", "6")
     loads: Annotated[

@@ -39,8 +39,8 @@ class LoadPoint:
         teeth: forces and ratio of each tooth, if there are several.
         extrapolated: whether the load lies outside the calibrated range.
         calibration_u, pickup_u: parts of `force_ratio_u` that come from the films' calibration and the cables' pick-up.
-        force_rigid_u, force_total_u: standard uncertainties of these forces; None in records of older versions.
-        degrees_of_freedom: degrees of freedom of `noise_u`; None in records of older versions.
+        force_rigid_u, force_total_u: standard uncertainties of these forces.
+        degrees_of_freedom: degrees of freedom of `noise_u`; None: infinitely many.
     """
 
     sample: str

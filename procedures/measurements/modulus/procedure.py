@@ -64,7 +64,6 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
     name = "test-modulus"
     point = DisplaysPoint
     manual_work = "lays the sample on the support"
-    newer_settings = frozenset({"extrapolate"})
 
     sample: SampleName
     strain: Annotated[float, Setting(help="Largest strain, such as 30 %.")] = 0.3

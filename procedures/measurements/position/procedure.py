@@ -53,7 +53,6 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     pausable = True
     manual_work = "sets the point probe"
     automated_by = "probe_stage"
-    newer_settings = frozenset({"extrapolate", "tolerance", "time"})
 
     positions: Annotated[tuple[float, ...], Setting("m", "Increasing positions along the centre line.")] = tuple(
         round(2e-3 * number, 12) for number in range(13)

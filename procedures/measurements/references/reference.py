@@ -23,9 +23,8 @@ from palpate.procedures.lab.store import store
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.measurements.modulus.result import DisplaysPoint
 from palpate.procedures.measurements.softness.procedure import object_of
-from palpate.procedures.records.headers import values_of
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import find_run
+from palpate.procedures.records.resumed import values_of
+from palpate.procedures.records.run import Run, find_run
 
 STATED = "stated"
 LARGEST = 0.5  # relative standard uncertainty of a reference's modulus; more tells nothing of a model

@@ -52,7 +52,6 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
 
     name = "softness"
     point = SoftnessPoint
-    newer_settings = frozenset({"risk", "sets"})
 
     objects: Annotated[tuple[Sample, ...], Setting(help="Rubber samples, in order.", read=get_sample)]
     loads: LoadSets = (2.0, 3.0, 4.0)

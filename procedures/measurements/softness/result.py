@@ -32,7 +32,7 @@ class SoftnessPoint:
             cables' pick-up.
         valid: whether the point is used.
         flags: why the point is not used, or what to know about it.
-        degrees_of_freedom: degrees of freedom of `noise_u`; None in records of older versions.
+        degrees_of_freedom: degrees of freedom of `noise_u`; None: infinitely many.
     """
 
     object: str

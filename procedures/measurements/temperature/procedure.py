@@ -66,7 +66,6 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
     pausable = True
     manual_work = "warms the sensor"
     automated_by = "chamber"
-    newer_settings = frozenset({"extrapolate"})
 
     temperatures: Annotated[tuple[float, ...], Setting("K", "Temperatures relative to the start, in order.")] = (
         0.0,

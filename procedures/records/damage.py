@@ -1,4 +1,7 @@
-"""Search of a damaged run's file for everything that is left, row by row, and the list of what is lost."""
+"""Damage of runs: a check finds it, a search finds what is left, and a repair writes that into a new run.
+
+Check and search only read. The search finds whole rows wherever they lie in the file, and lists what is lost.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,65 @@ from typing import Any
 import numpy as np
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records import format3
-from palpate.procedures.records.chain import ChainFile, Frame, read_head
-from palpate.procedures.records.encoding import row_crc32
-from palpate.procedures.records.pages import read_pages
-from palpate.procedures.records.record_file import HEAD_FILE, RECORD, SIMULATED, WAVE, whole_waveforms
-from palpate.procedures.records.run import is_format4
+from palpate.procedures.records.chain import ChainFile, Frame, check_holes, read_head
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD, SIMULATED, WAVE, Record, whole_waveforms
+from palpate.procedures.records.run import Run, last_modified, reading
+
+
+@dataclass(slots=True)
+class Found:
+    """Result of a check.
+
+    Attributes:
+        faults: what is damaged or missing; empty: every row is as it was written.
+    """
+
+    folder: Path
+    status: str = "damaged"
+    points: int = 0
+    waveforms: int = 0
+    faults: list[str] = field(default_factory=list)
+
+
+def check(folder: Path) -> Found:
+    """Verify every row of a run, that none is missing, and that they make sense together. Raises nothing."""
+    found = Found(folder.absolute())
+    try:
+        run = Run.open(folder)
+        with reading(run.folder) as stored:
+            found.faults += _faults(stored, found)
+        if run.status == "complete" and not run.summary:
+            found.faults.append("it is complete, but its summary is gone")
+        found.status = run.status
+    except RecordError as error:
+        found.faults.append(str(error))
+    if found.faults:
+        try:
+            with salvaging(found.folder) as left:
+                found.faults += [f"gone: {what}" for what in left.gone]
+        except RecordError as error:
+            found.faults.append(str(error))
+    return found
+
+
+def _faults(stored: Record, found: Found) -> Iterator[str]:
+    yield from stored.faults()
+    last_ns = 0
+    for expected, point in enumerate(stored.points(), 1):
+        found.points += 1
+        if point.id != expected:
+            yield f"point {point.id} stands where point {expected} should"
+        if point.bench_ns < last_ns:
+            yield f"point {point.id}: bench time goes back from {last_ns} to {point.bench_ns} ns"
+        if not isinstance(json.loads(point.text), dict):
+            yield f"point {point.id}: its data is no JSON object"
+        last_ns = point.bench_ns
+    found.waveforms = sum(1 for _ in stored.waveforms())
+    stored.events()
+
+
+# --- what is left --------------------------------------------------------------------------------------
 
 Waves = dict[str, tuple[float, np.ndarray]]
 
@@ -68,13 +124,11 @@ class Left:
 @contextlib.contextmanager
 def salvaging(folder: Path) -> Iterator[Left]:
     """What is left of the run in a folder, which is only read. Raises RecordError: its file cannot be read."""
+    check_holes(folder / RECORD)
     with contextlib.ExitStack() as stack:
-        if is_format4(folder):
-            with _reading(folder / RECORD):
-                file = stack.enter_context(ChainFile(folder / RECORD))
-            yield _of_chain(file, folder / HEAD_FILE)
-        else:
-            yield _of_pages(folder)
+        with _reading(folder / RECORD):
+            file = stack.enter_context(ChainFile(folder / RECORD))
+        yield _of_chain(file, folder / HEAD_FILE)
 
 
 def _of_chain(file: ChainFile, head_file: Path) -> Left:
@@ -129,69 +183,12 @@ def _of_chain(file: ChainFile, head_file: Path) -> Left:
     return left
 
 
-def _of_pages(folder: Path) -> Left:
-    path, log = folder / format3.DATABASE, folder / format3.LOG
-    pages = read_pages(_content(path), _content(log) if log.exists() else b"")
-    header: dict[str, tuple[int, Any]] = {}
-    waves: dict[int, dict[str, tuple[int, float, np.ndarray]]] = {}
-    left = Left()
-    last_point = last_event = 0
-    for sure, number, values in pages.rows():
-        try:
-            match values:
-                case [key, value, int(crc32)]:
-                    key, value = _text(key), _text(value)
-                    if row_crc32(key, value) == crc32 and (sure or key not in header):
-                        header[key] = (number, json.loads(value))
-                case [None, int(bench_ns), data, int(count), int(crc32)]:
-                    last_point = max(last_point, number if sure else 0)
-                    if row_crc32(number, bench_ns, data := _text(data), count) == crc32:
-                        left.points[number] = LeftPoint(bench_ns, json.loads(data), count)
-                case [None, int(bench_ns), kind, message, int(crc32)]:
-                    last_event = max(last_event, number if sure else 0)
-                    event = (bench_ns, _text(kind), _text(message))
-                    if row_crc32(*event) == crc32:
-                        left.events[number] = event
-                case [None, int(point), name, int() | float() as rate, bytes(samples), int(crc32)]:
-                    waveform = format3.waveform_of(point, _text(name), float(rate), samples, crc32)
-                    waves.setdefault(point, {})[waveform.name] = (number, waveform.rate, waveform.samples)
-        except (TypeError, ValueError, RecursionError):
-            continue  # not a row, or not as it was written
-    left.points = dict(sorted(left.points.items()))
-    left.events = dict(sorted(left.events.items()))
-    left.waveforms = lambda point: {
-        name: (rate, samples)
-        for name, (_, rate, samples) in sorted(waves.get(point, {}).items(), key=lambda w: w[1][0])
-    }
-    left.header = {key: value for key, (_, value) in sorted(header.items(), key=lambda entry: entry[1][0])}
-    left.note_gone(max(last_point, *waves, 0), last_event)
-    numbers = {number for number, _ in header.values()}
-    left.gone += _missing("entry {} of the header", "entries {} to {} of the header", numbers, 0)
-    left.gone += [f"{key!r} of the header" for key in ("status", "summary") if key not in header]
-    left.status, left.summary = left.header.pop("status", "running"), left.header.pop("summary", {})
-    simulated = left.header.get("simulated")
-    left.simulated = simulated if isinstance(simulated, bool) else None
-    return left
-
-
 @contextlib.contextmanager
 def _reading(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror}; make it readable or restore it") from error
-
-
-def _content(path: Path) -> bytes:
-    with _reading(path), ChainFile(path) as file:
-        return file.read(0, file.size)
-
-
-def _text(value: object) -> str:
-    """Text of a column. It may have become a blob, because no checksum holds the bit that tells them apart."""
-    if not isinstance(value, bytes):
-        raise TypeError
-    return value.decode()
 
 
 def _missing(one: str, several: str, there: Iterable[int], last: int) -> list[str]:
@@ -203,3 +200,67 @@ def _missing(one: str, several: str, there: Iterable[int], last: int) -> list[st
     ends = sorted({*numbers, max(last, *numbers) + 1})
     gaps = [(before + 1, after - 1) for before, after in pairwise(ends) if before + 1 < after]
     return [one.format(first) if first == end else several.format(first, end) for first, end in gaps]
+
+
+# --- repair --------------------------------------------------------------------------------------------
+
+ENDED = ("complete", "stopped", "failed")
+UNKNOWN = "unknown"  # procedure of a run whose header is lost
+
+
+@dataclass(frozen=True, slots=True)
+class Repaired:
+    """Result of a repair: folder, points and waveforms of the new run, and losses."""
+
+    folder: Path
+    points: int
+    waveforms: int
+    gone: list[str]
+
+
+def repair(folder: Path, out: Path) -> Repaired:
+    """Write every whole row of the run in `folder` into a new run in `out`.
+
+    Points are numbered anew where some are lost. The new run is complete only where the old one was complete and
+    nothing is lost; otherwise it is stopped and has no summary.
+
+    Raises:
+        RecordError: nothing can be saved, or `out` cannot be written to.
+        UsageError: `out` holds a run.
+    """
+    folder = folder.absolute()
+    with salvaging(folder) as left:
+        if not (left.header or left.points or left.events):
+            raise RecordError(f"nothing can be salvaged: {folder} has no whole row")
+        header = _header(left, folder)
+        header["repaired"] = {"from": str(folder), "gone": left.gone}
+        kept = 0
+        with Recorder.create(out, header) as record:
+            for bench_ns, kind, message in left.events.values():
+                record.event(kind, message, bench_ns)
+            for number, point in left.points.items():
+                waveforms = left.waveforms(number)
+                record.point(point.data, waveforms, point.bench_ns)
+                kept += len(waveforms)
+            if left.gone or left.status not in ENDED:
+                gone = "; ".join(left.gone) or "nothing, but it had not ended"
+                record.finish("stopped", {}, f"repaired; gone: {gone}")
+            else:
+                record.finish(left.status, left.summary, "repaired; nothing is gone")  # type: ignore[arg-type]
+        return Repaired(out.absolute(), len(left.points), kept, left.gone)
+
+
+def _header(left: Left, folder: Path) -> dict[str, Any]:
+    """What is left of the header. Required entries that are lost are replaced and listed as lost."""
+    header = dict(left.header)
+    made_up = {
+        "procedure": UNKNOWN,
+        "simulated": left.simulated is not False,  # a simulated run must not pass for a real one
+        "started": last_modified(folder).isoformat(timespec="seconds"),
+    }
+    for key, value in made_up.items():
+        if key not in header:
+            header[key] = value
+        if key not in left.header and not (key == "simulated" and left.simulated is not None):
+            left.gone.append(f"{key!r} of the header, now {value!r}")
+    return header
