@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.instrument.models.solid import ladders
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 
 
 def give(monkeypatch: pytest.MonkeyPatch, *resolutions: Resolution) -> None:

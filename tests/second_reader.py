@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from palpate.instrument.contracts.contract import Contract, Field, Pdo
-from palpate.instrument.contracts.maps.imported import imported
+from palpate.instrument.contracts.maps.eds import imported
 from palpate.instrument.contracts.maps.map_file import map_of
 from palpate.instrument.errors import ConfigError
 

@@ -10,7 +10,7 @@ from palpate.drivers.devices.device import Device
 from palpate.drivers.devices.identified import check_inventory, check_marks, serial_number
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.contracts.contract import PROBE, Contract, Value, sdo
-from palpate.instrument.contracts.wire_types import told_text
+from palpate.instrument.contracts.field import told_text
 from palpate.instrument.errors import DeviceError, IdentityError
 
 STORE = 0x1010  # object that keeps all others when the right word is written to it

@@ -8,7 +8,7 @@ from typing import Any
 from palpate.drivers.devices.device import Device
 from palpate.drivers.links.requests import BASIC, EXTENDED, REGULAR, read_identity
 from palpate.instrument.contracts.contract import Mark
-from palpate.instrument.contracts.wire_types import told_text
+from palpate.instrument.contracts.field import told_text
 from palpate.instrument.errors import DeviceError, IdentityError
 
 VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80  # numbers of identity objects

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import can
 
 from palpate.instrument.bench.can_ends import MULTICAST
-from palpate.instrument.contracts.cyclic import hand_over
+from palpate.instrument.contracts.pdo import hand_over
 from palpate.instrument.errors import LinkError
 
 KERNEL = "socketcan"  # the interface of python-can whose cyclic frames the kernel sends
@@ -38,7 +38,7 @@ class Cyclic:
 
         Args:
             cob_id: identifier of the frames.
-            frames: their data, up to `palpate.instrument.contracts.cyclic.MOST`.
+            frames: their data, up to `palpate.instrument.contracts.pdo.MOST_CYCLIC`.
             period_us: time between two frames [us].
 
         Raises LinkError: nothing sends frames on time on this interface, or it failed.

@@ -18,7 +18,7 @@ from palpate.drivers.links.requests import only_reads
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
 from palpate.drivers.links.tcp import TcpClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.contracts.manners import USUAL
+from palpate.instrument.contracts.declaration import USUAL
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.instrument.own_process import OwnLock, close_in_child
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from palpate.instrument.contracts.cyclic import MOST
+from palpate.instrument.contracts.pdo import MOST_CYCLIC
 from palpate.instrument.errors import RangeError
 
 FEWEST = 20  # set-points of a period
@@ -47,11 +47,11 @@ def grid(frequency: float, fastest: float, who: str) -> Grid:
 
     Raises RangeError: the frequency is too high or too low, or no list has it.
     """
-    highest, lowest = 1 / (FEWEST * fastest), 1e6 / (MOST * LONGEST_US)
+    highest, lowest = 1 / (FEWEST * fastest), 1e6 / (MOST_CYCLIC * LONGEST_US)
     if not lowest <= frequency <= highest:
         raise RangeError(
-            f"{who}: frequency = {frequency:g} Hz is outside {lowest:.3g} to {highest:g} Hz, which {FEWEST} to {MOST} "
-            f"set-points of a period reach, {1e3 * fastest:g} ms or more apart; give one inside"
+            f"{who}: frequency = {frequency:g} Hz is outside {lowest:.3g} to {highest:g} Hz, which {FEWEST} to "
+            f"{MOST_CYCLIC} set-points of a period reach, {1e3 * fastest:g} ms or more apart; give one inside"
         )
     best = min(_lists(frequency, fastest), key=lambda each: abs(each.frequency - frequency))
     if abs(best.frequency - frequency) > CLOSEST * frequency:
@@ -64,8 +64,8 @@ def grid(frequency: float, fastest: float, who: str) -> Grid:
 
 def _lists(frequency: float, fastest: float) -> Iterator[Grid]:
     """All lists near a frequency, those of few periods first, and of these the finest first."""
-    for periods in range(1, MOST // FEWEST + 1):
-        for count in range(MOST, FEWEST * periods - 1, -1):
+    for periods in range(1, MOST_CYCLIC // FEWEST + 1):
+        for count in range(MOST_CYCLIC, FEWEST * periods - 1, -1):
             step_us = round(1e6 * periods / (frequency * count))
             if fastest * (1 - 1e-9) <= 1e-6 * step_us <= 1e-6 * LONGEST_US:
                 yield Grid(count, step_us, periods)

@@ -6,7 +6,7 @@ import struct
 from contextlib import suppress
 
 from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.wire_types import FLOATS, swapped
+from palpate.instrument.contracts.field import FLOATS, swapped
 from palpate.instrument.errors import DeviceError
 
 TINY = 1e-9  # of the unit of a display; a float of this size is no load

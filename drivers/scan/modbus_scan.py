@@ -18,7 +18,7 @@ from palpate.drivers.scan.read_only import ReadOnlyModbus
 from palpate.instrument.bench.kinds import DeviceKind, LinkKind
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.listed import can_be_asked
-from palpate.instrument.contracts.manners import ITSELF
+from palpate.instrument.contracts.declaration import ITSELF
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 
 # units that are asked where no other answers: some devices reply at 0 on a line, as they leave the factory

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 
 from palpate.instrument.config import Config, check
-from palpate.instrument.contracts.rates import Baudrate, Bitrate
+from palpate.instrument.contracts.maps.map_file import Baudrate, Bitrate
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.quantity import Seconds
 

@@ -13,7 +13,7 @@ from pydantic import Field
 from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind, kind_in_file
 from palpate.instrument.bench.links import CAN, LINE, LINKS, CanLink, Link, TcpLink
 from palpate.instrument.config import Config, check
-from palpate.instrument.contracts.manners import ITSELF
+from palpate.instrument.contracts.declaration import ITSELF
 from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
 from palpate.instrument.errors import ConfigError, UnknownName
 

@@ -18,7 +18,7 @@ from pydantic import ConfigDict, Field
 from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.config import Config, Name, NotNegative, Positive
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.models.validation_line import ValidationLine, remedy
+from palpate.instrument.models.validation import ValidationLine, remedy
 from palpate.instrument.quantity import counted, show
 
 if TYPE_CHECKING:

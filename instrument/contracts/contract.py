@@ -13,13 +13,31 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from palpate.instrument.contracts.declaration import Declaration
-from palpate.instrument.contracts.declared import check_declaration
-from palpate.instrument.contracts.digest import digest
-from palpate.instrument.contracts.field import PROBE, Access, Field, Scaling, Value, probe, sdo
-from palpate.instrument.contracts.manners import Command, Condition, Identity, Manners, Mark
+from palpate.instrument.contracts.declaration import (
+    Command,
+    Condition,
+    Declaration,
+    Identity,
+    Manners,
+    Mark,
+    check_declaration,
+    digest,
+)
+from palpate.instrument.contracts.field import (
+    NUL,
+    PROBE,
+    Access,
+    Codec,
+    Field,
+    Scaling,
+    Value,
+    codec,
+    probe,
+    sdo,
+    swapped,
+    told_text,
+)
 from palpate.instrument.contracts.pdo import Pdo
-from palpate.instrument.contracts.wire_types import NUL, Codec, codec, swapped, told_text
 from palpate.instrument.errors import RangeError
 
 __all__ = [

@@ -3,14 +3,139 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from functools import cache
+from typing import Any, Literal, Protocol, get_args
 
-from palpate.instrument.contracts.contradictions import check_attributes
-from palpate.instrument.contracts.wire_types import FLOATS, SIZE, Type, bits_of, codec, signed
 from palpate.instrument.errors import ConfigError
+
+# --- types of numbers on the wire, and how their bytes are made ------------------------------------------
+
+Type = Literal[
+    "bool", "uint8", "int8", "uint16", "int16", "uint24", "int24", "uint32", "int32", "uint64", "int64", "float32",
+    "float64", "text",
+]  # fmt: skip
+Endian = Literal[">", "<"]
+
+STRUCT: dict[str, str] = {
+    "bool": "B", "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "uint64": "Q",
+    "int64": "q", "float32": "f", "float64": "d",
+}  # fmt: skip
+SIGNED, FLOATS = ("int8", "int16", "int24", "int32", "int64"), ("float32", "float64")
+EIGHT_BYTES = ("uint64", "int64")
+EXACT = 2**53  # all whole numbers up to here are floats of 64 bits; beyond, digits would be lost
+THREE_BYTES = {"uint24": False, "int24": True}  # whether it is signed; `struct` has no code for these
+SIZE = {name: struct.calcsize(code) for name, code in STRUCT.items()} | dict.fromkeys(THREE_BYTES, 3)
+NUL = "\0"  # the character that fills a text up to the length of its field
+PADDING = b"\0\xff \t\r\n"  # with which devices of makers fill theirs
+
+
+class Codec(Protocol):
+    """Makes the bytes of one number, as `struct.Struct` does."""
+
+    def pack(self, raw: Any, /) -> bytes:
+        """Raises struct.error: the number does not fit."""
+
+    def unpack(self, data: bytes, /) -> tuple[Any, ...]:
+        """Raises struct.error: the length is wrong."""
+
+
+class _ThreeBytes:
+    """An integer of 24 bits."""
+
+    def __init__(self, endian: Endian, signed: bool) -> None:
+        self._order: Literal["big", "little"] = "big" if endian == ">" else "little"
+        self._signed = signed
+
+    def pack(self, raw: float, /) -> bytes:
+        try:
+            return int(raw).to_bytes(3, self._order, signed=self._signed)
+        except OverflowError as error:
+            raise struct.error(str(error)) from None
+
+    def unpack(self, data: bytes, /) -> tuple[int]:
+        if len(data) != 3:
+            raise struct.error(f"an integer of 24 bits has 3 bytes, not {len(data)}")
+        return (int.from_bytes(data, self._order, signed=self._signed),)
+
+
+class _EightBytes:
+    """An integer of 64 bits, whose value is a float, so that one with more digits than a float keeps is refused."""
+
+    def __init__(self, packed: struct.Struct) -> None:
+        self._packed = packed
+
+    def pack(self, raw: float, /) -> bytes:
+        return self._packed.pack(_exact(raw))
+
+    def unpack(self, data: bytes, /) -> tuple[int]:
+        return (_exact(self._packed.unpack(data)[0]),)
+
+
+def _exact(raw: Any) -> Any:
+    """A number as it is. Raises struct.error: it has more digits than a float keeps."""
+    if not -EXACT <= raw <= EXACT:
+        raise struct.error(f"{raw} has more digits than can be kept: {-EXACT} to {EXACT} are exact")
+    return raw
+
+
+@cache
+def codec(type_: Type, endian: Endian) -> Codec:
+    """What packs and unpacks numbers of a type, which is not `text`."""
+    if type_ in THREE_BYTES:
+        return _ThreeBytes(endian, THREE_BYTES[type_])
+    packed = struct.Struct(endian + STRUCT[type_])
+    return _EightBytes(packed) if type_ in EIGHT_BYTES else packed
+
+
+def told_text(data: bytes) -> str:
+    """The text in bytes that a device tells and nobody writes: without what fills it up, in UTF-8 or else in Latin-1.
+
+    It ends at the first NUL behind a character, behind which some devices leave what stood there before.
+    """
+    text = data.lstrip(PADDING).partition(NUL.encode())[0].rstrip(PADDING)
+    try:
+        return text.decode()
+    except UnicodeDecodeError:
+        return text.decode("latin-1")
+
+
+def signed(type_: Type, raw: int) -> int:
+    """A raw value of a signed type that is given as its bits, as 0xFFFF for -1; any other as it is."""
+    bits = 8 * SIZE[type_]
+    return raw - (1 << bits) if type_ in SIGNED and 1 << bits - 1 <= raw < 1 << bits else raw
+
+
+def bits_of(type_: Type, raw: float) -> frozenset[int]:
+    """The bits, as whole numbers, that a raw value can mean: a whole number of a float is its value, or its bits.
+
+    Empty: the type has no such value, and no such bits.
+    """
+    bits, found = 8 * SIZE[type_], set()
+    if not isinstance(raw, float) and 0 <= raw < 1 << bits:
+        found.add(int(raw))
+    elif not isinstance(raw, float) and type_ in SIGNED and -(1 << bits - 1) <= raw < 0:
+        found.add(int(raw) + (1 << bits))
+    if type_ in FLOATS:
+        with suppress(OverflowError):
+            found.add(int.from_bytes(codec(type_, ">").pack(float(raw)), "big"))
+    return frozenset(found)
+
+
+def swapped(data: bytes, words: bool, octets: bool) -> bytes:
+    """Bytes of some registers with their words in reverse, or the two bytes of each register exchanged, or both."""
+    registers = [data[at : at + 2] for at in range(0, len(data), 2)]
+    if words:
+        registers.reverse()
+    return b"".join(each[::-1] for each in registers) if octets else b"".join(registers)
+
+
+# --- a field ---------------------------------------------------------------------------------------------
 
 Access = Literal["ro", "rw", "wo"]
 Value = float | str
@@ -286,3 +411,86 @@ PROBE = 0x12345678
 def probe(address: int) -> Field:
     """The word-order probe that every device carries: reads 0x12345678 in the contract's order."""
     return Field("probe", address, "uint32", "word-order probe, always 0x12345678 = 305419896", default=float(PROBE))
+
+
+# --- checks that the attributes of one field do not contradict each other --------------------------------
+
+NAME = re.compile("[a-z][a-z0-9_]{0,63}")
+LEAST_SCALE, GREATEST_SCALE = 1e-30, 1e30
+LONGEST_TEXT = 65_535  # bytes
+# what attributes are if they are not given
+USUAL: dict[str, object] = {
+    "minimum": None, "maximum": None, "choices": {}, "bits": {}, "missing": (), "part": None, "scaling": None,
+    "sign": None, "unit_in": "", "scale": 1.0, "offset": 0.0,
+}  # fmt: skip
+# attributes that mean nothing for a text are all of these; for the raw values of a setting or a status word:
+OF_SCALED = ("scale", "offset", "scaling", "sign")
+
+
+def check_once(title: str, what: str, names: Sequence[str]) -> None:
+    """Raises ConfigError: several things of a contract have one name."""
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise ConfigError(f"{title}: several {what} have the name {', '.join(twice)}; each needs its own")
+
+
+def check_name(what: str, name: str) -> None:
+    """Raises ConfigError: a name cannot stand in a frame, a bench file or a record."""
+    if not NAME.fullmatch(name):
+        raise ConfigError(
+            f"{what} {name!r}: give a name of up to 64 lower-case letters a to z, digits and _, with a letter first"
+        )
+
+
+def check_attributes(f: Field) -> None:
+    """Check what `Field` can say that no device can mean. Raises ConfigError: field, attribute and what is allowed."""
+    check_name("field", f.name)
+    for problem in _problems(f):
+        raise ConfigError(f"field {f.name}: {problem}")
+
+
+def _given(f: Field, names: tuple[str, ...]) -> list[str]:
+    """Those of some attributes that the declaration gives."""
+    return [name for name in names if getattr(f, name) != USUAL[name]]
+
+
+def _problems(f: Field) -> Iterator[str]:
+    for what, text in (("meaning", f.meaning), ("unit", f.unit)):
+        if not text.isprintable():
+            yield f"{what} = {text!r} holds characters that cannot be printed; leave them out"
+    if f.type == "text":
+        if given := _given(f, tuple(USUAL)):
+            yield f"{', '.join(given)}: a text has none of these; leave them out"
+        if not 0 <= f.length <= LONGEST_TEXT:
+            yield f"length = {f.length} bytes; give 0 to {LONGEST_TEXT}"
+        return
+    if f.length:
+        yield f"length = {f.length}, which is for texts; a {f.type} has its own length, leave it out"
+    if not LEAST_SCALE <= abs(f.scale) <= GREATEST_SCALE:
+        yield f"scale = {f.scale:g} is outside {LEAST_SCALE:g} to {GREATEST_SCALE:g} of either sign"
+    if isinstance(f.default, str) or not math.isfinite(f.default):
+        yield f"default = {f.default!r}; give a number for a {f.type}"
+    elif f.default and f.scaling is None and not f.holds(f.default):  # 0 may just be left out
+        yield f"default = {f.default:g} {f.unit}".rstrip() + f" does not fit a {f.type} with the scale {f.scale:g}"
+    for what, named in (("choices", f.choices), ("bits", f.bits)):
+        yield from _ambiguous(what, named)
+        if named and (given := _given(f, OF_SCALED)):
+            yield f"has {what}, which name raw values, and {', '.join(given)}; leave one of them out"
+    if f.bits and f.choices:
+        yield "has bits and choices; give those of a status word or those of a setting"
+    if f.bits and f.missing:
+        yield "has bits and missing; a status word has no value that says that there is none"
+    if f.part and (beyond := [bit for bit, number in f.bits.items() if number >= f.part[1]]):
+        yield f"bit {beyond[0]!r} is number {f.bits[beyond[0]]}; its part has {f.part[1]} bits, counted from 0"
+    if both := [name for name, raw in f.choices.items() if any(f.bits_of(raw) & f.bits_of(none) for none in f.missing)]:
+        yield f"choice {both[0]!r} is {f.choices[both[0]]}, which says that there is no reading; leave one of them out"
+    low, high = f.limits
+    if outside := [name for name, raw in f.choices.items() if not low <= raw <= high]:
+        yield f"choice {outside[0]!r} is {f.choices[outside[0]]}, outside {low:g} to {high:g}"
+
+
+def _ambiguous(what: str, named: Mapping[str, int]) -> Iterator[str]:
+    if "" in named:
+        yield f"{what} has an empty name; name each"
+    if twice := [raw for raw, count in Counter(named.values()).items() if count > 1]:
+        same = [name for name, raw in named.items() if raw == twice[0]]
+        yield f"{what} {' and '.join(same)} are both {twice[0]}; give each its own"

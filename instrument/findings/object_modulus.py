@@ -22,12 +22,11 @@ from palpate.instrument.findings.modulus_of_ratio import (
     modulus_of_ratio,
     modulus_within,
 )
-from palpate.instrument.models.corrected_curve import corrected
-from palpate.instrument.models.curve import RatioCurve, chosen, ratio_curve
-from palpate.instrument.models.prices.price_list import model_error, stored
+from palpate.instrument.models.curve import RatioCurve, chosen, corrected, ratio_curve
+from palpate.instrument.models.price_list import model_error, stored
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.response import AUTO
-from palpate.instrument.models.validation_line import ValidationLine, validation_u
+from palpate.instrument.models.validation import ValidationLine, validation_u
 from palpate.instrument.uncertainty.budget import coverage_factor
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.models import springs
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.foundation import column_fitted
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.models.response import AUTO, response
 from palpate.instrument.models.table import MODELS
@@ -32,14 +32,14 @@ from palpate.instrument.sensor.load import Load, through
 from palpate.instrument.sensor.sample import SAMPLES
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.prices.price_list import Choice
+    from palpate.instrument.models.price_list import Choice
 
 Array = NDArray[np.float64]
 
 # Range of moduli over the ring's in which a curve is sampled. No model's ratio changes any more beyond it.
 SOFTEST, HARDEST = 1e-3, 1e7
 # Some models have narrower ranges.
-ENDS = {"column_fitted": (column_fitted.LOWEST, column_fitted.HIGHEST)}
+ENDS = {"column_fitted": (springs.LOWEST, springs.HIGHEST)}
 NODES = (16, 31, 61, 121, 241, 481, 961)  # each set of nodes contains the one before
 CLOSED_FORM_TOLERANCE = 1e-11
 # Halving small steps of a spline of degree five divides its error by 64; 42 was the least seen.
@@ -157,7 +157,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
     if tolerance is not None:
         check_tolerance(tolerance, f"tolerance {tolerance:g}")
     if model == AUTO:
-        from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, stored
+        from palpate.instrument.models.price_list import AUTO_TOLERANCE, stored
 
         tolerance = AUTO_TOLERANCE if tolerance is None else tolerance
         priced = stored().moduli_Pa
@@ -186,7 +186,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
 
 def chosen(design: Design, load: Load, tolerance: float | None = None) -> Choice:
     """The model that answers for "auto" at all moduli of the price list. Raises RangeError: none meets a tolerance."""
-    from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, choose, stored
+    from palpate.instrument.models.price_list import AUTO_TOLERANCE, choose, stored
 
     priced = stored().moduli_Pa
     ends = [through(load, priced[0]), through(load, priced[-1])]
@@ -293,3 +293,28 @@ def _curve(model: str, line: Line, turns: Array, error: float) -> RatioCurve:
     ends = line.x[0], line.x[-1]
     inside = np.unique(np.asarray(turns)[(turns > ends[0]) & (turns < ends[1])])
     return RatioCurve(model, line, np.array([ends[0], *inside, ends[1]]), error)
+
+
+# --- a curve that references have corrected by a constant factor -----------------------------------------
+
+
+class CorrectedLine:
+    """A line whose ratios are multiplied by a factor."""
+
+    def __init__(self, line: Line, factor: float) -> None:
+        self.x, self._line, self._factor = line.x, line, factor
+
+    def __call__(self, x: float | Array, nu: Literal[0, 1] = 0) -> Array:
+        found: Array = self._factor * self._line(x, nu)
+        return found
+
+
+def corrected(curve: RatioCurve, constant: float) -> RatioCurve:
+    """The curve for measured ratios.
+
+    Args:
+        curve: a model's own curve.
+        constant: ln of the model's ratio over the measured one.
+    """
+    factor = math.exp(-constant)
+    return replace(curve, line=CorrectedLine(curve.line, factor), error=factor * curve.error) if constant else curve

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from palpate.instrument.errors import RangeError, UnknownName
@@ -288,3 +288,20 @@ def _shared(design: Design, load: Load) -> dict[str, Any]:
         "plate_thickness": plate.thickness,
         "film_thickness": film.thickness,
     }
+
+
+# --- what numbers depend on, apart from the object's modulus and the force -------------------------------
+
+# Raise this with every change of the models' numbers: stored ones of another version are not used.
+CODE_VERSION = 5
+
+
+def fixed(parameters: Parameters) -> str:
+    """Text of everything on which a force ratio depends, except the object's modulus.
+
+    The ring's modulus is in it, because it sets the sensor's stiffness against that of the plates.
+    """
+    apart = replace(parameters, sensed_modulus=parameters.compliant_modulus)
+    if isinstance(apart, SolidParameters):
+        apart = replace(apart, force=1.0)
+    return apart.canonical()

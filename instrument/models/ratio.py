@@ -14,7 +14,7 @@ from typing import Any
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.film import signals
 from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.prices.price_list import model_errors
+from palpate.instrument.models.price_list import model_errors
 from palpate.instrument.models.response import AUTO, responses
 from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.sensor.design import Design

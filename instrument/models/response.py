@@ -45,7 +45,7 @@ def responses(
     if tolerance is not None:
         check_tolerance(tolerance, f"tolerance {tolerance:g}")
     if model == AUTO:
-        from palpate.instrument.models.prices.price_list import answers_cheapest
+        from palpate.instrument.models.price_list import answers_cheapest
 
         return answers_cheapest(design, loads, tolerance)
     if model not in MODELS:

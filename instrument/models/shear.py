@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import solid_parameters
-from palpate.instrument.models.solid.body import PlanElements
 from palpate.instrument.models.solid.ladders import resolution
-from palpate.instrument.models.solid.mesh import TOOTH
+from palpate.instrument.models.solid.mesh import TOOTH, PlanElements
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.models.table import place_among_films
 from palpate.instrument.sensor.design import Design

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models import experiment
-from palpate.instrument.models.foundation import beam, beam_printed, column_fitted, hetenyi, springs
+from palpate.instrument.models import beam, experiment, springs
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.sensor.load import Load
@@ -231,10 +230,10 @@ AXISYMMETRIC_TOLERANCE, SOLID_TOLERANCE = 1e-4, 5e-3
 MODELS: Mapping[str, Model] = MappingProxyType(
     {
         "column": _closed_form("column", springs.force_ratio),
-        "column_fitted": _closed_form("column_fitted", column_fitted.force_ratio, column_fitted.residual),
-        "beam_printed": _closed_form("beam_printed", beam_printed.force_ratio),
+        "column_fitted": _closed_form("column_fitted", springs.fitted_force_ratio, springs.residual),
+        "beam_printed": _closed_form("beam_printed", beam.printed_force_ratio),
         "beam": _closed_form("beam", beam.force_ratio),
-        "beam_exact": _closed_form("beam_exact", hetenyi.exact_force_ratio),
+        "beam_exact": _closed_form("beam_exact", beam.exact_force_ratio),
         "experiment": _closed_form("experiment", experiment.force_ratio),
         "axisymmetric": Model(_axisymmetric, AXISYMMETRIC_TOLERANCE),
         "solid": Model(_solid, SOLID_TOLERANCE),

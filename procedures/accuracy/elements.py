@@ -12,7 +12,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import Parameters, RoundParameters
-from palpate.instrument.models.prices.price import Price
+from palpate.instrument.models.price_list import Price
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.accuracy.meshes import (

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from palpate.instrument.models.prices.price import Machine
+from palpate.instrument.models.price_list import Machine
 
 
 def seconds_of(call: Callable[[], object]) -> float:

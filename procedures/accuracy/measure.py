@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import ConfigError, RangeError
-from palpate.instrument.models.foundation import beam
+from palpate.instrument.models import beam
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from palpate.instrument.models.parameters import Parameters
-from palpate.instrument.models.prices.price import Price, Reference
-from palpate.instrument.models.prices.price_list import PriceList, stored
+from palpate.instrument.models.price_list import Price, PriceList, Reference, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.stored import surface
 from palpate.instrument.models.stored.surface import Surface

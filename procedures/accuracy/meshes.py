@@ -21,7 +21,7 @@ from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES

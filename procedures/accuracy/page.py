@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from palpate.instrument.models.prices.price_list import PriceList
+from palpate.instrument.models.price_list import PriceList
 from palpate.instrument.quantity import show
 from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
 from palpate.procedures.accuracy.dwell import TARGETS, DwellPrices

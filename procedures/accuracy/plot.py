@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.models.prices.price_list import PriceList
+from palpate.instrument.models.price_list import PriceList
 from palpate.instrument.quantity import show
 from palpate.procedures.showing.figure import MARKERS, write
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.prices.price import Reference
-from palpate.instrument.models.prices.price_list import fingerprint
+from palpate.instrument.models.price_list import Reference, fingerprint
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.accuracy.meshes import MIDDLES, MODULI, TIMED, Mesh, Results, Values, references, refinements

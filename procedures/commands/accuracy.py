@@ -59,7 +59,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     makes smaller: see palpate accuracy validation.
     """
     from palpate.instrument.errors import UnknownName
-    from palpate.instrument.models.prices import price_list
+    from palpate.instrument.models import price_list
     from palpate.instrument.models.validation import validate
     from palpate.instrument.notice import price
     from palpate.instrument.shipped import text

@@ -67,8 +67,7 @@ def frames(file: Path, as_json: bool, quiet: bool) -> None:
 
     Hold each against the manual before you put it into the map.
     """
-    from palpate.instrument.contracts.maps.computed_frames import computed
-    from palpate.instrument.contracts.maps.golden_frames import prove
+    from palpate.instrument.contracts.maps.golden_frames import computed, prove
     from palpate.instrument.contracts.maps.map_file import read_map
 
     output = Output(as_json, quiet)
@@ -94,7 +93,7 @@ def import_(
 
     What of the file a map cannot hold, and what in it contradicts itself, is told, and stands in the map as a comment.
     """
-    from palpate.instrument.contracts.maps.imported import imported
+    from palpate.instrument.contracts.maps.eds import imported
     from palpate.procedures.records.run import storing
 
     output = Output(as_json, quiet)

@@ -15,7 +15,7 @@ from palpate.drivers.scan.modbus_scan import LAST, scan_line, scan_tcp, settings
 from palpate.instrument.bench.kinds import DeviceKind, all_kinds, check_identities, kind_in_file
 from palpate.instrument.bench.links import CanLink, Link, SerialLine, TcpLink
 from palpate.instrument.config import check
-from palpate.instrument.contracts.manners import ITSELF
+from palpate.instrument.contracts.declaration import ITSELF
 from palpate.instrument.errors import RangeError, UsageError
 
 BITRATES = (1_000_000, 500_000, 250_000, 125_000)

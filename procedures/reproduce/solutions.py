@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Self
 
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters
-from palpate.instrument.models.stored.version import CODE_VERSION
+from palpate.instrument.models.parameters import CODE_VERSION, RoundParameters, SolidParameters
 from palpate.procedures.records.run import storing
 
 SHIPPED = Path(__file__).with_name("solutions.json")

@@ -114,7 +114,7 @@ def _both_sides(half: Body) -> tuple[Body, ...]:
 
 
 def _solid_section(design: Design, load: Load) -> Section:
-    from palpate.instrument.models.solid import section as solid_section
+    from palpate.instrument.models.solid import system as solid_section
 
     parameters = solid_parameters(design, load)
     refinement = MANY_TEETH_REFINEMENT if has_many_teeth(parameters) else SOLID_REFINEMENT

@@ -13,11 +13,10 @@ from palpate.procedures.showing.text import new_table, number, print_all, short,
 from palpate.procedures.showing.validation import brief, lines
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.prices.price_list import PriceList
+    from palpate.instrument.models.price_list import PriceList
     from palpate.instrument.models.ratio import Answer
     from palpate.instrument.models.stored.surface import Surface
-    from palpate.instrument.models.validation import Validation
-    from palpate.instrument.models.validation_line import ValidationLine
+    from palpate.instrument.models.validation import Validation, ValidationLine
 
 
 def print_ratios(

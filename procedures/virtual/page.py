@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate.instrument.models.prices.price_list import stored
+from palpate.instrument.models.price_list import stored
 from palpate.instrument.models.ratio import Question as ModelQuestion
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from palpate.instrument.bench.role_maps.sensor_node import VOLTS, SensorNodeMap, raw_limits
 from palpate.instrument.contracts.contract import Command, Field
-from palpate.instrument.contracts.wire_types import codec
+from palpate.instrument.contracts.field import codec
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.mapped.twin import CanopenTwin
 from palpate.simulators.rig.film_inputs import FilmInputs

@@ -189,7 +189,7 @@ def _design(file: SceneFile) -> Design:
 def _chosen(design: Design, file: SceneFile) -> tuple[str, float | None, str]:
     """The model that answers, its tolerance, and the reason; "auto" is chosen once for all samples."""
     if file.model == AUTO:
-        from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, choose
+        from palpate.instrument.models.price_list import AUTO_TOLERANCE, choose
 
         asked = AUTO_TOLERANCE if file.tolerance is None else file.tolerance
         choice = choose(design, [load_of(file, sample) for sample in SAMPLES.values()], asked)

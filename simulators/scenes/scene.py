@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.config import Config
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.foundation import springs
+from palpate.instrument.models import springs
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import Response

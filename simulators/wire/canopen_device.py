@@ -10,8 +10,8 @@ import numpy.typing as npt
 from canopen.sdo.exceptions import SdoAbortedError
 
 from palpate.instrument.contracts.contract import Contract, Field, Pdo
+from palpate.instrument.contracts.field import codec
 from palpate.instrument.contracts.pdo import is_relative
-from palpate.instrument.contracts.wire_types import codec
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.wire.device import Place

@@ -27,7 +27,7 @@ from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.transaction import TransactionManager
 
-from palpate.instrument.contracts.manners import ITSELF
+from palpate.instrument.contracts.declaration import ITSELF
 from palpate.simulators.wire.modbus_answers import done, echo, identification
 from palpate.simulators.wire.modbus_frames import EXCEPTION, LineFramer, RequestDecoder, alien, whole_frame
 from palpate.simulators.wire.registers import IDENTIFY, Registers, Units

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.parameters import CLOSED, RoundParameters, SolidParameters
-from palpate.instrument.models.stored.version import CODE_VERSION
+from palpate.instrument.models.parameters import CLOSED, CODE_VERSION, RoundParameters, SolidParameters
 from tests.benchmarks.lines import read
 from tests.benchmarks.row import Row
 

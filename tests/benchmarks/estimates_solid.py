@@ -13,12 +13,11 @@ from dataclasses import asdict, replace
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.finite_elements.error_estimate import differences
+from palpate.instrument.models.finite_elements.ladder import differences
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.curve import Resolution
-from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, has_many_teeth, refinements
+from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, Resolution, has_many_teeth, refinements
 from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks.claims import (
     RATIOS,

@@ -24,7 +24,7 @@ from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.curve import Resolution, SolidCurve
+from palpate.instrument.models.solid.ladders import Resolution, SolidCurve
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import PVDF

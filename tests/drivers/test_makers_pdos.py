@@ -11,7 +11,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import read_bench
-from palpate.instrument.contracts.maps.imported import imported
+from palpate.instrument.contracts.maps.eds import imported
 from palpate.instrument.errors import ConfigError, DeviceError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene

@@ -22,7 +22,7 @@ from palpate.instrument.bench.kinds import KINDS as OWN
 from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.contracts.contract import Contract, Field, Identity, Mark
-from palpate.instrument.contracts.manners import Manners
+from palpate.instrument.contracts.declaration import Manners
 from palpate.instrument.errors import UsageError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.test_foreign_node import NODE, ForeignNode

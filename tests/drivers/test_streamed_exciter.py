@@ -23,9 +23,9 @@ from palpate.drivers.ownership import claim
 from palpate.drivers.roles import Exciter
 from palpate.drivers.safe_end import insist
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.contracts.cyclic import MOST, Receiver, hand_over
 from palpate.instrument.contracts.maps.data_sheet import read_sheet
 from palpate.instrument.contracts.maps.eds import disagreements, identity
+from palpate.instrument.contracts.pdo import MOST_CYCLIC, Receiver, hand_over
 from palpate.instrument.errors import BenchInUse, DeviceError, LinkError, RangeError, SafetyError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
@@ -62,7 +62,7 @@ def test_a_sine_of_10_hz_at_1_khz_is_a_list_of_exactly_100_set_points() -> None:
 @pytest.mark.parametrize("frequency", [0.1, 1.0, 3.7, 7.0, 15.0, 33.4, 40.0])
 def test_the_list_of_a_frequency_has_whole_periods_of_it(frequency: float) -> None:
     found = grid(frequency, 1e-3, "drive")
-    assert FEWEST * found.periods <= found.count <= MOST
+    assert FEWEST * found.periods <= found.count <= MOST_CYCLIC
     assert found.step_us >= 1000
     assert found.frequency == pytest.approx(frequency, rel=2.01e-5)
     assert sum(found.sine(1.0)) == pytest.approx(0.0, abs=1e-9)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 from palpate.drivers.links.rtu import RtuClient
 from palpate.instrument.bench.serial_line import SILENCE
-from palpate.instrument.contracts.maps.modbus_frames import crc
+from palpate.instrument.contracts.maps.frames import crc
 
 BITS = 10  # of a character: start, eight, stop
 Answers = Callable[[bytes], Iterable[tuple[float, bytes]]]

@@ -25,8 +25,8 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.config import Config, parse
 from palpate.instrument.errors import ConfigError
+from palpate.instrument.models import price_list
 from palpate.instrument.models.finite_elements.kept import SUFFIX, read
-from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.stored.surface import STORED, RoundMesh, SolidMesh
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import shipped

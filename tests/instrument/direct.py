@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from palpate.instrument.models.finite_elements.coupling import capacitance
+from palpate.instrument.models.finite_elements.poles import capacitance
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid.body import Elastic
-from palpate.instrument.models.solid.curve import Resolution
-from palpate.instrument.models.solid.goals import goals
-from palpate.instrument.models.solid.parts import Part, Stack
+from palpate.instrument.models.solid.ladders import Resolution
+from palpate.instrument.models.solid.mesh import Elastic
+from palpate.instrument.models.solid.parts import Part, Stack, goals
 from palpate.instrument.models.solid.system import System
 
 Vector = NDArray[np.float64]

@@ -11,12 +11,12 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
 
-from palpate.instrument.models.axisymmetric import bodies as axisymmetric_elements
-from palpate.instrument.models.axisymmetric import mesh, numbering
+from palpate.instrument.models.axisymmetric import mesh
+from palpate.instrument.models.axisymmetric import mesh as axisymmetric_elements
+from palpate.instrument.models.beam import Stretch
 from palpate.instrument.models.finite_elements import elements
-from palpate.instrument.models.finite_elements.condensed import Elements
-from palpate.instrument.models.finite_elements.threads import one_each
-from palpate.instrument.models.foundation.beam import Stretch
+from palpate.instrument.models.finite_elements.solving import Elements
+from palpate.instrument.models.finite_elements.work import one_each
 from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
@@ -72,8 +72,8 @@ def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[El
     """The shipped elements in displacement form, and their matrices on nodes, apart and in one sparse matrix."""
     grid = mesh.grid(parameters, layers)
     lines = [elements.line(at, degree, radial) for at, radial in ((grid.radii, True), (grid.heights, False))]
-    bodies = numbering.parts(grid)
-    numbered = numbering.number(parameters, grid, *lines, bodies)
+    bodies = mesh.parts(grid)
+    numbered = mesh.number(parameters, grid, *lines, bodies)
     with one_each(numbered.subdomains) as each:
         found = axisymmetric_elements.assemble(numbered, *lines, bodies, [], each)
     local = elements.nodal(found.stiffness.copy())
@@ -88,7 +88,7 @@ def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
     """Share of the load that is lost before the floor of a rigid support: one sparse solve, forces K u from nodal u."""
     found, local, matrix = assembled(parameters, degree, layers)
     grid = mesh.grid(parameters, layers)
-    body = numbering.parts(grid)[0]
+    body = mesh.parts(grid)[0]
     shapes = degree + 1
     radii = grid.radii[grid.radii <= parameters.sensed_radius]
     load = np.zeros(found.size + 1)
@@ -104,7 +104,7 @@ def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
 
 def beam_forces(bending: float, stretches: Sequence[Stretch], elements: int) -> list[float]:
     """Foundation forces as `beam.stretch_forces` has them, from the matrix on nodes as it stands."""
-    from palpate.instrument.models.foundation import beam
+    from palpate.instrument.models import beam
 
     lengths = np.repeat([stretch.length / elements for stretch in stretches], elements)
     foundations = np.repeat([stretch.foundation for stretch in stretches], elements)

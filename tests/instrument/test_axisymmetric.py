@@ -15,12 +15,12 @@ from scipy.optimize import brentq
 from scipy.sparse.linalg import splu
 
 from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.axisymmetric import numbering
 from palpate.instrument.models.axisymmetric.direct import DirectSolution, solve, solve_on
 from palpate.instrument.models.axisymmetric.mesh import grid
 from palpate.instrument.models.axisymmetric.model import solve_to
-from palpate.instrument.models.finite_elements import condensed, elements
+from palpate.instrument.models.finite_elements import elements, solving
 from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND
 from palpate.instrument.models.parameters import RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
@@ -237,7 +237,7 @@ def test_two_halves_factorised_apart_give_the_answer_of_the_whole(
     sensor: RoundParameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = solve_on(sensor, 3, 1)
-    monkeypatch.setattr(numbering, "WHOLE", 0)
+    monkeypatch.setattr(mesh, "WHOLE", 0)
     halves = solve_on(sensor, 3, 1)
     assert halves.force_ratio == pytest.approx(whole.force_ratio, abs=axisymmetric.ROUND_OFF)
     assert max(whole.residual, halves.residual) < 1e-15
@@ -247,7 +247,7 @@ def test_each_half_gives_its_memory_back_in_the_thread_that_took_it(monkeypatch:
     """SuperLU frees nothing elsewhere: a hundred fine solutions would take 5 GB."""
     taken: list[int] = []
     given: list[int] = []
-    factors = condensed.ordered_factors
+    factors = solving.ordered_factors
 
     class Watched:
         def __init__(self, matrix: sparse.csc_array) -> None:
@@ -260,8 +260,8 @@ def test_each_half_gives_its_memory_back_in_the_thread_that_took_it(monkeypatch:
         def __del__(self) -> None:
             given.append(threading.get_ident())
 
-    monkeypatch.setattr(condensed, "ordered_factors", Watched)
-    monkeypatch.setattr(numbering, "WHOLE", 0)
+    monkeypatch.setattr(solving, "ordered_factors", Watched)
+    monkeypatch.setattr(mesh, "WHOLE", 0)
     solve_on(CASE_A, 3, 1)
     assert sorted(taken) == sorted(given)
     assert len(set(taken)) == 2

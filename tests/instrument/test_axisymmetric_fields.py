@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.instrument.models.axisymmetric.curves import face_pressure
 from palpate.instrument.models.axisymmetric.direct import DirectSolution, solve
-from palpate.instrument.models.axisymmetric.fields import face_pressure
 from palpate.instrument.models.axisymmetric.mesh import Grid
 from palpate.instrument.models.parameters import RoundParameters
 from palpate.instrument.sensor.film_material import FilmMaterial

@@ -10,9 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.foundation import beam, beam_printed
-from palpate.instrument.models.foundation.beam import Stretch
-from palpate.instrument.models.foundation.hetenyi import exact_force_ratio, exact_forces
+from palpate.instrument.models import beam
+from palpate.instrument.models.beam import Stretch, exact_force_ratio, exact_forces
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
@@ -121,7 +120,7 @@ def test_a_beam_needs_positive_finite_data(bending: float, stretch: Stretch) -> 
 def test_the_beam_is_the_object_and_not_the_plate() -> None:
     assert beam.bending(SINGLE, 1e5, 3e-3) == pytest.approx(1e5 * 5e-3 * 3e-3**3 / 12, rel=1e-12)
     steel = replace(SINGLE, plate=replace(SINGLE.plate, material=replace(SINGLE.plate.material, modulus=200e9)))
-    for ratio in (beam.force_ratio, exact_force_ratio, beam_printed.force_ratio):
+    for ratio in (beam.force_ratio, exact_force_ratio, beam.printed_force_ratio):
         assert ratio(steel, get_sample("1")) == ratio(SINGLE, get_sample("1"))
 
 

@@ -12,7 +12,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.foundation import beam_printed
+from palpate.instrument.models import beam
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import program_lines
@@ -85,14 +85,14 @@ def test_the_repaired_second_derivatives_are_those_of_the_repaired_shape_functio
 
 @pytest.mark.parametrize("frozen", [True, False])
 def test_the_model_prints_what_the_repaired_listing_does(frozen: bool) -> None:
-    moduli = list(beam_printed.SERIES)
+    moduli = list(beam.SERIES)
     assert (len(moduli), moduli[-1]) == (15, 1.4149e6)
     assert SINGLE.ring.area == pytest.approx(71.47e-6, abs=5e-9)  # line 9
-    assert beam_printed.ratios(SINGLE, moduli, frozen) == pytest.approx(run_listing(moduli, frozen), rel=1e-9)
+    assert beam.printed_ratios(SINGLE, moduli, frozen) == pytest.approx(run_listing(moduli, frozen), rel=1e-9)
 
 
 def test_the_frozen_matrix_makes_a_rising_curve_of_one_that_falls_below_zero_and_comes_back_above_one() -> None:
-    frozen, renewed = (beam_printed.ratios(SINGLE, beam_printed.SERIES, each) for each in (True, False))
+    frozen, renewed = (beam.printed_ratios(SINGLE, beam.SERIES, each) for each in (True, False))
     assert np.all(np.diff(frozen) > 0)
     assert [round(ratio, 2) for ratio in (frozen[0], frozen[1], frozen[-1])] == [0.53, 0.88, 0.99]
     assert [round(ratio, 2) for ratio in renewed[:4]] == [0.53, 0.39, 0.22, -0.08]
@@ -100,31 +100,31 @@ def test_the_frozen_matrix_makes_a_rising_curve_of_one_that_falls_below_zero_and
 
 
 def test_at_the_samples_moduli_the_program_prints_063_to_088() -> None:
-    ratios = [beam_printed.force_ratio(SINGLE, get_sample(str(number))) for number in range(1, 7)]
+    ratios = [beam.printed_force_ratio(SINGLE, get_sample(str(number))) for number in range(1, 7)]
     assert (round(min(ratios), 2), round(max(ratios), 2)) == (0.63, 0.88)
 
 
 @pytest.mark.parametrize("modulus", [1e-6, 1e12])
 def test_the_frozen_program_has_the_odds_of_its_foundations_alone(modulus: float) -> None:
-    first, later = beam_printed.ratios(SINGLE, [beam_printed.FIRST_MODULUS, modulus])
+    first, later = beam.printed_ratios(SINGLE, [beam.FIRST_MODULUS, modulus])
     area, soft = SINGLE.tooth.area / SINGLE.ring.area, 0.55e-3 / 3.88e-3 * 24e3
 
     def odds_of_foundations(e1: float) -> float:
         return area * (1 + e1 / soft)
 
-    change = odds_of_foundations(modulus) / odds_of_foundations(beam_printed.FIRST_MODULUS)
+    change = odds_of_foundations(modulus) / odds_of_foundations(beam.FIRST_MODULUS)
     assert later / (1 - later) == pytest.approx(first / (1 - first) * change, rel=1e-6)
 
 
 def test_the_program_overlooks_the_thickness_of_the_object() -> None:
     thick = replace(get_sample("4"), thickness=9e-3)
-    assert beam_printed.force_ratio(SINGLE, thick) == beam_printed.force_ratio(SINGLE, get_sample("4"))
+    assert beam.printed_force_ratio(SINGLE, thick) == beam.printed_force_ratio(SINGLE, get_sample("4"))
 
 
 @pytest.mark.parametrize("modulus", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_modulus_that_is_none_is_refused(modulus: float) -> None:
     with pytest.raises(RangeError, match="modulus"):
-        beam_printed.ratios(SINGLE, [1.49e4, modulus])
+        beam.printed_ratios(SINGLE, [1.49e4, modulus])
 
 
 def test_every_line_that_does_not_stand_as_printed_has_its_reason() -> None:

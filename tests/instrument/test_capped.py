@@ -19,7 +19,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import CAPPED
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.parts import Stack
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid import side
-from palpate.instrument.models.solid.cells import Alike, alike
-from palpate.instrument.models.solid.curve import Resolution
-from palpate.instrument.models.solid.system import System
+from palpate.instrument.models.solid.ladders import Resolution
+from palpate.instrument.models.solid.system import Alike, System, alike
 
 SMALL = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
 MODULI = 24e3 * np.logspace(-2, 8, 21)
@@ -40,7 +38,7 @@ def test_one_cell_for_all_gives_what_each_for_itself_does(name: str, monkeypatch
     system = System(sensor, SMALL)
     assert all(isinstance(each._alike, Alike) for each in (system._sensor, system._sensed))
     found = system.curve([system.load(sensor.load_at)]).poles
-    monkeypatch.setattr(side, "alike", lambda *_: None)
+    monkeypatch.setattr("palpate.instrument.models.solid.system.alike", lambda *_: None)
     apart = System(sensor, SMALL)
     known = apart.curve([apart.load(sensor.load_at)]).poles
     tolerance = 1e-7 if sensor.sensed_poisson == 0.5 else 1e-10

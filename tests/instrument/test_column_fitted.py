@@ -9,13 +9,13 @@ import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models import springs
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
-from palpate.instrument.models.foundation import column_fitted, springs
-from palpate.instrument.models.foundation.column_fitted import HIGHEST, LINES, LOWEST, OddsLine
 from palpate.instrument.models.parameter_sets import PHYSICAL, THESIS
 from palpate.instrument.models.ratio import Question, ask
 from palpate.instrument.models.response import response
+from palpate.instrument.models.springs import HIGHEST, LINES, LOWEST, OddsLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
@@ -119,7 +119,7 @@ def test_it_answers_with_its_residual_and_on_any_ring() -> None:
 )
 def test_what_has_no_table_is_refused(design: Design, sensed: Sample, message: str) -> None:
     with pytest.raises(RangeError, match=message):
-        column_fitted.force_ratio(design, sensed)
+        springs.fitted_force_ratio(design, sensed)
 
 
 def test_what_it_has_no_place_for_is_refused_by_name() -> None:
@@ -133,6 +133,6 @@ def test_what_it_has_no_place_for_is_refused_by_name() -> None:
 def test_the_samples_of_the_thesis_are_all_within_its_tables() -> None:
     for design in TABLES:
         ratios = [
-            column_fitted.force_ratio(get_design(design), get_sample(name)) for name in ("2", "5", "3", "4", "6", "1")
+            springs.fitted_force_ratio(get_design(design), get_sample(name)) for name in ("2", "5", "3", "4", "6", "1")
         ]
         assert np.all(np.diff(ratios) > 0)

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.instrument.contracts.contract import Contract, Field, Scaling, sdo
-from palpate.instrument.contracts.field import Order
-from palpate.instrument.contracts.wire_types import SIZE
+from palpate.instrument.contracts.field import SIZE, Order
 from palpate.instrument.errors import ConfigError, RangeError
 from tests.contracts import SCALE, SCALED, contract, one
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid import diagonal
-from palpate.instrument.models.solid.diagonal import Diagonal
+from palpate.instrument.models.solid import parts
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH
-from palpate.instrument.models.solid.parts import Stack
+from palpate.instrument.models.solid.parts import Diagonal, Stack
 from palpate.instrument.models.solid.system import System, symmetry
 from palpate.instrument.sensor.film_material import PVDF
 
@@ -45,7 +44,7 @@ PLAIN = ("unequal film", "capped", "rigid")
 def test_sums_and_differences_give_what_the_unknowns_give(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     sensor = replace(SOFT, **CHANGES[name])
     halved = System(sensor, SMALLEST)
-    monkeypatch.setattr(diagonal, "_elements", lambda plan: None)
+    monkeypatch.setattr(parts, "_elements", lambda plan: None)
     whole = System(sensor, SMALLEST)
     found, known = (system.curve([system.load(sensor.load_at)]).poles for system in (halved, whole))
     tolerance = 1e-7 if sensor.sensed_poisson == 0.5 else 1e-10
@@ -57,7 +56,7 @@ def test_sums_and_differences_give_what_the_unknowns_give(name: str, monkeypatch
 def test_displacements_are_those_of_the_unknowns(monkeypatch: pytest.MonkeyPatch) -> None:
     sensor = replace(SOFT, film=UNEQUAL)
     halved = System(sensor, SMALLEST)
-    monkeypatch.setattr(diagonal, "_elements", lambda plan: None)
+    monkeypatch.setattr(parts, "_elements", lambda plan: None)
     whole = System(sensor, SMALLEST)
     found, known = (system.displacement(system.load(None)) for system in (halved, whole))
     assert found == pytest.approx(known, rel=1e-9, abs=1e-9 * np.abs(known).max())

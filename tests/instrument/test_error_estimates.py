@@ -13,7 +13,7 @@ from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks import claims, estimates, estimates_solid

@@ -11,7 +11,7 @@ import pytest
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.model import OPEN
-from palpate.instrument.models.finite_elements.error_estimate import Manner, estimates
+from palpate.instrument.models.finite_elements.ladder import Manner, estimates
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import ladders

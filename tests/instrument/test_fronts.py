@@ -11,14 +11,12 @@ from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import assembled, cost, dense, fronts, rational
-from palpate.instrument.models.finite_elements.dissection import dissected
-from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
-from palpate.instrument.models.finite_elements.poles import Sensor, curve
-from palpate.instrument.models.finite_elements.rational import projected
+from palpate.instrument.models.finite_elements import elimination, poles, work
+from palpate.instrument.models.finite_elements.elimination import Condensed, Mesh, condense, dissected
+from palpate.instrument.models.finite_elements.poles import Sensor, curve, projected
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import solid_parameters
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
 
@@ -51,11 +49,11 @@ def square() -> tuple[Mesh, Array]:
     return Mesh(unknowns, np.column_stack([x.ravel(), y.ravel()]), matrices.__getitem__, kept, loads), whole[:-1, :-1]
 
 
-@pytest.mark.parametrize("few", [0, assembled.FEW])  # unknowns of elements are added by runs, or one by one
+@pytest.mark.parametrize("few", [0, elimination.FEW])  # unknowns of elements are added by runs, or one by one
 def test_what_is_left_is_the_schur_complement_and_what_was_inside_comes_back(
     monkeypatch: pytest.MonkeyPatch, few: int
 ) -> None:
-    monkeypatch.setattr(assembled, "FEW", few)
+    monkeypatch.setattr(elimination, "FEW", few)
     mesh, whole = square()
     found, kept = condense(mesh, remembers=True), mesh.kept
     inner = np.linalg.inv(whole[~kept][:, ~kept])
@@ -70,7 +68,7 @@ def test_what_is_left_is_the_schur_complement_and_what_was_inside_comes_back(
 
 
 def test_element_matrices_are_asked_for_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fronts, "AT_ONCE", 7)
+    monkeypatch.setattr(elimination, "AT_ONCE", 7)
     mesh, _ = square()
     asked: list[list[int]] = []
 
@@ -97,7 +95,7 @@ def test_a_part_that_nothing_holds_is_refused() -> None:
 
 def test_fronts_that_do_not_fit_into_memory_are_refused_before_they_begin(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, _ = square()
-    monkeypatch.setattr(cost, "free_memory", lambda: 10_000)
+    monkeypatch.setattr(work, "free_memory", lambda: 10_000)
 
     def begun(_elements: object) -> Array:
         raise AssertionError
@@ -111,23 +109,23 @@ def test_what_lets_other_threads_run_gives_the_digits_of_scipy(size: int) -> Non
     rng = np.random.default_rng(1)
     columns = rng.standard_normal((size + 5, size))
     matrix = columns.T @ columns + np.eye(size)
-    factor = dense.factorised(matrix.copy())
+    factor = elimination.factorised(matrix.copy())
     assert factor is not None
     if size:
         assert np.array_equal(np.tril(factor), dpotrf(matrix, lower=1, clean=1)[0])
         expected = dtrsm(1.0, factor, columns, side=1, lower=1, trans_a=1)
-        assert np.array_equal(dense.solved(factor, columns.copy()), expected)
+        assert np.array_equal(elimination.solved(factor, columns.copy()), expected)
         whole = columns @ columns.T
         expected = dsyrk(-1.0, columns, beta=1.0, c=whole, lower=1)
-        assert np.array_equal(np.tril(dense.less_square(whole.copy(), columns)), np.tril(expected))
-        assert dense.factorised(-matrix) is None
+        assert np.array_equal(np.tril(elimination.less_square(whole.copy(), columns)), np.tril(expected))
+        assert elimination.factorised(-matrix) is None
 
 
 def test_the_free_memory_is_known_and_a_limit_of_this_process_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = cost.free_memory() or 0
+    known = work.free_memory() or 0
     assert known > 1e8
-    monkeypatch.setattr(cost.resource, "getrlimit", lambda _which: (1024, 1024))
-    assert cost.free_memory() == 0
+    monkeypatch.setattr(work.resource, "getrlimit", lambda _which: (1024, 1024))
+    assert work.free_memory() == 0
 
 
 def test_a_pair_is_cut_between_its_cells_where_the_fewest_unknowns_are_passed_on() -> None:
@@ -174,7 +172,8 @@ def test_poles_of_a_projected_contact_give_what_all_poles_give(
     """Three moduli alone leave 1.2 % of the second contact's voltage."""
     sensor, sensed, mode, row = projectable(softest)
     taken: list[int] = []
-    monkeypatch.setattr(rational, "factorised", lambda matrix: taken.append(1) or dense.factorised(matrix))
+    factorised = elimination.factorised
+    monkeypatch.setattr(elimination, "factorised", lambda matrix: taken.append(1) or factorised(matrix))
     fewer = projected(sensor.stiffness, sensed.stiffness, sensed.loads, row[:, None], sensor.charges, mode, 24e3)
     assert len(taken) >= moduli
     assert fewer is not None and fewer.onto.shape[1] < SIZE / 3
@@ -193,7 +192,7 @@ def test_poles_of_a_projected_contact_give_what_all_poles_give(
 def test_all_poles_are_sought_where_few_moduli_do_not_suffice(monkeypatch: pytest.MonkeyPatch) -> None:
     sensor, sensed, mode, row = projectable(1e-8)
     asked = sensor.stiffness, sensed.stiffness, sensed.loads, row[:, None], sensor.charges, mode, 24e3
-    monkeypatch.setattr(rational, "MOST", len(rational.FIRST))
+    monkeypatch.setattr(poles, "MOST", len(poles.FIRST))
     assert projected(*asked) is None
 
 

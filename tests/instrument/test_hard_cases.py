@@ -12,12 +12,12 @@ from scipy.sparse import diags_array
 from scipy.sparse.linalg import cg
 
 from palpate.instrument.errors import EstimateError
+from palpate.instrument.models import beam, springs
 from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.direct import solve, solve_on
-from palpate.instrument.models.finite_elements import refinement
-from palpate.instrument.models.foundation import beam, hetenyi, springs
-from palpate.instrument.models.foundation.beam import Stretch
+from palpate.instrument.models.beam import Stretch
+from palpate.instrument.models.finite_elements import solving
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.designs import get_design
@@ -85,7 +85,7 @@ def test_a_foil_of_rubber_like_poisson_ratio_keeps_its_digits_with_a_bound_below
 ) -> None:
     foil = replace(FOIL, sensed_poisson=0.4999, ring_inner_radius=CASE_A.tooth_radius + 1e-6)
     assert solve_on(foil, 3, 3).imbalance < 1e-10
-    monkeypatch.setattr(refinement, "EASINGS", (1.0,))
+    monkeypatch.setattr(solving, "EASINGS", (1.0,))
     with pytest.raises(EstimateError, match="residual"):
         solve_on(foil, 3, 3)
 
@@ -161,7 +161,7 @@ def test_a_uniform_mesh_of_linear_elements_converges_at_first_order_and_a_graded
 def test_many_elements_of_a_beam_drown_it_in_rounding_where_rigid_motion_is_not_apart() -> None:
     """Bending of an element grows with its length to the power -3, so that four more elements cost two digits."""
     bending, stretches = 4.85e-3, (Stretch(1.4e-3, 8e6), Stretch(3.5e-3, 3e5))
-    exact = hetenyi.exact_forces(bending, stretches)[0]
+    exact = beam.exact_forces(bending, stretches)[0]
     plain = {n: abs(naive.beam_forces(bending, stretches, n)[0] / exact - 1) for n in (2, 4, 64, 256)}
     assert plain[4] < plain[2] / 10
     assert plain[4] < plain[64] < plain[256]
@@ -177,7 +177,7 @@ def test_every_model_hands_a_hard_object_to_the_tooth() -> None:
     for ratio in (
         springs.force_ratio(design, hard),
         beam.force_ratio(design, hard),
-        hetenyi.exact_force_ratio(design, hard),
+        beam.exact_force_ratio(design, hard),
         solve(replace(RIGID, sensed_modulus=1e15), 1).force_ratio,
         solid.solve(SolidParameters(support="rigid", sensed_modulus=1e15), 0).force_ratio,
     ):

@@ -14,11 +14,11 @@ import pytest
 
 from palpate.instrument import notice
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import cost, fronts, kept, threads
+from palpate.instrument.models.finite_elements import elimination, kept, work
 from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.ratio import Question, ask
 from palpate.instrument.models.solid import model
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.system import System
 
 AT = (3e-3, 3e-3)
@@ -42,7 +42,7 @@ def unsolved(monkeypatch: pytest.MonkeyPatch) -> None:
     def solved(*_: object) -> None:
         raise AssertionError("an elimination has begun")
 
-    monkeypatch.setattr(fronts, "factorised", solved)
+    monkeypatch.setattr(elimination, "factorised", solved)
 
 
 @pytest.mark.usefixtures("unsolved")
@@ -50,7 +50,7 @@ def unsolved(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_does_not_fit_into_memory_is_refused_before_anything_is_solved(
     design: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cost, "free_memory", lambda: 500_000_000)
+    monkeypatch.setattr(work, "free_memory", lambda: 500_000_000)
     said: list[str] = []
     remedy = "take another model or a design of fewer teeth, or spread the load evenly"
     with (
@@ -64,7 +64,7 @@ def test_what_does_not_fit_into_memory_is_refused_before_anything_is_solved(
 def test_a_finer_mesh_that_does_not_fit_is_refused_with_a_larger_tolerance_as_the_remedy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(cost, "free_memory", lambda: 150_000_000)
+    monkeypatch.setattr(work, "free_memory", lambda: 150_000_000)
     monkeypatch.setattr(notice, "LONG", 0.0)
     monkeypatch.setattr(model, "LONG", 0.0)
     said: list[str] = []
@@ -78,15 +78,15 @@ def test_a_finer_mesh_that_does_not_fit_is_refused_with_a_larger_tolerance_as_th
 
 
 def test_the_whole_price_is_said_once_and_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cost, "RATE", 1e9)
+    monkeypatch.setattr(work, "RATE", 1e9)
     said: list[str] = []
-    eliminate = fronts.factorised
+    eliminate = elimination.factorised
 
     def checked(matrix: np.ndarray) -> np.ndarray | None:
         assert len(said) == 1
         return eliminate(matrix)
 
-    monkeypatch.setattr(fronts, "factorised", checked)
+    monkeypatch.setattr(elimination, "factorised", checked)
     with notice.told(said.append):
         ask(Question("single", "solid"), [1e5, 2e5])
         ask(Question("single", "solid"), [3e5])
@@ -103,8 +103,8 @@ def test_the_cost_of_a_mesh_is_that_of_the_eliminations_that_follow(
     parameters = replace(solid_parameters(question.sensor(), question.load(1.0)), force=1.0)
     system = System(parameters, Resolution(layers=1, ratio=0.15, sectors=1, degree=2))
     expected, done = system.cost(), []
-    judged = fronts.require_memory
-    monkeypatch.setattr(fronts, "require_memory", lambda own, remedy: (done.append(own), judged(own, remedy)))
+    judged = elimination.require_memory
+    monkeypatch.setattr(elimination, "require_memory", lambda own, remedy: (done.append(own), judged(own, remedy)))
     system.curve([system.load(AT)])
     poles = model.total([expected, *(replace(each, operations=-each.operations) for each in done)]).operations
     assert 0 < poles < expected.operations
@@ -118,21 +118,21 @@ def test_a_solve_ends_at_once_when_it_is_interrupted_and_does_not_go_on_behind()
         os.kill(os.getpid(), signal.SIGINT)
         try:
             while True:
-                threads.go_on()
+                work.go_on()
         finally:
             ended.set()
 
     with pytest.raises(KeyboardInterrupt):
-        threads.interruptible(endless)
+        work.interruptible(endless)
     assert ended.wait(60)
-    threads.go_on()  # nobody has given up this thread
+    work.go_on()  # nobody has given up this thread
 
 
 def test_an_error_of_a_solve_is_raised_where_it_was_asked_for() -> None:
     with pytest.raises(ZeroDivisionError):
-        threads.interruptible(lambda: 1 / 0)
+        work.interruptible(lambda: 1 / 0)
     found: list[float] = []
-    own = threading.Thread(target=lambda: found.append(threads.interruptible(lambda: 2.0)))
+    own = threading.Thread(target=lambda: found.append(work.interruptible(lambda: 2.0)))
     own.start()
     own.join()
     assert found == [2.0]

@@ -11,12 +11,17 @@ import numpy as np
 import pytest
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.axisymmetric.bodies import LEAST_COMPLIANCE, MIXED_POISSON, RUBBER_MIXED_POISSON
-from palpate.instrument.models.axisymmetric.mesh import NEAR, grid
+from palpate.instrument.models.axisymmetric.mesh import (
+    LEAST_COMPLIANCE,
+    MIXED_POISSON,
+    NEAR,
+    RUBBER_MIXED_POISSON,
+    grid,
+)
 from palpate.instrument.models.parameters import CLOSED, Parameters, RoundParameters, SolidParameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.body import LEAST_COMPLIANCE as LEAST_SOLID_COMPLIANCE
+from palpate.instrument.models.solid.mesh import LEAST_COMPLIANCE as LEAST_SOLID_COMPLIANCE
 from palpate.instrument.models.solid.parts import LEAST_GAP, Stack
 
 CASE_A = RoundParameters()

@@ -17,8 +17,7 @@ from palpate.instrument.calibration.model_fit import MeasuredReference, expected
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.findings.object_modulus import ByReferences, estimate
 from palpate.instrument.models.ratio import Question
-from palpate.instrument.models.validation import Validation, validate
-from palpate.instrument.models.validation_line import validation_u
+from palpate.instrument.models.validation import Validation, validate, validation_u
 from tests.benchmarks.references import covered
 
 ORIGIN = {

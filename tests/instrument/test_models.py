@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
-from palpate.instrument.models.foundation import springs
+from palpate.instrument.models import springs
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design

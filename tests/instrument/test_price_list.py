@@ -10,14 +10,16 @@ import pytest
 
 from palpate.instrument import shipped
 from palpate.instrument.errors import ConfigError, RangeError
+from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
-from palpate.instrument.models.prices import price_list
-from palpate.instrument.models.prices.price import Machine, Price, Reference
-from palpate.instrument.models.prices.price_list import (
+from palpate.instrument.models.price_list import (
     AUTO_TOLERANCE,
+    Machine,
+    Price,
     PriceList,
+    Reference,
     answers_cheapest,
     choose,
     fingerprint,

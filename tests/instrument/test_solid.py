@@ -14,10 +14,18 @@ from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
-from palpate.instrument.models.solid.body import Body, Elastic, HeightElements, PlanElements, plan_basis
-from palpate.instrument.models.solid.curve import Resolution
-from palpate.instrument.models.solid.ladders import OF_FEW_TEETH
-from palpate.instrument.models.solid.mesh import Cell, Plan, graded, plan_mesh
+from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, Resolution
+from palpate.instrument.models.solid.mesh import (
+    Body,
+    Cell,
+    Elastic,
+    HeightElements,
+    Plan,
+    PlanElements,
+    graded,
+    plan_basis,
+    plan_mesh,
+)
 from palpate.instrument.models.solid.model import point_loads, solve, solve_to
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.model import curve_on, solve_on
 from tests.instrument.direct import direct
 

@@ -14,10 +14,9 @@ from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.model import solve_on
-from palpate.instrument.models.solid.section import section
-from palpate.instrument.models.solid.system import System
+from palpate.instrument.models.solid.system import System, section
 from palpate.instrument.models.table import FilmLoad
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import PVDF

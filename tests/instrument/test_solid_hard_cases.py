@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
-from palpate.instrument.models.solid.body import Body, Elastic, Names
-from palpate.instrument.models.solid.curve import Resolution
-from palpate.instrument.models.solid.ladders import OF_MANY_TEETH
+from palpate.instrument.models.solid.ladders import OF_MANY_TEETH, Resolution
+from palpate.instrument.models.solid.mesh import Body, Elastic, Names
 from palpate.instrument.models.solid.model import point_loads, solve, solve_on
 from palpate.instrument.models.solid.system import System
 from tests import meshes

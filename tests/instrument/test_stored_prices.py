@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric.model import solve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
-from palpate.instrument.models.prices import price_list
-from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, choose, stored
+from palpate.instrument.models.price_list import AUTO_TOLERANCE, choose, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.stored import surface

@@ -16,10 +16,10 @@ from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.finite_elements.kept import write
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
-from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE
+from palpate.instrument.models.price_list import AUTO_TOLERANCE
 from palpate.instrument.models.response import response, responses
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.stored import surface, version
+from palpate.instrument.models.stored import surface
 from palpate.instrument.models.stored.surface import RoundMesh, Surface
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.sensor.designs import get_design
@@ -120,7 +120,7 @@ def test_curves_of_another_sensor_or_version_are_not_taken(
         return
     surface._find.__wrapped__(ROUND, LOAD)
     if other == "version":
-        monkeypatch.setattr(surface, "CODE_VERSION", version.CODE_VERSION + 1)
+        monkeypatch.setattr(surface, "CODE_VERSION", surface.CODE_VERSION + 1)
     asked = replace(PHYSICAL, sensed_thickness=2e-3).load(1e5) if other == "sensor" else LOAD
     with pytest.raises(RangeError, match="has no surface for design 'single_round' with these dimensions"):
         surface._find.__wrapped__(ROUND, asked)

@@ -10,10 +10,9 @@ from types import MappingProxyType
 import pytest
 
 from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.models import price_list, validation
 from palpate.instrument.models import response as registry
-from palpate.instrument.models import validation
 from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS, Model, Response
 from palpate.instrument.models.validation import validate, validate_all

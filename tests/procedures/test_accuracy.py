@@ -16,14 +16,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from palpate.instrument import notice
+from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric.model import OPEN
-from palpate.instrument.models.finite_elements.error_estimate import estimates
+from palpate.instrument.models.finite_elements.ladder import estimates
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
-from palpate.instrument.models.prices import price_list
-from palpate.instrument.models.prices.price import Price
-from palpate.instrument.models.prices.price_list import PriceList, stored
+from palpate.instrument.models.price_list import Price, PriceList, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.stored import surface

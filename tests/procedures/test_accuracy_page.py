@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.instrument.models.prices.price_list import stored
+from palpate.instrument.models.price_list import stored
 from palpate.procedures.accuracy import arithmetic, page
 from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
 from palpate.procedures.accuracy.page import Way, cheapest

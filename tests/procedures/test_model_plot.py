@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.ratio import Answer, Question
 from palpate.instrument.models.response import response
-from palpate.instrument.models.solid.curve import Resolution
+from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.showing import model_picture, model_plot
 from palpate.procedures.showing.model_picture import Picture

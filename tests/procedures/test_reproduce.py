@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import UnknownName
-from palpate.instrument.models.foundation import springs
+from palpate.instrument.models import springs
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.thesis import contents, read_table
 from palpate.procedures.reproduce import curves, models, solutions

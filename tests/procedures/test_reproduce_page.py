@@ -19,8 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 
+from palpate.instrument.models import springs
 from palpate.instrument.models.evidence import REPEATS, Evidence
-from palpate.instrument.models.foundation import springs
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents, read_table

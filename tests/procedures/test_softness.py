@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.foundation.springs import ratio_of_modulus
 from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.springs import ratio_of_modulus
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target

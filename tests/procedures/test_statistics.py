@@ -27,7 +27,7 @@ from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.influence import ERROR, shares_along
-from palpate.instrument.models.validation_line import ValidationLine
+from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import get_sample

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.instrument.models.foundation import springs
+from palpate.instrument.models import springs
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.planning.settle import read_scene

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from palpate.instrument.models.foundation import springs
+from palpate.instrument.models import springs
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock

@@ -15,11 +15,11 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, UsageError
+from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import RoundParameters
-from palpate.instrument.models.prices import price_list
-from palpate.instrument.models.prices.price_list import Choice
+from palpate.instrument.models.price_list import Choice
 from palpate.instrument.models.response import response
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.design import Design

@@ -7,13 +7,16 @@ guessed: what cannot be read is told when somebody asks for it.
 from __future__ import annotations
 
 import hashlib
+import math
 import re
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.instrument.config import MOST_PROBLEMS
-from palpate.instrument.contracts.field import sdo
+from palpate.instrument.contracts.field import SIZE, STRUCT, Access, Type, codec, sdo
+from palpate.instrument.contracts.pdo import COB_ID, KEPT, LARGEST, PDOS, SENT, TRANSMISSION_TYPE
 from palpate.instrument.errors import ConfigError, check_path
 
 LARGEST_SHEET = 10_000_000  # bytes; files of thousands of objects have one or two million
@@ -306,3 +309,271 @@ def objects_of(sheet: DataSheet, index: int) -> list[int]:
     """Addresses of the objects of an index, without the number of its subindices."""
     subs = sheet.objects.get(index, {0: None})
     return [sdo(index, sub) for sub in subs if sub or len(subs) == 1]
+
+
+# --- types, access and values of objects, as CiA 306 writes them -----------------------------------------
+
+# by the numbers of CiA 301; what has no type of ours cannot be used
+TYPES: dict[int, tuple[str, Type | None]] = {
+    0x01: ("BOOLEAN", "bool"), 0x02: ("INTEGER8", "int8"), 0x03: ("INTEGER16", "int16"), 0x04: ("INTEGER32", "int32"),
+    0x05: ("UNSIGNED8", "uint8"), 0x06: ("UNSIGNED16", "uint16"), 0x07: ("UNSIGNED32", "uint32"),
+    0x08: ("REAL32", "float32"), 0x09: ("VISIBLE_STRING", "text"), 0x0A: ("OCTET_STRING", None),
+    0x0B: ("UNICODE_STRING", None), 0x0C: ("TIME_OF_DAY", None), 0x0D: ("TIME_DIFFERENCE", None),
+    DOMAIN: ("DOMAIN", None), 0x10: ("INTEGER24", "int24"), 0x11: ("REAL64", "float64"), 0x12: ("INTEGER40", None),
+    0x13: ("INTEGER48", None), 0x14: ("INTEGER56", None), 0x15: ("INTEGER64", "int64"), 0x16: ("UNSIGNED24", "uint24"),
+    0x18: ("UNSIGNED40", None), 0x19: ("UNSIGNED48", None), 0x1A: ("UNSIGNED56", None), 0x1B: ("UNSIGNED64", "uint64"),
+}  # fmt: skip
+USABLE = ", ".join(name for name, type_ in TYPES.values() if type_)
+ACCESS: dict[str, Access] = {"const": "ro", "ro": "ro", "wo": "wo", "rw": "rw", "rwr": "rw", "rww": "rw"}
+NODE_ID = "$NODEID"
+HEXADECIMAL = ("0x", "0X")
+
+
+def type_of(entry: Entry) -> Type:
+    """The type of an object. Raises ValueError: it has none, or one that cannot be used."""
+    if entry.data_type is None:
+        raise ValueError(f"has no DataType; valid: {USABLE}")
+    name, type_ = TYPES.get(entry.data_type, (f"{entry.data_type:X}h", None))
+    if type_ is None:
+        raise ValueError(f"its type {name} cannot be used; valid: {USABLE}")
+    return type_
+
+
+def access_of(entry: Entry) -> Access:
+    """The access of an object. Raises ValueError: it has none, or one that CiA 306 does not know."""
+    if entry.access not in ACCESS:
+        raise ValueError(f"its access {entry.access!r} is unknown; valid: {', '.join(ACCESS)}")
+    return ACCESS[entry.access]
+
+
+def split(text: str) -> tuple[bool, str]:
+    """Whether a value counts from the node id (`$NODEID`), and what stands beside that.
+
+    Raises ValueError: more than a sum of the two.
+    """
+    if NODE_ID not in text.upper():
+        return False, text
+    before, _, after = (part.strip() for part in re.sub(r"(?i)\$nodeid", "\0", text, count=1).partition("\0"))
+    if not before and not after:
+        return True, "0"
+    if before and not after and before.endswith("+"):
+        return True, before[:-1].strip()
+    if after and not before and after.startswith("+"):
+        return True, after[1:].strip()
+    raise ValueError(f"{text!r} is no sum of {NODE_ID} and a number")
+
+
+def value_of(text: str, type_: Type) -> float:
+    """The number that a text stands for in a type, which is not `text`. A whole number is exact.
+
+    A signed number may be given by the bit pattern of its type, a float by that of IEEE 754, both in hexadecimal.
+
+    Raises ValueError: the text is no such number, or the type cannot hold it.
+    """
+    if type_.startswith("float"):
+        return _float(text, type_)
+    number = whole(text)
+    bits = 8 * SIZE[type_]
+    if type_.startswith("int") and text.startswith(HEXADECIMAL) and 1 << bits - 1 <= number < 1 << bits:
+        number -= 1 << bits
+    try:
+        codec(type_, "<").pack(number)
+    except (struct.error, OverflowError):
+        least, most = (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.startswith("int") else (0, (1 << bits) - 1)
+        why = "more digits than can be kept" if least <= number <= most else f"beyond {least} to {most}"
+        raise ValueError(f"{text} has {why}" if "digits" in why else f"{text} is {why}") from None
+    if type_ == "bool" and number > 1:
+        raise ValueError(f"{text} is beyond 0 to 1")
+    return number
+
+
+def _float(text: str, type_: Type) -> float:
+    packed = struct.Struct("<" + STRUCT[type_])
+    try:
+        if text.startswith(HEXADECIMAL):
+            number: float = packed.unpack(whole(text).to_bytes(packed.size, "little"))[0]
+        elif re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?", text):
+            number = packed.unpack(packed.pack(float(text)))[0]  # as near as the type comes to it
+        else:
+            raise ValueError(f"{text[:40]!r} is no number")
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:40]} is beyond a number of {8 * packed.size} bits")
+    return number
+
+
+# --- the process data, as far as a map can hold them -----------------------------------------------------
+
+INVALID, NO_RTR, EXTENDED = 1 << 31, 1 << 30, 1 << 29  # bits of a COB-ID: not used, no remote frames, 29 bits
+FLAGS = INVALID | NO_RTR | EXTENDED
+MULTIPLEXED = (254, 255)  # numbers of mapped objects
+MOST_MAPPED = 64  # objects of one bit fill a frame
+BITS = 64  # of a frame
+LAST_DUMMY = 0x1F  # objects of which a PDO holds as many bits as their type has, and nobody looks at them
+WHEN_IT_WANTS = 255  # transmission type
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A PDO as the maker maps it.
+
+    Attributes:
+        index: its communication object.
+        base: its COB-ID without the node id.
+        node: the node id for which alone the file knows its COB-ID; 0: any.
+        objects: addresses of its objects.
+        transmission: its transmission type.
+        fixed: why no driver can set it up; "": one can.
+    """
+
+    index: int
+    base: int
+    node: int
+    objects: tuple[int, ...]
+    transmission: int
+    fixed: str
+
+
+def pdos(sheet: DataSheet, first: int) -> tuple[list[Mapped], list[str]]:
+    """The PDOs that are in use, and why others are left out.
+
+    Args:
+        sheet: the data sheet.
+        first: 1800h for the PDOs that the node sends, 1400h for those that it takes.
+    """
+    found: list[Mapped] = []
+    left_out: list[str] = []
+    for index in range(first, first + PDOS):
+        if index not in sheet.objects and index + PDOS not in sheet.objects:
+            continue
+        try:
+            pdo = _pdo(sheet, index)
+            same = next((each for each in found if pdo and each.base == pdo.base), None)
+            if same is not None:
+                raise ValueError(f"has the COB-ID of PDO {same.index:04X}h")
+        except (ConfigError, ValueError) as error:
+            left_out.append(f"PDO {index:04X}h: {str(error).removeprefix(sheet.name + ': ')}")
+        else:
+            found += [] if pdo is None else [pdo]
+    return found, left_out
+
+
+def _pdo(sheet: DataSheet, index: int) -> Mapped | None:
+    """A PDO; None: it is not in use. Raises ConfigError, ValueError: no map can hold it."""
+    communication = sheet.objects.get(index, {})
+    mapping = sheet.objects.get(index + PDOS, {})
+    used = communication.get(COB_ID)
+    if used is not None and used.told and _raw(sheet, sdo(index, COB_ID))[1] & INVALID:
+        return None
+    entries = _entries(sheet, index + PDOS)
+    if not entries:
+        return None
+    if used is None or not used.told:
+        raise ValueError(f"{called(sdo(index, COB_ID))} gives no COB-ID")
+    base, node = _cob_id(sheet, index)
+    objects = [_object(sheet, number, entry, index >= SENT) for number, entry in enumerate(entries, 1)]
+    if (bits := sum(entry & 0xFF for entry in entries)) > BITS:
+        raise ValueError(f"holds {bits} bits, and a frame {BITS}")
+    if twice := [address for number, address in enumerate(objects) if address in objects[:number]]:
+        raise ValueError(f"holds {called(twice[0])} twice")
+    transmission = WHEN_IT_WANTS
+    if TRANSMISSION_TYPE in communication and communication[TRANSMISSION_TYPE].told:
+        transmission = _number(sheet, sdo(index, TRANSMISSION_TYPE))
+    if not 0 <= transmission <= WHEN_IT_WANTS:
+        raise ValueError(f"its transmission type {transmission} is beyond 0 to {WHEN_IT_WANTS}")
+    return Mapped(index, base, node, tuple(objects), transmission, _fixed(communication, mapping, index, len(entries)))
+
+
+def _raw(sheet: DataSheet, address: int) -> tuple[bool, int]:
+    """Whether an object's value counts from the node id, and the number. Raises ConfigError: it is none."""
+    try:
+        relative, rest = split(sheet.entry(address).told)
+        return relative, whole(rest)
+    except ValueError as error:
+        raise ConfigError(f"{sheet.name}: {called(address)}: {error}") from None
+
+
+def _number(sheet: DataSheet, address: int) -> int:
+    relative, number = _raw(sheet, address)
+    if relative:
+        raise ConfigError(f"{sheet.name}: {called(address)}: counts from the node id, which it cannot")
+    return number
+
+
+def _cob_id(sheet: DataSheet, index: int) -> tuple[int, int]:
+    """The COB-ID of a PDO without the node id, and the node id for which alone it is known; 0: any.
+
+    Raises ConfigError, ValueError: there is none that a map can hold.
+    """
+    address = sdo(index, COB_ID)
+    entry = sheet.entry(address)
+    relative, number = _raw(sheet, address)
+    identifier = number & ~FLAGS
+    shown = entry.told[:40]
+    if number & EXTENDED:
+        raise ValueError(f"its COB-ID {shown} has 29 bits; a map holds those of 11")
+    if number < 0 or identifier > LARGEST:
+        raise ValueError(f"its COB-ID {shown} has more than 11 bits")
+    if relative:
+        if not identifier:
+            raise ValueError(f"its COB-ID {shown} is kept for other messages")
+        return identifier, 0
+    if any(identifier in kept for kept in KEPT):
+        raise ValueError(f"its COB-ID {shown} is kept for other messages")
+    if not sheet.node:
+        raise ValueError(f"its COB-ID {shown} is that of one node id, which the file does not tell; give --node")
+    base = identifier - sheet.node
+    if entry.configured and entry.default:
+        with_id, usual = split(entry.default)
+        if with_id and whole(usual) & ~FLAGS == base:  # configured as it is on every node
+            return base, 0
+    return base, sheet.node
+
+
+def _entries(sheet: DataSheet, mapping: int) -> list[int]:
+    """The mapped objects of a PDO, each with its number of bits. Raises ConfigError, ValueError: they are not known."""
+    subs = sheet.objects.get(mapping, {})
+    if 0 not in subs or not subs[0].told:
+        if any(entry.told.strip("0xX") for sub, entry in subs.items() if sub):
+            raise ValueError(f"{called(sdo(mapping))} gives no number of mapped objects")
+        return []
+    count = _number(sheet, sdo(mapping))
+    if count in MULTIPLEXED:
+        raise ValueError(f"{called(sdo(mapping))} = {count}: it is a multiplexed PDO, which a map cannot hold")
+    while count in subs and count and subs[count].compact and not subs[count].told.strip("0xX"):
+        count -= 1  # such a list has a place for every object that there can be
+    if not 0 <= count <= MOST_MAPPED:
+        raise ValueError(f"{called(sdo(mapping))} = {count}: a PDO holds {MOST_MAPPED} objects at most")
+    return [_number(sheet, sdo(mapping, number)) for number in range(1, count + 1)]
+
+
+def _object(sheet: DataSheet, number: int, entry: int, sent: bool) -> int:
+    """The address of a mapped object. Raises ConfigError, ValueError: a map cannot hold it."""
+    address, bits = entry >> 8, entry & 0xFF
+    if not 0 < entry < 1 << 32:
+        raise ValueError(f"its object {number} is {entry:#x}")
+    if address >> 8 <= LAST_DUMMY:
+        raise ValueError(f"its object {number} is a dummy of {bits} bits, which a map cannot hold")
+    found = sheet.entry(address)
+    try:
+        type_, access = type_of(found), access_of(found)
+    except ValueError as error:
+        raise ConfigError(f"{sheet.name}: {called(address)}: {error}") from None
+    if type_ == "text":
+        raise ValueError(f"holds {called(address)}, a text")
+    if bits != 8 * SIZE[type_]:
+        raise ValueError(f"holds {bits} bits of {called(address)}, a map only its whole {8 * SIZE[type_]}")
+    if access == ("wo" if sent else "ro"):
+        raise ValueError(f"holds {called(address)}, which can only be {'written' if sent else 'read'}")
+    return address
+
+
+def _fixed(communication: Mapping[int, Entry], mapping: Mapping[int, Entry], index: int, count: int) -> str:
+    """Why no driver can set a PDO up: which of the objects that it would write the node does not let it; "": none."""
+    needed = [(index, communication, COB_ID), (index, communication, TRANSMISSION_TYPE)]
+    for at, subs, sub in (*needed, *((index + PDOS, mapping, number) for number in range(count + 1))):
+        access = subs[sub].access if sub in subs else "not there"
+        if ACCESS.get(access) != "rw":
+            return f"{called(sdo(at, sub))} is {access or 'of no known access'}"
+    return ""

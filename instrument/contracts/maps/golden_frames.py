@@ -12,10 +12,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.maps import modbus_frames, sdo_frames
-from palpate.instrument.contracts.maps.frame_tables import Frame, Message
-from palpate.instrument.errors import ConfigError, RangeError, UnknownName, named
+from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.contracts.maps import frames
+from palpate.instrument.contracts.maps.map_file import Frame, Message
+from palpate.instrument.errors import ConfigError, PalpateError, RangeError, UnknownName, named
 
 TOLERANCE = {"float32": 2.0**-22}  # relative; of other types a few roundings of a float64
 ROUNDING = 1e-12
@@ -129,7 +129,7 @@ def _compare(
         if len(held) != f.size:
             raise ConfigError(f"{name}: {len(held)} bytes, a {f.type} has {f.size}")
         found = contract.decode(name, held, beside)
-        used = modbus_frames.used_bits(f) if contract.bus == "modbus" else b"\xff" * f.size
+        used = frames.used_bits(f) if contract.bus == "modbus" else b"\xff" * f.size
         bytes_alike = all((one ^ other) & mask == 0 for one, other, mask in zip(held, data, used, strict=True))
         close = math.isclose(
             found, value, rel_tol=TOLERANCE.get(f.type, ROUNDING), abs_tol=ROUNDING * max(abs(f.scale), abs(f.offset))
@@ -161,25 +161,25 @@ def _modbus(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapp
     request = _only(frame, "request", frame.table.request, can=False)[0].data
     unit, pdu = _split("request", request)
     reading = frame.does == "read"
-    wanted = (modbus_frames.read_request if reading else modbus_frames.write_request)(contract, data)
-    head = len(pdu) if reading else modbus_frames.head_of(wanted)
+    wanted = (frames.read_request if reading else frames.write_request)(contract, data)
+    head = len(pdu) if reading else frames.head_of(wanted)
     if len(pdu) != len(wanted) or pdu[:head] != wanted[:head]:
         raise ConfigError(
             f"{', '.join(data)}: request {Message(request)}, our driver sends "
-            f"{Message(modbus_frames.framed(unit, wanted))}{_elsewhere(contract, data, pdu[:head], wanted[:head])}"
+            f"{Message(frames.framed(unit, wanted))}{_elsewhere(contract, data, pdu[:head], wanted[:head])}"
         )
     if not frame.table.reply and not reading:
-        return modbus_frames.held_by(contract, tuple(data), modbus_frames.written(pdu))
+        return frames.held_by(contract, tuple(data), frames.written(pdu))
     reply = _only(frame, "reply", frame.table.reply, can=False)[0].data
     answering, answer = _split("reply", reply)
     if answering != unit:
         raise ConfigError(f"reply {Message(reply)} is from unit {answering}, not from {unit}")
     if reading:
-        return modbus_frames.held_by(contract, tuple(data), modbus_frames.replied(contract, tuple(data), answer))
-    confirmed = modbus_frames.write_reply(pdu)
-    if answer != confirmed and not modbus_frames.is_refusal(pdu, answer):
-        raise ConfigError(f"reply {Message(reply)}, must be {Message(modbus_frames.framed(unit, confirmed))}")
-    return modbus_frames.held_by(contract, tuple(data), modbus_frames.written(pdu))
+        return frames.held_by(contract, tuple(data), frames.replied(contract, tuple(data), answer))
+    confirmed = frames.write_reply(pdu)
+    if answer != confirmed and not frames.is_refusal(pdu, answer):
+        raise ConfigError(f"reply {Message(reply)}, must be {Message(frames.framed(unit, confirmed))}")
+    return frames.held_by(contract, tuple(data), frames.written(pdu))
 
 
 def _elsewhere(contract: Contract, names: Iterable[str], given: bytes, wanted: bytes) -> str:
@@ -193,7 +193,7 @@ def _elsewhere(contract: Contract, names: Iterable[str], given: bytes, wanted: b
 
 def _split(which: str, frame: bytes) -> tuple[int, bytes]:
     try:
-        return modbus_frames.split(frame)
+        return frames.split(frame)
     except ConfigError as error:
         raise ConfigError(f"{which} {Message(frame)} {error}") from None
 
@@ -204,27 +204,27 @@ def _sdo(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapping
         raise ConfigError(f"is about {', '.join(data)}; a transfer reads or writes one object")
     ((name, value),) = data.items()
     f, reading = contract[name], frame.does == "read"
-    requests, answers = (sdo_frames.upload if reading else sdo_frames.download)(f, value)
+    requests, answers = (frames.upload if reading else frames.download)(f, value)
     asked = _only(frame, "request", frame.table.request, can=True)
-    node = (asked[0].cob_id or 0) - sdo_frames.REQUESTS
-    if node not in sdo_frames.NODES:
+    node = (asked[0].cob_id or 0) - frames.REQUESTS
+    if node not in frames.NODES:
         raise ConfigError(f"request {asked[0]} is to no node; its COB-ID is 600h and a node id of 1 to 127")
     if reading:
-        held = sdo_frames.uploaded(f, [each.data for each in _only(frame, "reply", frame.table.reply, can=True)])
+        held = frames.uploaded(f, [each.data for each in _only(frame, "reply", frame.table.reply, can=True)])
     else:
-        held = sdo_frames.downloaded(f, [each.data for each in asked])
+        held = frames.downloaded(f, [each.data for each in asked])
     if held != value:  # the difference of values says more than that of frames
         return {name: held}
-    _same_frames(name, "request", asked, requests, sdo_frames.REQUESTS + node)
-    if frame.table.reply and not (len(frame.table.reply) == 1 and sdo_frames.aborted(f, frame.table.reply[0].data)):
-        _same_frames(name, "reply", frame.table.reply, answers, sdo_frames.ANSWERS + node)
+    _same_frames(name, "request", asked, requests, frames.REQUESTS + node)
+    if frame.table.reply and not (len(frame.table.reply) == 1 and frames.aborted(f, frame.table.reply[0].data)):
+        _same_frames(name, "reply", frame.table.reply, answers, frames.ANSWERS + node)
     return {name: held}
 
 
 def _same_frames(name: str, which: str, given: Sequence[Message], wanted: Sequence[bytes], cob_id: int) -> None:
     """Raises ConfigError: frames of a transfer are others than these."""
     same = len(given) == len(wanted) and all(
-        each.cob_id == cob_id and sdo_frames.alike(each.data, data) for each, data in zip(given, wanted, strict=True)
+        each.cob_id == cob_id and frames.alike(each.data, data) for each, data in zip(given, wanted, strict=True)
     )
     if not same:
         raise ConfigError(
@@ -246,3 +246,95 @@ def _pdo(contract: Contract, frame: Frame) -> Mapping[str, bytes]:
     if len(message.data) != size:
         raise ConfigError(f"{which} {message}: {len(message.data)} bytes, {pdo.name} has {size}")
     return contract.parts(pdo, message.data)
+
+
+# --- frames that are worked out from a map, for its author to check against the manual and to paste into it
+
+UNIT = 1  # Modbus unit id, or node id, of the frames
+SHARE = 0.3  # of its range: where a value without a default is taken from
+
+
+def computed(contract: Contract, names: tuple[str, ...]) -> Iterator[str]:
+    """A table `[[frame]]` for each of these fields, with a value of its range."""
+    for name in names:
+        try:
+            yield _frame_table(contract, contract[name])
+        except (PalpateError, struct.error, ArithmeticError, KeyError) as error:
+            yield f"# {name}: no frame can be worked out: {' '.join(str(error).split())}\n"
+
+
+def _frame_table(contract: Contract, f: Field) -> str:
+    reading = f.access != "wo"
+    beside = {name: _example_number(contract[name]) for name in f.beside}
+    value = _example(f)
+    if isinstance(value, str) and f.type == "text":
+        data = value.encode() if contract.bus == "canopen" else contract.encode_text(f.name, value)
+    elif reading:
+        number = contract.raw(f.name, value) * f.scale + f.offset if isinstance(value, str) else value
+        number = sum(1 << f.bits[bit] for bit in number) if isinstance(number, list) else number
+        data = contract.pack(f.name, number, beside)
+        value = value if isinstance(value, (str, list)) else contract.decode(f.name, data, beside)
+    else:
+        data = contract.encode(f.name, sum(1 << f.bits[b] for b in value) if isinstance(value, list) else value, beside)
+    request, reply = _exchange(contract, f, data, reading)
+    lines = ["[[frame]]", f'says = "{"read" if reading else "write"} {f.name}"']
+    lines += [f"request = {_texts(request)}", f"reply = {_texts(reply)}", f"values = {_inline({f.name: value})}"]
+    if beside:
+        lines.append(f"beside = {_inline(beside)}")
+    return "\n".join([*lines, 'origin = "computed"']) + "\n"
+
+
+def _example(f: Field) -> Any:
+    if f.type == "text":
+        return "AB12"[: f.length] if f.length else "AB12"
+    if f.bits:
+        return [next(iter(f.bits))]
+    if f.choices:
+        return list(f.choices)[-1]
+    return _example_number(f)
+
+
+def _example_number(f: Field) -> float:
+    """A value within the limits, which is no round one, so that an exchanged order of bytes shows."""
+    if f.choices:
+        return float(list(f.choices.values())[-1])
+    bits = f.part[1] if f.part else 8 * f.size
+    raw = {1: 1, 8: 0x12}.get(bits, 0x1234 & (1 << bits) - 1) if bits < 24 else 0x12345
+    value = f.scale * raw + f.offset
+    low, high = f.limits
+    if low <= value <= high:
+        return value
+    if math.isinf(low) or math.isinf(high):
+        return high if math.isinf(low) else low
+    return f.scale * round((low + SHARE * (high - low) - f.offset) / f.scale) + f.offset
+
+
+def _exchange(contract: Contract, f: Field, data: bytes, reading: bool) -> tuple[list[Message], list[Message]]:
+    if contract.bus == "canopen":
+        asked, told = (frames.upload if reading else frames.download)(f, data)
+        return (
+            [Message(each, frames.REQUESTS + UNIT) for each in asked],
+            [Message(each, frames.ANSWERS + UNIT) for each in told],
+        )
+    held = {f.name: data}
+    asking = frames.read_request(contract, held) if reading else frames.write_request(contract, held)
+    answer = frames.read_reply(contract, held) if reading else frames.write_reply(asking)
+    unit = max(UNIT, contract.manners.units[0]) if contract.manners.units[1] else 0
+    return [Message(frames.framed(unit, asking))], [Message(frames.framed(unit, answer))]
+
+
+def _texts(messages: list[Message]) -> str:
+    texts = [f'"{message}"' for message in messages]
+    return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
+
+
+def _inline(values: Mapping[str, Any]) -> str:
+    return "{ " + ", ".join(f"{name} = {_literal(value)}" for name, value in values.items()) + " }"
+
+
+def _literal(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(_literal(each) for each in value)}]"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return str(int(value)) if value == int(value) else repr(value)

@@ -3,22 +3,204 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_type_hints
 
+from pydantic import AfterValidator, BeforeValidator, PlainValidator, Strict, create_model
 from pydantic import Field as Key
 
 from palpate.instrument.config import MOST_PROBLEMS, Config, Name, check, parse, read_bytes
-from palpate.instrument.contracts.contract import Contract, Identity
-from palpate.instrument.contracts.manners import ITSELF, USUAL, Manners
-from palpate.instrument.contracts.maps import tables
-from palpate.instrument.contracts.maps.frame_tables import Frame, FrameTable, frame_of
-from palpate.instrument.contracts.rates import Baudrate, Bitrate
+from palpate.instrument.contracts.contract import (
+    Command,
+    Condition,
+    Contract,
+    Field,
+    Identity,
+    Manners,
+    Mark,
+    Pdo,
+    Scaling,
+    Value,
+    sdo,
+)
+from palpate.instrument.contracts.declaration import ITSELF, USUAL
 from palpate.instrument.errors import ConfigError
+
+# --- rates of serial lines and CAN buses [bit/s], alike in a map and in a bench file ---------------------
+
+BITRATES = range(10_000, 1_000_001)  # of CAN buses
+Baudrate = Annotated[int, Key(ge=300, le=4_000_000, strict=True)]
+Bitrate = Annotated[int, Key(ge=BITRATES[0], le=BITRATES[-1], strict=True)]
+
+
+# --- tables whose keys are the attributes of the declarations that they describe -------------------------
+
+OBJECT = re.compile(r"([0-9A-Fa-f]{4}):([0-9A-Fa-f]{1,2})")
+
+
+def _raw(value: Any) -> Any:
+    """A raw value, whole or not, as it stands in the file. Raises ValueError: it is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{value!r} is no number; give one without quotes")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{value!r} is not finite; give its bits, as 0x7F800000")
+    return value
+
+
+EXACT: dict[Any, Any] = {  # a text or `true` is no number
+    int: Annotated[int, Strict()],
+    float: Annotated[float, Strict()],
+    float | None: Annotated[float, Strict()] | None,
+    int | None: Annotated[int, Strict()] | None,
+    Value: Annotated[float, Strict()] | Annotated[str, Strict()],
+    tuple[int, int]: tuple[Annotated[int, Strict()], Annotated[int, Strict()]],
+    tuple[int, int] | None: tuple[Annotated[int, Strict()], Annotated[int, Strict()]] | None,
+    tuple[int, ...]: tuple[Annotated[int, Strict()], ...],
+    tuple[float, ...]: tuple[Annotated[Any, PlainValidator(_raw)], ...],
+    Mapping[str, int]: Mapping[str, Annotated[int, Strict()]],
+}
+MADE: dict[type[Config], type] = {}  # for each model of a table, the class of the declaration
+
+
+def address_of(value: Any) -> Any:
+    """An address of a map file: a number, or the index and subindex of an object in hexadecimal, as "6401:1".
+
+    Raises ValueError: it is a text of another form.
+    """
+    if not isinstance(value, str):
+        return value
+    found = OBJECT.fullmatch(value)
+    if found is None:
+        raise ValueError(f'{value!r} is no address; give a number, or index and subindex of an object as "6401:1"')
+    return sdo(int(found[1], 16), int(found[2], 16))
+
+
+def _table(declared: type, **instead: Any) -> type[Config]:
+    """A model whose keys are the attributes of a declaration but its name, which is that of the table."""
+    hints = get_type_hints(declared)
+    keys: dict[str, Any] = {}
+    for each in fields(declared):
+        if each.name == "name" or not each.init:
+            continue
+        default = each.default if each.default is not MISSING else ...
+        if each.default_factory is not MISSING:
+            default = each.default_factory()
+        keys[each.name] = (instead.get(each.name, EXACT.get(hints[each.name], hints[each.name])), default)
+    model: type[Config] = create_model(f"{declared.__name__}Table", __base__=Config, **keys)
+    MADE[model] = declared
+    return model
+
+
+SCALING = _table(Scaling)
+CONDITION = _table(Condition)
+FIELD = _table(Field, address=Annotated[int, Strict(), BeforeValidator(address_of)], scaling=SCALING | None)
+COMMAND = _table(Command, done=CONDITION | None, failed=CONDITION | None)
+MANNERS = _table(Manners)
+MARK = _table(Mark)
+PDO = _table(Pdo)
+
+
+def made(table: Config, **more: Any) -> Any:
+    """The declaration that a checked table describes. Raises ConfigError: it makes no sense."""
+    given: Mapping[str, Any] = {key: getattr(table, key) for key in table.model_fields_set}
+    inner = {key: made(value) if type(value) in MADE else value for key, value in given.items()}
+    return MADE[type(table)](**inner, **more)
+
+
+# --- tables `[[frame]]`: messages from a manual, and the values that they hold ---------------------------
+
+DOES = re.compile(r"(read|write|command|sends|takes) +([a-z0-9_]+(?: *, *[a-z0-9_]+)*)")
+CAN = re.compile(r"([0-9A-Fa-f]{3}): *([0-9A-Fa-f ]*)")
+Number = Annotated[float, Key(strict=True, allow_inf_nan=True)]
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message on the wire: a frame of Modbus RTU with its CRC, or the data of a CAN frame with its COB-ID."""
+
+    data: bytes
+    cob_id: int | None = None
+
+    def __str__(self) -> str:
+        text = self.data.hex(" ").upper()
+        return text if self.cob_id is None else f"{self.cob_id:03X}: {text}"
+
+
+def _message(text: str) -> Message:
+    """Raises ValueError: the text is no message."""
+    text = text.replace(",", " ")  # as some manuals print them
+    found = CAN.fullmatch(text.strip())
+    try:
+        return Message(bytes.fromhex(found[2]), int(found[1], 16)) if found else Message(bytes.fromhex(text))
+    except ValueError:
+        raise ValueError(
+            f'{text!r} is no message; give bytes as "01 03 00 00", or of a CAN frame "601: 40 30"'
+        ) from None
+
+
+def _messages(value: Any) -> Any:
+    """One message, or several of a longer transfer."""
+    texts = [value] if isinstance(value, str) else value
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        return value
+    return tuple(_message(text) for text in texts)
+
+
+def _says(text: str) -> str:
+    if not DOES.fullmatch(text):
+        raise ValueError(
+            f'{text!r}: give "read", "write", "command", "sends" or "takes" and names, as "read gross, net"'
+        )
+    return text
+
+
+class FrameTable(Config):
+    """A table `[[frame]]` of a map file."""
+
+    says: Annotated[str, AfterValidator(_says)]
+    request: Annotated[tuple[Message, ...], BeforeValidator(_messages)] = ()
+    reply: Annotated[tuple[Message, ...], BeforeValidator(_messages)] = ()
+    values: dict[str, Number | str | tuple[str, ...]] = Key(
+        default_factory=dict
+    )  # of the fields; of a status word its bits by name
+    beside: dict[str, Number] = Key(default_factory=dict)  # values of other fields that tell a scale or a sign
+    origin: Literal["printed", "computed"]
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A golden frame.
+
+    Attributes:
+        number: its number in its file.
+        does: what it shows: `read` or `write` fields, give a `command`, or a PDO that the device `sends` or `takes`.
+        names: the fields; or the command or PDO.
+        table: its content.
+    """
+
+    number: int
+    does: str
+    names: tuple[str, ...]
+    table: FrameTable
+
+    def __str__(self) -> str:
+        return f"frame {self.number} ({self.table.says})"
+
+
+def frame_of(number: int, table: FrameTable) -> Frame:
+    """The frame of a checked table."""
+    found = DOES.fullmatch(table.says)
+    assert found is not None
+    return Frame(number, found[1], tuple(name.strip() for name in found[2].split(",")), table)
+
+
+# --- the file --------------------------------------------------------------------------------------------
 
 SHIPPED = Path(__file__).parent
 NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
@@ -69,7 +251,7 @@ class MapFile(Config):
     device: DeviceTable
     line: Line = Line()
     eds: Sheet | None = None
-    manners: dict[str, Any] = Key(default_factory=dict)  # keys of each table: see `tables`
+    manners: dict[str, Any] = Key(default_factory=dict)  # keys of each table: see `MANNERS` and its like
     mark: tuple[dict[str, Any], ...] = ()
     field: Annotated[Tables, Key(min_length=1)]
     command: Tables = Key(default_factory=dict)
@@ -143,13 +325,13 @@ def map_of(path: Path, data: bytes) -> DeviceMap:
     content = parse(data, MapFile, str(path))
     device, read = content.device, _Reader(str(path))
     parts = {
-        "fields": read.named("field", tables.FIELD, content.field),
-        "pdos": read.named("sends", tables.PDO, content.sends),
-        "receives": read.named("takes", tables.PDO, content.takes),
-        "commands": read.named("command", tables.COMMAND, content.command),
-        "marks": read.listed("mark", tables.MARK, content.mark),
+        "fields": read.named("field", FIELD, content.field),
+        "pdos": read.named("sends", PDO, content.sends),
+        "receives": read.named("takes", PDO, content.takes),
+        "commands": read.named("command", COMMAND, content.command),
+        "marks": read.listed("mark", MARK, content.mark),
     }
-    (manners,) = read.listed("manners", tables.MANNERS, [content.manners]) or (USUAL,)
+    (manners,) = read.listed("manners", MANNERS, [content.manners]) or (USUAL,)
     frames = tuple(read.frames(content.frame))
     read.refuse()
     read.fits(device, content.line, manners)
@@ -202,7 +384,7 @@ class _Reader:
 
     def _made(self, what: str, model: type[Config], table: Mapping[str, Any], **more: str) -> Any:
         try:
-            return tables.made(check(dict(table), model, f"{self._where}: {what}"), **more)
+            return made(check(dict(table), model, f"{self._where}: {what}"), **more)
         except ConfigError as error:
             text = str(error)
             self._problems.append(text if text.startswith(self._where) else f"{self._where}: {text}")

@@ -12,31 +12,260 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.axisymmetric.bodies import compliance_of, constants, keeps_pressure, keeps_volume
-from palpate.instrument.models.axisymmetric.fields import on
-from palpate.instrument.models.axisymmetric.forces import (
-    capacitance_of,
-    charging,
-    pressing,
-    stress_by_voltage,
-    stressing,
+from palpate.instrument.models.axisymmetric.mesh import (
+    AXIAL,
+    RADIAL,
+    Body,
+    Grid,
+    Part,
+    compliance_of,
+    constants,
+    grid,
+    inside,
+    keeps_pressure,
+    keeps_volume,
+    number,
+    parts,
+    within,
 )
-from palpate.instrument.models.axisymmetric.mesh import grid
-from palpate.instrument.models.axisymmetric.numbering import AXIAL, Part, number, parts, within
 from palpate.instrument.models.finite_elements import elements as el
-from palpate.instrument.models.finite_elements.fronts import Condensed, Mesh, condense
-from palpate.instrument.models.finite_elements.incompressible import extrapolated
+from palpate.instrument.models.finite_elements.elimination import Condensed, Mesh, condense, extrapolated
 from palpate.instrument.models.finite_elements.kept import keep
-from palpate.instrument.models.finite_elements.poles import Curve, Sensor, curve
-from palpate.instrument.models.finite_elements.threads import single
+from palpate.instrument.models.finite_elements.poles import Curve, Sensor, capacitance, charge, curve
+from palpate.instrument.models.finite_elements.work import single
 from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Number = TypeVar("Number", bound=np.generic)
+
+# --- displacements over every body, and the pressure on the sensor's face --------------------------------
+
+
+POINTS = 5  # number of points along a side of an element
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """Displacements of a body on a grid of points, for a total force of 1 N.
+
+    Attributes:
+        radius, height: coordinates of the undeformed points [m], (columns, rows).
+        radial, axial: displacements [m], (columns, rows).
+    """
+
+    radius: Array
+    height: Array
+    radial: Array
+    axial: Array
+
+
+@dataclass(frozen=True, slots=True)
+class FacePressure:
+    """Pressure of the object on the sensor's face at Gauss points, from the axis outwards, for a total force of 1 N.
+
+    The pressure is singular at the edges of parts: the finer the mesh, the higher it reaches there. The whole force on
+        a part is not affected. Elsewhere the pressure converges more slowly than forces do, most slowly at the axis.
+
+    Attributes:
+        radius: radii of the points [m]; none lie over the gap.
+        pressure: pressure, positive in compression [Pa]; negative where a bonded object pulls.
+        area: area of the face that belongs to each point [m2].
+        reach: radius of the tooth [m].
+    """
+
+    radius: Array
+    pressure: Array
+    area: Array
+    reach: float
+
+    @property
+    def tooth_force(self) -> float:
+        """Force on the tooth: integral of the pressure [N]."""
+        return float((self.pressure * self.area)[self.radius < self.reach].sum())
+
+    @property
+    def force(self) -> float:
+        """Force on the whole face: integral of the pressure [N]."""
+        return float((self.pressure * self.area).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class OnMesh:
+    """Solution on the mesh: displacements, and forces on nodes per radian, of each element (elements, 2 (p + 1)^2)."""
+
+    parameters: RoundParameters
+    mesh: Grid
+    r: el.Line
+    parts: dict[str, Part]
+    displacements: Array
+    internal: Array
+
+    def forces(self, body: str) -> Array:
+        """Forces [N] of a body over the whole circle: (columns, rows, axis, radial shape, axial shape)."""
+        return 2 * math.pi * on(self.internal, self.parts[body])
+
+
+def on(local: NDArray[Number], part: Part) -> NDArray[Number]:
+    """Element vectors of a body as (columns, rows, axis, radial shape, axial shape)."""
+    shapes = math.isqrt(local.shape[1] // 2)
+    return local[part.elements].reshape(len(part.columns), len(part.rows), 2, shapes, shapes)
+
+
+def displacements(at: OnMesh) -> dict[str, Field]:
+    """Displacement field of every body, by its name."""
+    points = np.linspace(0, 1, POINTS)
+    shapes, _ = el.shape_functions(at.r.dofs.shape[1] - 1, points)
+
+    def along(lines: Array, intervals: Indices) -> Array:
+        return (lines[intervals][:, None] + np.diff(lines)[intervals][:, None] * points).ravel()
+
+    found = {}
+    for name, part in at.parts.items():
+        sampled = np.einsum("xyckl,ki,lj->cxiyj", on(at.displacements, part), shapes, shapes, optimize=True)
+        radius, height = np.meshgrid(
+            along(at.mesh.radii, part.columns), along(at.mesh.heights, part.rows), indexing="ij"
+        )
+        radial, axial = sampled.reshape(2, *radius.shape)
+        found[name] = Field(radius, height, radial, axial)
+    return found
+
+
+def face(at: OnMesh) -> FacePressure:
+    """Pressure on the face, from the object's forces on the shape functions of its lower side."""
+    p, dofs = at.parameters, at.r.dofs
+    outer = min(p.ring_outer_radius, p.sensed_radius)
+    touching = np.concatenate(
+        [inside(at.mesh.radii, part) for part in ((0.0, p.tooth_radius), (p.ring_inner_radius, outer))]
+    )
+    forces = np.zeros(dofs.max() + 1)
+    np.add.at(forces, dofs[at.parts["object"].columns], at.forces("object")[:, 0, AXIAL, :, 0])
+    return face_pressure(at.mesh, dofs, touching, forces, p.tooth_radius)
+
+
+def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, reach: float) -> FacePressure:
+    """The pressure whose work on every shape function of the face is that of the nodal forces.
+
+    Such consistent tractions are far more accurate than stresses from the gradients of displacements (Carey, Chow and
+    Seager 1985). They balance the forces exactly, and need no stress of a body whose pressure is an unknown.
+
+    Args:
+        mesh: grid of the sensor.
+        dofs: numbers of the shape functions of each interval of the radius, (intervals, p + 1).
+        touching: intervals where the object touches the sensor.
+        forces: forces of the object on the face, by number of the shape function [N].
+        reach: radius of the tooth [m].
+    """
+    from scipy.linalg import solve
+
+    degree = dofs.shape[1] - 1
+    numbers, local = np.unique(dofs[touching], return_inverse=True)
+    local = local.reshape(len(touching), -1)
+    shapes, _, area = _quadrature(mesh.radii, touching, degree, degree + 2)
+    mass = np.zeros((len(numbers), len(numbers)))
+    np.add.at(mass, (local[:, :, None], local[:, None, :]), np.einsum("eq,iq,jq->eij", area, shapes, shapes))
+    scale = 1 / np.sqrt(np.diag(mass))
+    nodal = scale * solve(mass * np.outer(scale, scale), scale * forces[numbers], assume_a="pos")
+    # These points suffice for the integrals, and the highest polynomial, the least certain part, is zero there.
+    shapes, radius, area = _quadrature(mesh.radii, touching, degree, degree)
+    return FacePressure(radius.ravel(), (nodal[local] @ shapes).ravel(), area.ravel(), reach)
+
+
+def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tuple[Array, Array, Array]:
+    """Shape functions (degree + 1, count), radii [m] and areas [m2] (intervals, count) at Gauss points."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    width = np.diff(radii)[intervals][:, None]
+    radius = radii[intervals][:, None] + width * (points + 1) / 2
+    shapes, _ = el.shape_functions(degree, (points + 1) / 2)
+    return shapes, radius, math.pi * radius * width * weights
+
+
+# --- loads on the elements, and forces, stresses and charges that follow from a solution -----------------
+
+
+def pressing(r: el.Line, part: Part) -> Array:
+    """Forces of 1 N, spread evenly over the top of the object, per radian: (elements of the object, n)."""
+    shapes = r.dofs.shape[1]
+    load = np.zeros((len(part.columns), len(part.rows), 2, shapes, shapes))
+    # The first shape function is 1, so these are the integrals ∫ r φ.
+    load[:, -1, AXIAL, :, :2] -= r.value_value[part.columns][:, :, :1] / (math.pi * part.body.radii[1] ** 2)
+    return load.reshape(len(part), -1)
+
+
+def charging(r: el.Line, z: el.Line, part: Part) -> Array:
+    """Forces of a film under 1 V, against its voltage, per radian: (elements of the film, n)."""
+    assert part.body.film is not None
+    low, high = part.body.heights
+    _, stress, _ = part.body.film.stiff()
+    return el.polarised(r, z, part.columns, part.rows, stress[0] / (high - low), stress[2] / (high - low))
+
+
+def counts_above(parameters: RoundParameters) -> bool:
+    """Whether the tooth's force is taken above the tooth, not below.
+
+    The softer side is more exact, since forces in a stiff section are differences of large displacements.
+    """
+    return parameters.support == "rigid" or parameters.sensed_modulus < parameters.film.modulus
+
+
+def below(at: OnMesh, name: str) -> Array:
+    """Forces (columns, 2) on the vertices below a body [N]."""
+    return at.forces(name)[:, 0, AXIAL, :2, 0]
+
+
+def over_tooth(at: OnMesh) -> float:
+    """Force of the object on the tooth [N]."""
+    vertices = at.r.dofs[at.parts["object"].columns][:, :2]
+    return float(below(at, "object")[within(at.parameters.tooth_radius, at.mesh, at.r)[vertices]].sum())
+
+
+def stresses(at: OnMesh, body: Body) -> tuple[float, float]:
+    """Mean stresses [Pa] in the plane and along the axis, by virtual work of the displacements r and z."""
+    mesh, part, forces = at.mesh, at.parts[body.name], at.forces(body.name)
+    radius = np.stack([mesh.radii[part.columns], mesh.radii[part.columns + 1]], axis=1)
+    height = np.stack([mesh.heights[part.rows], mesh.heights[part.rows + 1]], axis=1) - body.heights[0]
+    plane = np.einsum("xyab,xa->", forces[:, :, RADIAL, :2, :2], radius)
+    normal = np.einsum("xyab,yb->", forces[:, :, AXIAL, :2, :2], height)
+    return float(plane) / body.volume / 2, float(normal) / body.volume
+
+
+def charge_of(at: OnMesh, body: Body) -> float:
+    """Charge that leaves a short-circuited film [C]."""
+    assert body.film is not None
+    plane, normal = stresses(at, body)
+    return charge(body.film, body.area, plane, plane, normal)
+
+
+def capacitance_of(body: Body) -> float:
+    """Capacitance of a film [F]."""
+    assert body.film is not None
+    return capacitance(body.film, body.area, body.heights[1] - body.heights[0])
+
+
+def stressing(r: el.Line, z: el.Line, part: Part) -> tuple[Array, Array]:
+    """Forces (elements of the film, n) per radian whose work is what strains add to the film's mean stresses.
+
+    These are the stress in the plane and that along the axis.
+    """
+    c, volume = constants(part.body, mixed=False), part.body.volume
+    plane = el.polarised(r, z, part.columns, part.rows, (c.c11 + c.c12) / 2 / volume, c.c13 / volume)
+    return plane, el.polarised(r, z, part.columns, part.rows, c.c13 / volume, c.c33 / volume)
+
+
+def stress_by_voltage(body: Body) -> tuple[float, float]:
+    """What 1 V across a film adds to its mean stresses in the plane and along the axis [Pa/V]."""
+    assert body.film is not None
+    _, stress, _ = body.film.stiff()
+    thickness = body.heights[1] - body.heights[0]
+    return float(stress[0]) / thickness, float(stress[2]) / thickness
+
+
+# --- curves ----------------------------------------------------------------------------------------------
 
 # Compliance, over that of shear, that is added where a body keeps its volume: less would cost digits.
 ADDED = 3e-3

@@ -14,26 +14,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.axisymmetric.bodies import assemble, keeps_pressure
-from palpate.instrument.models.axisymmetric.fields import FacePressure, Field, OnMesh, displacements, face
-from palpate.instrument.models.axisymmetric.forces import (
+from palpate.instrument.models.axisymmetric.curves import (
+    FacePressure,
+    Field,
+    OnMesh,
     below,
     capacitance_of,
     charge_of,
     charging,
     counts_above,
+    displacements,
+    face,
     over_tooth,
     pressing,
     stresses,
 )
-from palpate.instrument.models.axisymmetric.mesh import grid
+from palpate.instrument.models.axisymmetric.mesh import Part, assemble, grid, keeps_pressure, number, parts
 from palpate.instrument.models.axisymmetric.model import Film, resolution_of
-from palpate.instrument.models.axisymmetric.numbering import Part, number, parts
 from palpate.instrument.models.finite_elements import elements as el
-from palpate.instrument.models.finite_elements.condensed import Elements
-from palpate.instrument.models.finite_elements.coupling import Circuits
-from palpate.instrument.models.finite_elements.refinement import solve as solve_elements
-from palpate.instrument.models.finite_elements.threads import one_each
+from palpate.instrument.models.finite_elements.poles import Circuits
+from palpate.instrument.models.finite_elements.solving import Elements
+from palpate.instrument.models.finite_elements.solving import solve as solve_elements
+from palpate.instrument.models.finite_elements.work import one_each
 from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.finite_elements import error_estimate as between
+from palpate.instrument.models.finite_elements import ladder as between
 from palpate.instrument.models.finite_elements.ladder import Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import CLOSED, SHARED_LENGTHS, RoundParameters

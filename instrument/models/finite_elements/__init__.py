@@ -1,1 +1,1 @@
-"""Parts that both finite-element models share: condensing, curves, error estimates, coupling of films."""
+"""Parts that both finite-element models share: elimination, curves over the modulus, error estimates, what is kept."""

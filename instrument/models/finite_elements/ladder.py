@@ -7,7 +7,8 @@ ladder.solve_at(np.array([24e3, 1e5]), tolerance=1e-3)    # solutions and error 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -109,3 +110,177 @@ class Ladder(Generic[M, S]):
             f"model {self.model!r} cannot meet tolerance {tolerance:g}: its least error here is {best:.1e}; give a"
             " larger tolerance"
         )
+
+
+# --- bounds on the errors of a mesh, from its curve and those of coarser meshes --------------------------
+
+# The change from one mesh to the next is no bound. As functions of the object's modulus, the ratios of two meshes
+# cross; there the change is zero while the error is not. Energies do not cross. The force ratio is the work of the load
+# on a jump, the object raised by 1 from the teeth. On nested meshes such a work changes by at most √(ΔJ ΔJ'), where J
+# and J' are twice the energies under the load and by the jump (Cauchy and Schwarz). That is about the error of the
+# coarser mesh. Pressures are projected, and meshes around a circle are not quite nested; so a bound is the greater of
+# change and product, over a window of the modulus (`python -m tests.benchmarks estimates estimates_solid`).
+#
+# Two meshes may also agree by luck, at all moduli of a window. So no bound falls below a share of the bound before.
+# Where meshes have the same degree along the height, nothing of this shows what that leaves: the change by a higher one
+# tells it, on a coarse mesh.
+#
+# For a voltage the same kind of product would be a thousand times the error, because a film's own energy lies at its
+# edges. So the greatest change of any voltage, several times, counts for each.
+
+# Meshes are compared at moduli of a fixed grid: so many in a decade, as far as half a decade, a decade or four decades
+# from the one that is asked, and next to these. Where two meshes cross at one modulus, they do not at all of these.
+STEPS, HALF_DECADE = 8, 4
+DECADE, FOUR_DECADES = 2 * HALF_DECADE, 8 * HALF_DECADE
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How errors fall from mesh to mesh.
+
+    Attributes:
+        product: share of the product of energies that counts beside the change.
+        factors: factors on the greater of both from each mesh to the next; the last one counts for all further meshes.
+        voltages: the same on the greatest change of any voltage.
+        luck: least bound over the bound before: two meshes may agree by luck, or because the finer one is finer only
+            in what does not matter.
+        height: factor on the change by a higher degree along the height.
+        far: share with which moduli count that are more than half a decade away, up to a decade.
+        distant: the same of those that are up to four decades away: meshes may agree on all moduli nearby.
+    """
+
+    product: float
+    factors: tuple[float, ...]
+    voltages: tuple[float, ...]
+    luck: float
+    height: float = 0.0
+    far: float = 0.0
+    distant: float = 0.0
+
+    def widened(self, times: float) -> Manner:
+        """The same with bounds several times as wide."""
+        factors, voltages = (tuple(times * each for each in given) for given in (self.factors, self.voltages))
+        return replace(self, factors=factors, voltages=voltages, height=times * self.height)
+
+
+def estimates(
+    curves: Sequence[Curve], moduli: Array, manner: Manner, heights: Sequence[Curve] = ()
+) -> tuple[Array, Array]:
+    """Bounds on the errors of force ratio and voltages [V] of the last of two or more meshes, each finer than the one
+    before.
+
+    That of the ratio comes from the greatest change of it between two meshes, or product of energies, over some of the
+    modulus on either side, in a `Manner`. That of the voltages is likewise the greatest change of any, times a factor.
+    More moduli cost next to nothing.
+
+    Args:
+        curves: the curves of the meshes.
+        moduli: moduli of the object [Pa].
+        manner: how errors fall.
+        heights: curves of two coarse meshes that differ by the degree along the height, if that is to count.
+    """
+    shares = {HALF_DECADE: 1.0, DECADE: manner.far, FOUR_DECADES: manner.distant}
+    farthest = max(reach for reach, share in shares.items() if share)
+    around = _around(moduli, farthest)
+    ratio, voltage = np.zeros(len(moduli)), np.zeros(len(moduli))
+
+    def greatest_of(values: Array) -> Array:
+        counted = [
+            share * _greatest(values, around.narrowed(farthest - reach)) for reach, share in shares.items() if share
+        ]
+        found: Array = np.max(counted, axis=0)
+        return found
+
+    for step, (coarse, fine) in enumerate(pairwise(curves)):
+        greatest, volts = (greatest_of(each) for each in _changes(coarse, fine, around.grid, manner.product))
+        ratio = np.maximum(_of_step(manner.factors, step) * greatest, manner.luck * ratio)
+        voltage = np.maximum(_of_step(manner.voltages, step) * volts, manner.luck * voltage)
+    for low, high in pairwise(heights):
+        left, volts = (greatest_of(each) for each in _changes(low, high, around.grid, 0.0))
+        ratio, voltage = np.maximum(ratio, manner.height * left), np.maximum(voltage, manner.height * volts)
+    return ratio, voltage
+
+
+def by_likeness(
+    curves: Sequence[Curve], likes: Sequence[Curve], best: Curve, doubt: Array, moduli: Array, least: float
+) -> Array:
+    """Bounds on the error of the force ratio on a mesh, from that of a smaller sensor on the same mesh.
+
+    Errors arise at the edges of teeth, rings and gaps, which both sensors have. How much larger they are here than
+    there, the change from the mesh before tells; they are always taken for somewhat larger.
+
+    Args:
+        curves: curves of the meshes; only the last two count.
+        likes: curves of the smaller sensor on these two.
+        best: its curve on a mesh that knows better.
+        doubt: (moduli,), bound on the error of that.
+        moduli: moduli of the object [Pa].
+        least: by how much they are taken for larger at least.
+    """
+    around = _around(moduli, HALF_DECADE)
+
+    def greatest(one: Curve, other: Curve) -> Array:
+        apart = np.abs(one.force_ratios(around.grid) - other.force_ratios(around.grid)).max(axis=1)
+        return _greatest(apart, around)
+
+    own, there = greatest(*curves[-2:]), greatest(*likes)
+    larger = np.maximum(own / np.where(there > 0, there, np.inf), least)
+    found: Array = larger * (greatest(likes[-1], best) + doubt)
+    return found
+
+
+def _of_step(factors: Sequence[float], step: int) -> float:
+    return factors[min(step, len(factors) - 1)]
+
+
+def differences(one: Curve, other: Curve, moduli: Array, factor: float) -> tuple[Array, Array]:
+    """Greatest differences of force ratios and voltages [V], over half a decade around each modulus [Pa].
+
+    Args:
+        one, other: the curves.
+        moduli: moduli of the object.
+        factor: how many times the other's voltages are to be taken.
+    """
+    around = _around(moduli, HALF_DECADE)
+    ratio = np.abs(one.force_ratios(around.grid) - other.force_ratios(around.grid)).max(axis=1)
+    voltages = np.abs(one.voltages(around.grid) - factor * other.voltages(around.grid))
+    voltage = voltages.max(axis=(1, 2), initial=0.0)
+    return _greatest(ratio, around), _greatest(voltage, around)
+
+
+def _changes(coarse: Curve, fine: Curve, grid: Array, product: float) -> tuple[Array, Array]:
+    """Change of the force ratio, or share of the product of energies, and change of any voltage [V]; on a grid."""
+    change = np.abs(fine.force_ratios(grid) - coarse.force_ratios(grid)).max(axis=1)
+    (load, jump), (finer_load, finer_jump) = coarse.energies(grid), fine.energies(grid)
+    products = np.sqrt(np.abs(finer_load - load).max(axis=1) * np.abs(finer_jump - jump))
+    volts = np.abs(fine.voltages(grid) - coarse.voltages(grid)).max(axis=(1, 2), initial=0.0)
+    return np.maximum(change, product * products), volts
+
+
+@dataclass(frozen=True, slots=True)
+class _Around:
+    """Moduli of the grid [Pa], and for each modulus that is asked the first and the last of these around it."""
+
+    grid: Array
+    first: NDArray[np.intp]
+    last: NDArray[np.intp]
+
+    def narrowed(self, steps: int) -> _Around:
+        """The same without so many on either side."""
+        return replace(self, first=self.first + steps, last=self.last - steps)
+
+
+def _around(moduli: Array, reach: int) -> _Around:
+    places = STEPS * np.log10(moduli)
+    first, last = np.floor(places).astype(np.intp) - reach, np.ceil(places).astype(np.intp) + reach
+    start, stop = (int(first.min()), int(last.max()) + 1) if len(moduli) else (0, 1)
+    return _Around(10.0 ** (np.arange(start, stop) / STEPS), first - start, last - start)
+
+
+def _greatest(values: Array, around: _Around) -> Array:
+    """The greatest value from `first` to `last`, for each pair."""
+    # Places between two points of the grid have one more of them than those on a point.
+    most = int((around.last - around.first).max(initial=0)) + 1
+    places = np.minimum(around.first[:, None] + np.arange(most), around.last[:, None])
+    found: Array = values[places].max(axis=1)
+    return found

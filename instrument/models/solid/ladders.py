@@ -4,10 +4,59 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.finite_elements.error_estimate import Manner
+from palpate.instrument.models.finite_elements.ladder import Manner
+from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import CLOSED, SolidParameters
-from palpate.instrument.models.solid.curve import Resolution
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Resolution:
+    """Fineness of a mesh.
+
+    Attributes:
+        layers: steps that shrink towards each singular edge.
+        ratio: size of one step over the next.
+        sectors: number of quadrilaterals along an eighth of the circle.
+        degree: degree of the shape functions in the plan.
+        rubber: their degree along the height of object and rings; None: as in the plan.
+        stiff: the same for plates, films and teeth.
+    """
+
+    layers: int
+    ratio: float
+    sectors: int
+    degree: int
+    rubber: int | None = None
+    stiff: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SolidCurve:
+    """Answers of one mesh of the solid model, over the modulus of the object.
+
+    Attributes:
+        poles: its goals are those of `Goals`.
+        films: as in `Goals`, for charges of the whole sensor.
+        teeth, bases: number of teeth and of bases.
+        unknowns: number of displacements.
+        seconds: processor time of the mesh, and of the elimination [s].
+    """
+
+    poles: Curve
+    films: Array
+    teeth: int
+    bases: int
+    unknowns: int
+    seconds: tuple[float, float]
+
+
+# --- meshes from coarse to fine --------------------------------------------------------------------------
 
 MANY = 4  # teeth; more have coarser meshes
 NARROW, THIN = 0.05, 0.1  # gap and object over the tooth's radius

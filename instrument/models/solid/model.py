@@ -18,15 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import error_estimate as between
-from palpate.instrument.models.finite_elements.cost import Cost, fits, judge, total
+from palpate.instrument.models.finite_elements import ladder as between
 from palpate.instrument.models.finite_elements.kept import is_kept, keep
 from palpate.instrument.models.finite_elements.ladder import LEAST, Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.finite_elements.threads import single
+from palpate.instrument.models.finite_elements.work import Cost, fits, judge, single, total
 from palpate.instrument.models.parameters import SHARED_LENGTHS, SolidParameters
 from palpate.instrument.models.solid import ladders
-from palpate.instrument.models.solid.curve import Resolution, SolidCurve
+from palpate.instrument.models.solid.ladders import Resolution, SolidCurve
 from palpate.instrument.notice import LONG, duration
 
 if TYPE_CHECKING:

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid.body import Body, Elastic, HeightElements, Names, PlanElements, plan_basis
-from palpate.instrument.models.solid.curve import Resolution
-from palpate.instrument.models.solid.mesh import GAP, OVERHANG, RING, TOOTH, Cell, graded, plan_mesh
+from palpate.instrument.models.solid.ladders import Resolution
+from palpate.instrument.models.solid.mesh import (
+    GAP,
+    OVERHANG,
+    RING,
+    SWAPPED,
+    TOOTH,
+    Body,
+    Cell,
+    Elastic,
+    HeightElements,
+    Names,
+    Plan,
+    PlanElements,
+    graded,
+    plan_basis,
+    plan_mesh,
+)
 from palpate.instrument.sensor.film_material import FilmMaterial
 
-Vector = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 HELD, UNNAMED = -1, -2
 ALL, NORMAL = (0, 1, 2), (2,)
@@ -78,12 +94,12 @@ class Stack:
         over = np.unique(self.basis.element_dofs[:, self.plan.region == TOOTH])
         return np.isin(body.plan.nodes, over)
 
-    def from_axis(self, x: Vector, y: Vector) -> tuple[Vector, Vector]:
+    def from_axis(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Distances of places along x and y from the axis of the cell's tooth [m]."""
         p = self._parameters
         return x % p.cell_length - p.cell_length / 2, y % p.cell_width - p.cell_width / 2
 
-    def centres(self, part: Part) -> Vector:
+    def centres(self, part: Part) -> Array:
         """Centres of a part's elements (elements, 4) [m]: along both sides of the plan, from the axis, and height."""
         x, y = self.plan.mesh.p[:, self.plan.mesh.t[:4, part.body.plan.elements]].mean(axis=1)
         z = (part.body.height.breaks[1:] + part.body.height.breaks[:-1]) / 2
@@ -145,10 +161,10 @@ class Stack:
         if p.support == "rigid":
             self.tooth = self.object
 
-    def _rubber(self, breaks: Vector) -> HeightElements:
+    def _rubber(self, breaks: Array) -> HeightElements:
         return HeightElements(breaks, self._resolution.rubber or self._resolution.degree)
 
-    def _stiff(self, breaks: Vector) -> HeightElements:
+    def _stiff(self, breaks: Array) -> HeightElements:
         return HeightElements(breaks, self._resolution.stiff or self._resolution.degree)
 
     def _plates(self, everywhere: NDArray[np.bool_], top: float) -> list[Join]:
@@ -273,3 +289,377 @@ def _cell(parameters: SolidParameters) -> Cell:
         inner_radius=inner if inner - tooth > LEAST_GAP * half else tooth,
         outer_radius=parameters.ring_outer_radius,
     )
+
+
+# --- what is asked: forces on teeth and bases, and mean stresses of films --------------------------------
+
+# Each is the work of inner forces of some elements on given displacements of these: a force that passes through a
+# surface, on displacements of 1 m that end there; a mean stress, on a uniform strain.
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """Work of the inner forces of some elements of a part.
+
+    Attributes:
+        part: the part.
+        elements: numbers of the elements.
+        moved: displacements, an array of the body's shape.
+    """
+
+    part: Part
+    elements: Names
+    moved: Array
+
+    def forces(self, unknowns: int, added: float) -> Array:
+        """Work by each unknown's displacement of 1 m, (unknowns,); added: as in `Body.stiffness`, in steps."""
+        body = self.part.body
+        moved = body.local(self.moved, self.elements)
+        forces = body.stiffness(self.elements, added * self.part.step) @ moved[..., None]
+        total = np.zeros(unknowns + 1)
+        np.add.at(total, body.local(self.part.names, self.elements), forces[..., 0])
+        return total[:-1]
+
+    def energy(self, added: float) -> float:
+        """Work of the forces that the displacements alone cause [J]."""
+        moved = self.part.body.local(self.moved, self.elements)
+        stiffness = self.part.body.stiffness(self.elements, added * self.part.step)
+        return float(np.einsum("ei,eij,ej->", moved, stiffness, moved))
+
+
+@dataclass(frozen=True, slots=True)
+class Electrode:
+    """Electrodes of the film under one tooth or of one base, or the solved half or quarter of them.
+
+    Attributes:
+        part: the film.
+        elements: numbers of the film's elements between the electrodes.
+        cell: number of the cell in the plan.
+        area: area [m2].
+    """
+
+    part: Part
+    elements: Names
+    cell: int
+    area: float
+
+    def inside(self, stack: Stack) -> Array:
+        """Forces (elements, unknowns) of the film under 1 V, against its voltage [N/V]."""
+        body = self.part.body
+        assert isinstance(body.material, FilmMaterial)
+        return body.polarised(body.material, stack.one[body.plan.nodes])[self.elements]
+
+    def forces(self, stack: Stack) -> Array:
+        """The same on all unknowns."""
+        total = np.zeros(stack.unknowns + 1)
+        np.add.at(total, self.part.body.local(self.part.names, self.elements), self.inside(stack))
+        return total[:-1]
+
+    def charge(self, stack: Stack, goal: Work) -> float:
+        """Change of a goal with the voltage, which is also the charge by the goal's displacements [C]."""
+        if goal.part is not self.part:
+            return 0.0
+        common = np.isin(self.elements, goal.elements)
+        moved = self.part.body.local(goal.moved, self.elements[common])
+        return float((self.inside(stack)[common] * moved).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Goals:
+    """Goals of the whole sensor, each a sum over works in its solved half or quarter.
+
+    Attributes:
+        works: works in the solved share of the sensor.
+        shares: (goals, works), factors of the sums. Goals are the forces on teeth, the forces on bases, and the mean
+            stresses along x of each tooth's film and then of each base's, and along y (none on a rigid support). The
+            last row is the force on all teeth.
+        electrodes: electrodes of the films in the solved share; none on a rigid support.
+        films: (films, electrodes), by which the charges of the electrodes are those of the films.
+        teeth, bases: number of teeth and of bases.
+    """
+
+    works: Sequence[Work]
+    shares: Array
+    electrodes: Sequence[Electrode]
+    films: Array
+    teeth: int
+    bases: int
+
+
+def goals(p: SolidParameters, stack: Stack, mirrored: tuple[bool, bool]) -> Goals:
+    """The goals of a sensor of which half or a quarter is solved."""
+    on_teeth = _whole(p, mirrored)
+    on_bases = on_teeth if p.separate_bases else np.array([[2.0 ** sum(mirrored)]])
+    sides = [(stack.tooth, 0)] + ([(stack.ring, -1)] if p.support == "rigid" else [])
+    kinds = {
+        "teeth": [pair for part, level in sides for pair in _lifted(stack, part, level)],
+        "floor": [pair for part in stack.floor for pair in _floored(stack, part, p.separate_bases)],
+    }
+    if p.support != "rigid":
+        for axis in (0, 1):
+            kinds |= {
+                f"tooth films {axis}": _stretched(stack, stack.tooth, axis, by_cell=True),
+                f"base films {axis}": [
+                    pair
+                    for film in stack.base_films
+                    for pair in _stretched(stack, film, axis, by_cell=p.separate_bases)
+                ],
+            }
+    works = [work for pairs in kinds.values() for _, work in pairs]
+
+    def rows(kind: str, whole: Array) -> Array:
+        found = np.zeros((len(whole), len(works)))
+        for cell, work in kinds[kind]:
+            found[cell, next(place for place, other in enumerate(works) if other is work)] = 1.0
+        return whole @ found
+
+    teeth, bases = rows("teeth", on_teeth), rows("floor", on_bases)
+    together = teeth.sum(axis=0, keepdims=True)
+    shares = [teeth, bases]
+    if p.support == "rigid":
+        shares = [teeth, bases + (teeth if p.separate_bases else together), together]
+        return Goals(works, np.concatenate(shares), [], np.zeros((0, 0)), len(teeth), len(bases))
+    for axis in (0, 1):
+        for where, whole in (("tooth", on_teeth), ("base", on_bases)):
+            own = rows(f"{where} films {axis}", whole)
+            shares.append(own / (own @ [_volume(work) for work in works])[:, None])
+    electrodes = [
+        Electrode(work.part, work.elements, cell, _area(work))
+        for where in ("tooth", "base")
+        for cell, work in kinds[f"{where} films 0"]
+    ]
+    films = np.zeros((len(teeth) + len(bases), len(electrodes)))
+    for place, electrode in enumerate(electrodes):
+        if place < len(kinds["tooth films 0"]):
+            films[: len(teeth), place] = on_teeth[:, electrode.cell]
+        else:
+            films[len(teeth) :, place] = on_bases[:, electrode.cell]
+    return Goals(works, np.concatenate([*shares, together]), electrodes, films, len(teeth), len(bases))
+
+
+def _whole(p: SolidParameters, mirrored: tuple[bool, bool]) -> Array:
+    """What each cell of the whole sensor (cells, cells) has of the values of those that were solved."""
+    count = p.rows * p.columns
+    grid = np.eye(count).reshape(p.rows, p.columns, count)
+    if mirrored[0]:
+        grid = grid + grid[:, ::-1]
+    if mirrored[1]:
+        grid = grid + grid[::-1]
+    return grid.reshape(count, count)
+
+
+def _lifted(stack: Stack, part: Part, level: int) -> list[tuple[int, Work]]:
+    """Forces of a part on each tooth below it, by the tooth's cell."""
+    body, over = part.body, stack.over_teeth(part.body)
+    moved = np.zeros(body.shape)
+    moved[2, level, over] = stack.one[body.plan.nodes[over]]
+    steps = len(body.height.local)
+    found = []
+    for cell, plan in _cells(stack, part, by_cell=True):
+        touching = plan[over[body.plan.local[plan]].any(axis=1)]
+        if len(touching):
+            found.append((cell, Work(part, touching * steps + level % steps, moved)))
+    return found
+
+
+def _floored(stack: Stack, part: Part, by_cell: bool) -> list[tuple[int, Work]]:
+    """Forces of a part on the floor, by cell or all together."""
+    body = part.body
+    moved = np.zeros(body.shape)
+    moved[2, 0] = stack.one[body.plan.nodes]
+    return [
+        (cell, Work(part, plan * len(body.height.local), moved)) for cell, plan in _cells(stack, part, by_cell=by_cell)
+    ]
+
+
+def _stretched(stack: Stack, film: Part, axis: int, by_cell: bool) -> list[tuple[int, Work]]:
+    """Mean stresses of a film times its volume, by cell or all together."""
+    body = film.body
+    moved = np.zeros(body.shape)
+    moved[axis] = body.height.one[:, None] * stack.places[axis][body.plan.nodes]
+    # A film has one step along the height, so that its elements have the numbers of those of its plan.
+    return [(cell, Work(film, plan, moved)) for cell, plan in _cells(stack, film, by_cell=by_cell)]
+
+
+def _cells(stack: Stack, part: Part, by_cell: bool) -> list[tuple[int, Names]]:
+    """Cells of a part, and the elements of its plan there; all as those of cell 0 where cells do not count."""
+    plan = part.body.plan
+    if not by_cell:
+        return [(0, np.arange(len(plan.elements)))]
+    cells = stack.plan.cell[plan.elements]
+    return [(int(cell), np.flatnonzero(cells == cell)) for cell in np.unique(cells)]
+
+
+def _area(work: Work) -> float:
+    return float(work.part.body.plan.areas[work.elements].sum())
+
+
+def _volume(work: Work) -> float:
+    return _area(work) * float(np.ptp(work.part.body.height.breaks))
+
+
+# --- a sensor that is its own mirror image about the diagonal of its square ------------------------------
+
+# Of two unknowns that the mirror turns into each other, the first is (s + d) / √2 and the second (s - d) / √2. An
+# element and its mirror image then make two elements, one of all s and one of all d, which know nothing of each other.
+# So all but the films, which differ along their two axes, falls into two halves of half as many unknowns each, whose
+# fronts take a quarter of the time. Loads and goals need no symmetry. s takes the name of the first unknown, d that of
+# the second.
+
+PLACED_ALIKE = 1e-9  # of the plan's size
+HALF = math.sqrt(0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Elements of a part as they are eliminated: its own, or sums or differences of mirrored ones, or both together.
+
+    Attributes:
+        unknowns: (elements, n), names of each element's unknowns; negative for those that are fixed.
+        places: (elements, coordinates), coordinates along which elements may be parted.
+        stiffness: function of numbers of these elements, and of an addition to the material's 1/λ [1/Pa], that gives
+            the stiffness (elements, n, n).
+    """
+
+    unknowns: Names
+    places: Array
+    stiffness: Callable[[Names, float], Array]
+
+
+class Diagonal:
+    """The mirror images of a sensor's unknowns, if it is its own.
+
+    Attributes:
+        stack: the sensor.
+        halves: whether it is its own mirror image.
+    """
+
+    def __init__(self, stack: Stack) -> None:
+        self.stack = stack
+        own = np.arange(stack.unknowns)
+        self._images, partner = _elements(stack.plan), own
+        if self._images is not None:
+            found = _unknowns(stack, *self._images)
+            partner = own if found is None else found
+        # Fixed unknowns, of number -1, have the last place.
+        self._partner = np.append(partner, -1)
+        before = np.zeros(stack.unknowns + 1, dtype=bool)
+        for part in stack.parts if (partner != own).any() else ():
+            before[part.body.local(part.names, self._halved(part)[0])] = True
+        # Of two that the diagonal itself has, x and y, x is the first.
+        before[:-1] &= ~before[partner] | (own <= partner)
+        self._is_first = before
+        self._first = own[before[:-1] & (partner != own)]
+        self._second = partner[self._first]
+        self.halves = bool(len(self._first))
+
+    def turned(self, columns: Array) -> Array:
+        """Forces or displacements of sums and differences from those of the unknowns, or the other way round.
+
+        Args:
+            columns: (unknowns, ...).
+        """
+        found = columns.copy()
+        one, other = columns[self._first], columns[self._second]
+        found[self._first], found[self._second] = HALF * (one + other), HALF * (one - other)
+        return found
+
+    def pieces(self, part: Part) -> list[Piece]:
+        """The elements of a part."""
+        body, places = part.body, self.stack.centres(part)
+        if not self.halves:
+            return [Piece(body.local(part.names), places, body.stiffness)]
+        kept, paired = self._halved(part)
+        names = body.local(part.names, kept)
+        partner, is_first = self._partner[names], self._is_first[names]
+        alone = names == partner
+        sums, differences = np.where(is_first, names, partner), np.where(is_first, partner, names)
+        differences[alone] = -1
+        # Two mirrored elements are as stiff as twice the first of them, which just makes up for the halves.
+        of_sum = np.where(alone, np.where(paired, math.sqrt(2.0), 1.0), np.where(paired, 1.0, HALF))
+        of_difference = np.where(paired, 1.0, HALF) * np.where(is_first, 1.0, -1.0)
+        # Sums are parted from differences first, where nothing joins them.
+        beside = [np.column_stack([places[kept], np.full(len(kept), at)]) for at in (0.0, 0.5, 1.0)]
+
+        if isinstance(body.material, FilmMaterial):
+            law = body.material.law
+            turned = law[np.ix_(*4 * ([1, 0, 2],))]
+
+            def of_film(numbers: Names, _: float) -> Array:
+                even, odd = (body.by_law(each / 2, kept[numbers]) for each in (law + turned, law - turned))
+                weights = np.concatenate([of_sum[numbers], of_difference[numbers]], axis=1)
+                return _scaled(np.block([[even, odd], [odd, even]]), weights)
+
+            return [Piece(np.concatenate([sums, differences], axis=1), beside[1], of_film)]
+
+        def of(weights: Array) -> Callable[[Names, float], Array]:
+            return lambda numbers, added: _scaled(body.stiffness(kept[numbers], added), weights[numbers])
+
+        return [Piece(sums, beside[0], of(of_sum)), Piece(differences, beside[2], of(of_difference))]
+
+    def _halved(self, part: Part) -> tuple[Names, NDArray[np.bool_]]:
+        """A part's elements without the mirror images of others, and whether each has one beside itself.
+
+        Returns:
+            (elements,) and (elements, 1).
+        """
+        assert self._images is not None
+        body = part.body
+        image = np.searchsorted(body.plan.elements, self._images[0][body.plan.elements])
+        own = np.flatnonzero(np.arange(len(image)) <= image)
+        steps = len(body.height.local)
+        return (own[:, None] * steps + np.arange(steps)).ravel(), (own != image[own]).repeat(steps)[:, None]
+
+
+def _scaled(matrices: Array, weights: Array) -> Array:
+    """Matrices (elements, n, n) with rows and columns times weights (elements, n), in place; most weights are 1."""
+    changed = np.flatnonzero((weights != 1).any(axis=0))
+    matrices[:, changed] *= weights[:, changed, None]
+    matrices[:, :, changed] *= weights[:, None, changed]
+    return matrices
+
+
+def _elements(plan: Plan) -> tuple[Names, NDArray[np.bool_]] | None:
+    """Mirror image of each element of a plan, and whether its two directions are exchanged there.
+
+    None: the plan is not its own mirror image.
+    """
+    places = plan.mesh.doflocs[:, plan.mesh.dofs.element_dofs]
+    turned, near = places[::-1], PLACED_ALIKE * np.ptp(places)
+    order, of_turned = (np.lexsort(np.round(each.mean(axis=1) / near)) for each in (places, turned))
+    images = np.empty(len(order), dtype=np.intp)
+    images[of_turned] = order
+    kept, swapped = (
+        np.abs(turned - each[:, :, images]).max(axis=(0, 1)) < near for each in (places, places[:, SWAPPED])
+    )
+    return (images, swapped) if (kept | swapped).all() else None
+
+
+def _nodes(stack: Stack, images: Names, swapped: NDArray[np.bool_]) -> Names:
+    """Mirror image of each shape function of the plan."""
+    functions, dofs = stack.basis.elem, stack.basis.element_dofs
+    places = np.random.default_rng(0).random((2, 2 * len(dofs)))
+    values, exchanged = (
+        np.array([functions.lbasis(at, number)[0] for number in range(len(dofs))]) for at in (places, places[::-1])
+    )
+    order = np.abs(values - exchanged[:, None]).sum(axis=2).argmin(axis=1)
+    found = np.empty(stack.basis.N, dtype=np.intp)
+    found[dofs] = np.where(swapped, dofs[order][:, images], dofs[:, images])
+    return found
+
+
+def _unknowns(stack: Stack, images: Names, swapped: NDArray[np.bool_]) -> Names | None:
+    """Mirror image of each unknown; None: the sensor is not its own."""
+    nodes = _nodes(stack, images, swapped)
+    found = np.arange(stack.unknowns)
+    pairs = []
+    for part in stack.parts:
+        of = part.body.plan.nodes
+        places = np.minimum(np.searchsorted(of, nodes[of]), len(of) - 1)
+        if not np.array_equal(of[places], nodes[of]):
+            return None
+        pairs.append((part.names, part.names[[1, 0, 2]][:, :, places]))
+        free = part.names >= 0
+        found[part.names[free]] = pairs[-1][1][free]
+    found = np.append(found, -1)
+    return found[:-1] if all(np.array_equal(found[names], turned) for names, turned in pairs) else None

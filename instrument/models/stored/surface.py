@@ -24,16 +24,17 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.kept import SUFFIX, read, write
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import (
+    CODE_VERSION,
     Parameters,
     RoundParameters,
     SolidParameters,
+    fixed,
     round_parameters,
     solid_parameters,
 )
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.solid.curve import Resolution, SolidCurve
-from palpate.instrument.models.stored.version import CODE_VERSION, fixed
+from palpate.instrument.models.solid.ladders import Resolution, SolidCurve
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 

@@ -17,10 +17,9 @@ from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.findings.modulus_of_ratio import MOST_SENSITIVE, modulus_of_ratio
 from palpate.instrument.findings.object_modulus import ByReferences, estimate, validation_of
-from palpate.instrument.models.corrected_curve import corrected
-from palpate.instrument.models.curve import RatioCurve, ratio_curve
+from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
 from palpate.instrument.models.ratio import Question
-from palpate.instrument.models.validation_line import ValidationLine
+from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.procedures.engine.plan import expected_noise

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from palpate.instrument.models.validation_line import ValidationLine
+from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.object_modulus.result import ObjectModulusResult, mounting_scatter, ratios_of

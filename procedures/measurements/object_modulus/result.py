@@ -10,7 +10,7 @@ from typing import Any
 from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.findings.object_modulus import COVERAGE, estimate
 from palpate.instrument.models.ratio import Question
-from palpate.instrument.models.validation_line import ValidationLine
+from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.groups import Between, between_groups
 from palpate.procedures.measurements.object_modulus.lines import CURVE, EDGE, VALIDATION, Expected, Wanted

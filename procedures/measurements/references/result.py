@@ -15,8 +15,7 @@ from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, S
 from palpate.instrument.findings.modulus_of_ratio import MOST_SENSITIVE
 from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import Question
-from palpate.instrument.models.validation import validate
-from palpate.instrument.models.validation_line import ValidationLine
+from palpate.instrument.models.validation import ValidationLine, validate
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor

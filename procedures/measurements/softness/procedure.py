@@ -11,9 +11,9 @@ from typing import Annotated, Any
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.object_modulus import estimate
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.foundation.springs import force_ratio
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.response import response
+from palpate.instrument.models.springs import force_ratio
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load

@@ -11,9 +11,9 @@ from typing import Any
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.findings.mean_ratio import CALIBRATION, apart, mean_ratio
 from palpate.instrument.findings.object_modulus import COVERAGE, ByReferences, answering, estimate, validation_of
-from palpate.instrument.models.prices.price_list import stored
+from palpate.instrument.models.price_list import stored
 from palpate.instrument.models.ratio import Question
-from palpate.instrument.models.validation_line import ValidationLine
+from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.steps.flags import CLIPPED

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.foundation import beam_printed
+from palpate.instrument.models import beam
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
@@ -100,8 +100,8 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
 def program_sentence(moduli: Array) -> str:
     """Sentence on the ratios of the printed program of Appendix A2.1, at moduli of the object [Pa]."""
     single, hardest = get_design("single"), float(moduli.max())
-    printed = [beam_printed.force_ratio(single, replace(get_sample("1"), modulus=float(m))) for m in moduli]
-    frozen, renewed = (beam_printed.ratios(single, beam_printed.SERIES, each) for each in (True, False))
+    printed = [beam.printed_force_ratio(single, replace(get_sample("1"), modulus=float(m))) for m in moduli]
+    frozen, renewed = (beam.printed_ratios(single, beam.SERIES, each) for each in (True, False))
     kinds = [each.kind for each in program_lines()]
     return (
         f"Appendix A2.1's program as printed has {min(printed):.2f} to {max(printed):.2f} at these moduli, up to"

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.models import springs
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
-from palpate.instrument.models.foundation import springs
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.design import Design

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.foundation.column_fitted import LINES, OddsLine
+from palpate.instrument.models.springs import LINES, OddsLine
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import Table

@@ -1,17 +1,13 @@
-"""Fit to the thesis' three-dimensional tables by two numbers: the column model's law with another start and slope.
+"""The column model: tooth and ring as springs in parallel, each in series with the object above it.
 
-Tooth force over ring force, the odds R / (1 - R), is a straight line in the ratio of moduli of object and ring,
+The tooth is rigid, the sensor's face stays flat, and object and ring carry no shear from one column to
+the other. With a the tooth's share of the area and λ = E_s T_c / (E_c T_s) the force ratio is
 
-    R / (1 - R) = a + b E1/E2.
+    R = a (1 + λ) / (1 + a λ).
 
-The column model follows this law with a = A_tooth / A_ring and b = a T_ring / T_object (`springs`). So does any sensor
-on a rigid support whose ring's top stays level (interface "capped"), because object and ring are then two springs. All
-tables of the thesis' finite elements keep the law to their last digits.
+    It is a for a very soft object and 1 for a very hard one.
 
-The two numbers were fitted to Tables A2.1 and A2.3 for the ring of 24 kPa, by least squares over the cells that needed
-no repair. They predict Tables A2.2 and A2.4 for 33 kPa. Table A2.5 is a copy of A2.3, so different bases have the
-numbers of the common base. The model says what the thesis' finite elements say, and is no nearer to an experiment than
-they are.
+The fitted column model keeps the law and fits its two numbers to the thesis' three-dimensional tables.
 """
 
 from __future__ import annotations
@@ -20,11 +16,84 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS
+from palpate.instrument.sensor.limits import require_positive
 from palpate.instrument.sensor.sample import SAMPLES, Sample
+
+Moduli = TypeVar("Moduli", float, NDArray[np.float64])
+
+
+def force_ratio(design: Design, sensed: Sample) -> float:
+    """Tooth force over total force."""
+    return ratio_of_modulus(design, sensed.modulus, sensed.thickness)
+
+
+def ratio_of_modulus(design: Design, modulus: Moduli, thickness: float) -> Moduli:
+    """Tooth force over total force.
+
+    Args:
+        design: the sensor.
+        modulus: Young modulus of the object [Pa], a number or an array of any shape.
+        thickness: thickness of the object [m].
+
+    Returns:
+        Force ratio, of the shape of `modulus`.
+
+    Raises:
+        RangeError: a modulus or the thickness is not positive and finite.
+    """
+    require_positive(modulus, "modulus", "Pa", "object")
+    require_positive(thickness, "thickness", "m", "object")
+    share = design.tooth.area / (design.tooth.area + design.ring.area)
+    hardness = modulus * (design.ring.height / (design.ring.material.modulus * thickness))
+    # Divided by 1 + λ, nothing overflows or cancels at either end of the range of moduli.
+    return share / (share + (1 - share) / (1 + hardness))
+
+
+def stiffness(design: Design, sensed: Sample) -> float:
+    """Stiffness of the stack of object and sensor: force over compression [N/m]."""
+    return stretch_stiffness(design, sensed.modulus, sensed.thickness)[2]
+
+
+def stretch_stiffness(design: Design, modulus: float, thickness: float) -> tuple[float, float, float]:
+    """Stiffness of tooth column, ring column and both together [N/m].
+
+    Args:
+        design: the sensor.
+        modulus: Young modulus of the object [Pa].
+        thickness: thickness of the object [m].
+
+    Raises:
+        RangeError: the modulus or the thickness is not positive and finite.
+    """
+    require_positive(modulus, "modulus", "Pa", "object")
+    require_positive(thickness, "thickness", "m", "object")
+    tooth = design.tooth.area * modulus / thickness
+    ring = design.ring.area / (thickness / modulus + design.ring.height / design.ring.material.modulus)
+    return tooth, ring, tooth + ring
+
+
+# --- fitted to the thesis' three-dimensional tables ------------------------------------------------------
+
+# Tooth force over ring force, the odds R / (1 - R), is a straight line in the ratio of moduli of object and ring,
+#
+#     R / (1 - R) = a + b E1/E2.
+#
+# The column model follows this law with a = A_tooth / A_ring and b = a T_ring / T_object. So does any
+# sensor on a rigid support whose ring's top stays level (interface "capped"), because object and ring are then two
+# springs. All tables of the thesis' finite elements keep the law to their last digits.
+#
+# The two numbers were fitted to Tables A2.1 and A2.3 for the ring of 24 kPa, by least squares over the cells that
+# needed no repair. They predict Tables A2.2 and A2.4 for 33 kPa. Table A2.5 is a copy of A2.3, so different bases have
+# the numbers of the common base. The model says what the thesis' finite elements say, and is no nearer to an experiment
+# than they are.
 
 # Ratios of moduli in the tables: 14.9 kPa on 33 kPa to 140 GPa on 24 kPa.
 LOWEST, HIGHEST = 14.9e3 / 33e3, 140e9 / 24e3
@@ -68,7 +137,7 @@ LINES: Mapping[str, OddsLine] = MappingProxyType(
 )
 
 
-def force_ratio(design: Design, sensed: Sample) -> float:
+def fitted_force_ratio(design: Design, sensed: Sample) -> float:
     """Tooth force over total force.
 
     Raises:

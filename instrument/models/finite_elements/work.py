@@ -1,26 +1,29 @@
-"""Time and memory of an elimination, known from its order before anything of it is computed."""
+"""Long computations: their time and memory, known before anything is computed, and the threads in which they run."""
 
 from __future__ import annotations
 
+import functools
 import os
 import resource
-from collections.abc import Iterable
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar, copy_context
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.notice import price
 
-if TYPE_CHECKING:
-    from palpate.instrument.models.finite_elements.dissection import Order
+T = TypeVar("T")
+
+# --- time and memory of an elimination, known from its order ---------------------------------------------
 
 RATE = 1e10  # multiplications in a second of large matrices, on one core of a server of 2020 [M]
-# What else takes time, in the time of so many multiplications [M]: to make one entry of an element's matrix and add it;
-# and all that is done with one of the matrix that is left.
-OF_ELEMENT, OF_LEFT = 45, 330
-# Matrices of the kept unknowns that exist at once while their poles are found.
-COPIES = 10
 # Least share of the free memory that is left to everything else.
 LEFT = 0.1
 
@@ -60,28 +63,6 @@ class Cost:
 def total(costs: Iterable[Cost]) -> Cost:
     """The cost of several eliminations, one after the other."""
     return sum(costs, Cost())
-
-
-def of_elimination(order: Order, elements: tuple[int, int], loads: int, at_once: int, remembers: bool = False) -> Cost:
-    """The cost of an elimination by its order.
-
-    Args:
-        order: the order.
-        elements: number of elements, and of the unknowns of each.
-        loads: number of loads.
-        at_once: number of elements whose matrices exist at once.
-        remembers: whether the factors are kept.
-    """
-    count, size = elements
-    own = order.inside / count  # unknowns inside an element, on average
-    rest = size - own
-    unknowns = len(order.rank)
-    kept = unknowns - order.eliminated
-    operations = order.operations + count * (own**3 / 6 + own**2 * rest / 2 + own * rest**2 / 2)
-    entries = order.entries + 2 * unknowns * loads + min(at_once, count) * size**2 + COPIES * kept**2
-    if remembers:
-        entries += sum(front.count * front.size for front in order.fronts)
-    return Cost(operations + OF_ELEMENT * count * size**2 + OF_LEFT * kept**2, entries, unknowns)
 
 
 def require_memory(cost: Cost, remedy: str) -> None:
@@ -154,3 +135,87 @@ def _in_limit() -> int | None:
     except (OSError, ValueError):
         taken = 0
     return max(0, most - taken)
+
+
+# --- threads: numpy and SuperLU leave Python's lock to the others ----------------------------------------
+
+_given_up: ContextVar[threading.Event | None] = ContextVar("given_up", default=None)
+
+# Runs a function for all shares at once and returns the results in their order.
+Each = Callable[[Callable[[Any], Any], Sequence[Any]], list[Any]]
+
+
+@contextmanager
+def one_each(shares: int) -> Iterator[Each]:
+    """Run each share of the work in a thread of its own; the first is the caller's.
+
+    A share stays with its thread, because SuperLU gives memory back only in the thread that took it.
+    """
+    with ExitStack() as stack:
+        if shares > 1:
+            stack.enter_context(single())
+        pools = [stack.enter_context(ThreadPoolExecutor(1)) for _ in range(shares - 1)]
+
+        def each(work: Callable[[Any], Any], of: Sequence[Any]) -> list[Any]:
+            own, *others = of
+            begun = [pool.submit(work, other) for pool, other in zip(pools, others, strict=True)]
+            return [work(own), *(other.result() for other in begun)]
+
+        yield each
+
+
+@contextmanager
+def single() -> Iterator[None]:
+    """Keep BLAS to one thread: its own ones spin while they wait, and on small matrices take longer than the work."""
+    with _blas().limit(limits=1, user_api="blas"):
+        yield
+
+
+@functools.cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+class _GivenUp(BaseException):
+    """Ends a computation for which nobody waits any more."""
+
+
+def go_on() -> None:
+    """End the computation here if nobody waits for it any more; called between its long steps."""
+    given_up = _given_up.get()
+    if given_up is not None and given_up.is_set():
+        raise _GivenUp
+
+
+def interruptible(compute: Callable[[], T]) -> T:
+    """The result of a long computation, during which Ctrl-C and signals are obeyed at once.
+
+    It runs in a thread of its own, while the main thread waits. If the wait is interrupted, the thread ends at the next
+    `go_on`, or with the program. Another thread than the main one gets no signals; it computes by itself.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return compute()
+    found: list[T] = []
+    failed: list[BaseException] = []
+    given_up, done = threading.Event(), threading.Event()
+
+    def run() -> None:
+        _given_up.set(given_up)
+        try:
+            found.append(compute())
+        except _GivenUp:
+            pass
+        except BaseException as error:
+            failed.append(error)
+        finally:
+            done.set()
+
+    context = copy_context()
+    try:
+        threading.Thread(target=lambda: context.run(run), daemon=True).start()
+        done.wait()
+    finally:
+        given_up.set()
+    if failed:
+        raise failed[0]
+    return found[0]

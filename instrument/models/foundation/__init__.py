@@ -1,1 +1,0 @@
-"""Models without a mesh in space: beams on elastic foundations, and springs in parallel."""
