@@ -120,6 +120,7 @@ class RtuClient(ModbusSerialClient):
         terminal = os.path.realpath(port).startswith(TERMINALS)
         self.silence = 0.0 if terminal else silence(line.baudrate, self._bits)
         self.speed = line.baudrate if UART.fullmatch(os.path.realpath(port)) else FASTEST
+        self._has_wire = "://" not in port  # a gateway on the network can answer by itself, as soon as it is asked
 
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
         """Throw away bytes that came unasked, keep the silence between frames, and hand the request to the system.
@@ -140,7 +141,8 @@ class RtuClient(ModbusSerialClient):
             self.replies.request = request
             self.replies.early = b""
             self.too_soon = 0
-            self._earliest = self._now() + earliest_reply(len(request), self.speed, self._bits)
+            wire = earliest_reply(len(request), self.speed, self._bits) if self._has_wire else 0.0
+            self._earliest = self._now() + wire
             return self._write(request)
         except OSError:
             raise self._lost() from None

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links import rtu
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Manners
@@ -320,6 +321,17 @@ def test_a_gateway_behind_a_port_of_pyserial_that_hangs_up_is_called_anew() -> N
         driver.set(setting=9)
         link.close()
         assert (held[SETTING], len(peer.writes), driver.incidents) == (9, 1, [])
+
+
+def test_a_gateway_on_the_network_is_believed_however_soon_it_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its private bound is set so high that every reply of a wire would come too soon: no other door makes it sure."""
+    monkeypatch.setattr(rtu, "earliest_reply", lambda *_: 3600.0)
+    clock = VirtualClock()
+    with Moody(lambda request: Said(on_line(request[0], carried_out(dict(HELD), request[1:-2]))), rtu=True) as peer:
+        link = ModbusLink.rtu(SerialLine.model_validate({"port": f"socket://127.0.0.1:{peer.port}"}), clock)
+        link.open()
+        assert _driver(link, clock, contract()).get("load") == 12.5
+        link.close()
 
 
 def test_at_the_end_of_a_bench_its_outputs_go_off_though_a_device_is_away_for_a_moment(sim: SimulatedBench) -> None:
