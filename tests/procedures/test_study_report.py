@@ -17,8 +17,8 @@ OUTCOME = {"study": "out", "points": "out/points.csv", "plot": "out/plot.png", "
 
 def point(ratio: float) -> dict[str, Any]:
     return {
-        "load_N": 1.0, "force_ratio": ratio, "force_ratio_u": 0.01, "noise_u": 0.001, "model_force_ratio": 0.3,
-        "valid": True, "flags": "",
+        "load_N": 1.0, "force_ratio": ratio, "force_ratio_u": 0.01, "pickup_u": 0.0, "noise_u": 0.001,
+        "degrees_of_freedom": None, "model_force_ratio": 0.3, "valid": True, "flags": "",
     }  # fmt: skip
 
 
