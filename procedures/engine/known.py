@@ -79,7 +79,7 @@ def class_before(run: Run, kind: type[Procedure[Any, Any, Any]]) -> type[Procedu
 
     A script may have defined it: then it is known as soon as the script has. Raises as `class_of` does.
     """
-    defined = [kind, *reversed(Procedure.__subclasses__())]
+    defined: list[type[Procedure[Any, Any, Any]]] = [kind, *reversed(Procedure.__subclasses__())]
     for each in defined:
         if getattr(each, "name", None) == run.procedure and run.procedure not in names():
             return each
