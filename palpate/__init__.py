@@ -6,7 +6,8 @@
         done = palpate.run(sweep, bench, out="first")
     print(done.run.table())  # a DataFrame
 
-The names in `__all__` are public and stable; each is imported on first use. Modules below `palpate.` may change.
+The names in `__all__` are public and stable; each is imported on first use. What devices, effects and procedures of
+one's own need is in `palpate.extend`. Other modules below `palpate.` may change.
 
 Import palpate before numpy: the same scene and seed then give the same bytes as a command, on every x86-64 processor.
 
@@ -17,14 +18,12 @@ this package give them import names (`palpate.drivers`) that do not collide with
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palpate.instrument.calibration.files import read_calibration, read_film_calibration, read_model_calibration
-    from palpate.instrument.calibration.films import FilmCalibration
-    from palpate.instrument.calibration.load_cell import LoadCellCalibration
-    from palpate.instrument.calibration.model_calibration import ModelCalibration
+    from palpate.instrument.calibration.files import read_calibration
     from palpate.instrument.errors import (
         BenchError,
         ConfigError,
@@ -36,28 +35,15 @@ if TYPE_CHECKING:
         UsageError,
     )
     from palpate.instrument.models.response import response
-    from palpate.instrument.models.table import Response
     from palpate.instrument.sensor.designs import get_design
     from palpate.instrument.sensor.load import Load
     from palpate.instrument.sensor.sample import get_sample
-    from palpate.procedures.engine.plan import Plan, Predicted, Step
-    from palpate.procedures.engine.procedure import (
-        Finished,
-        Measurement,
-        Procedure,
-        Report,
-        RequiredLoads,
-        Work,
-    )
+    from palpate.procedures.engine.procedure import Finished
     from palpate.procedures.engine.replay import replay
-    from palpate.procedures.engine.result import SimpleResult
     from palpate.procedures.engine.resume import resume
     from palpate.procedures.engine.run import plan, run
-    from palpate.procedures.engine.settings import Setting
-    from palpate.procedures.lab.lab import Lab, Target
-    from palpate.procedures.lab.open import OpenBench, open_bench
+    from palpate.procedures.lab.open import open_bench
     from palpate.procedures.measurements.characterise.procedure import Characterisation
-    from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
     from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.measurements.frequency.procedure import FrequencySweep
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
@@ -68,35 +54,24 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.references.procedure import ReferenceSeries
     from palpate.procedures.measurements.references.reference import Reference, read_reference
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
-    from palpate.procedures.measurements.static_load import StaticLoadWork
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
     from palpate.procedures.records.export import as_dataset
-    from palpate.procedures.records.record import Recorder
     from palpate.procedures.records.run import Run, read
 
 _PLACES = {
-    "instrument.calibration.files": "read_calibration read_film_calibration read_model_calibration",
-    "instrument.calibration.films": "FilmCalibration",
-    "instrument.calibration.load_cell": "LoadCellCalibration",
-    "instrument.calibration.model_calibration": "ModelCalibration",
+    "instrument.calibration.files": "read_calibration",
     "instrument.errors": "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName"
     " UsageError",
     "instrument.models.response": "response",
-    "instrument.models.table": "Response",
     "instrument.sensor.designs": "get_design",
     "instrument.sensor.load": "Load",
     "instrument.sensor.sample": "get_sample",
-    "procedures.engine.plan": "Plan Predicted Step",
-    "procedures.engine.procedure": "Finished Measurement Procedure Report RequiredLoads Work",
+    "procedures.engine.procedure": "Finished",
     "procedures.engine.replay": "replay",
-    "procedures.engine.result": "SimpleResult",
     "procedures.engine.resume": "resume",
     "procedures.engine.run": "plan run",
-    "procedures.engine.settings": "Setting",
-    "procedures.lab.lab": "Lab Target",
-    "procedures.lab.open": "OpenBench open_bench",
+    "procedures.lab.open": "open_bench",
     "procedures.measurements.characterise.procedure": "Characterisation",
-    "procedures.measurements.dynamic_load": "DynamicLoadWork",
     "procedures.measurements.films.procedure": "FilmSeries",
     "procedures.measurements.frequency.procedure": "FrequencySweep",
     "procedures.measurements.load_cell.procedure": "LoadCellSeries",
@@ -107,10 +82,8 @@ _PLACES = {
     "procedures.measurements.references.procedure": "ReferenceSeries",
     "procedures.measurements.references.reference": "Reference read_reference",
     "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
-    "procedures.measurements.static_load": "StaticLoadWork",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
     "procedures.records.export": "as_dataset",
-    "procedures.records.record": "Recorder",
     "procedures.records.run": "Run read",
 }
 
@@ -118,46 +91,26 @@ __all__ = [
     "BenchError",
     "Characterisation",
     "ConfigError",
-    "DynamicLoadWork",
     "EstimateError",
-    "FilmCalibration",
     "FilmSeries",
     "Finished",
     "FrequencySweep",
-    "Lab",
     "Load",
-    "LoadCellCalibration",
     "LoadCellSeries",
     "LoadSweep",
-    "Measurement",
-    "ModelCalibration",
     "ModulusTest",
     "ObjectModulus",
-    "OpenBench",
     "PalpateError",
-    "Plan",
     "PositionSweep",
-    "Predicted",
-    "Procedure",
     "RangeError",
     "RecordError",
-    "Recorder",
     "Reference",
     "ReferenceSeries",
-    "Report",
-    "RequiredLoads",
-    "Response",
     "Run",
-    "Setting",
-    "SimpleResult",
     "SoftnessTest",
-    "StaticLoadWork",
-    "Step",
-    "Target",
     "TemperatureSweep",
     "UnknownName",
     "UsageError",
-    "Work",
     "as_dataset",
     "get_design",
     "get_sample",
@@ -165,8 +118,6 @@ __all__ = [
     "plan",
     "read",
     "read_calibration",
-    "read_film_calibration",
-    "read_model_calibration",
     "read_reference",
     "replay",
     "response",
@@ -186,13 +137,22 @@ if "numpy" not in sys.modules:
 
     same_everywhere()
 
+
+def named(module: str, places: Mapping[str, str], name: str) -> object:
+    """A public name of a module, imported on first use. `places`: the names of each module below `palpate`.
+
+    Raises AttributeError: there is no such name.
+    """
+    from importlib import import_module
+
+    for place, names in places.items():
+        if name in names.split():
+            found = vars(sys.modules[module])[name] = getattr(import_module(f"{__name__}.{place}"), name)
+            return found
+    raise AttributeError(f"module {module!r} has no attribute {name!r}")
+
+
 if not TYPE_CHECKING:  # with `__getattr__` a type checker would accept any name
 
     def __getattr__(name):
-        from importlib import import_module
-
-        for module, names in _PLACES.items():
-            if name in names.split():
-                found = globals()[name] = getattr(import_module(f"{__name__}.{module}"), name)
-                return found
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return named(__name__, _PLACES, name)

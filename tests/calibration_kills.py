@@ -24,7 +24,7 @@ from typing import Any, Self
 
 from palpate.instrument.bench.can_ends import MULTICAST
 from palpate.instrument.calibration.calibration import Calibration
-from palpate.instrument.calibration.files import read_any
+from palpate.instrument.calibration.files import read_calibration
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.calibrations import KEPT
 from palpate.procedures.records.record import MEASURED
@@ -274,13 +274,13 @@ class Rounds:
         return self._commands.run(number, how, *self._command, str(folder), root=root), folder
 
     def _result(self, folder: Path) -> tuple[str, dict[str, Any]]:
-        return Run.open(folder).digest(), _plain(read_any(folder / KEPT))
+        return Run.open(folder).digest(), _plain(read_calibration(folder / KEPT))
 
     def _stored(self, folder: Path) -> bool:
         """Whether the store has the calibration of the run."""
         for file in (self._commands.store / "calibrations").glob("*.toml"):
             with suppress(ConfigError):
-                if read_any(file).source == folder.name:
+                if read_calibration(file).source == folder.name:
                     return True
         return False
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import date
 from pathlib import Path
+from typing import TypeVar, overload
 
 import tomli_w
 
@@ -16,39 +17,36 @@ from palpate.instrument.config import read_data, read_hashed
 from palpate.instrument.durable import put_whole
 from palpate.instrument.errors import RecordError, reason
 
+C = TypeVar("C", bound=Calibration)
+KINDS: dict[str, type[Calibration]] = {
+    "films": FilmCalibration,
+    "references": ModelCalibration,
+    "means_u": MountingScatter,
+}
 
-def read_calibration(path: str | Path) -> LoadCellCalibration:
-    """The calibration in a TOML file.
+
+@overload
+def read_calibration(path: str | Path, kind: None = None, *, edited: bool = False) -> Calibration: ...
+@overload
+def read_calibration(path: str | Path, kind: type[C], *, edited: bool = False) -> C: ...
+def read_calibration(path: str | Path, kind: type[C] | None = None, *, edited: bool = False) -> C | Calibration:
+    """Read a calibration from a TOML file.
+
+    Args:
+        path: the file.
+        kind: what it calibrates, such as `LoadCellCalibration`; None: whatever it does.
+        edited: True: it may have been changed by hand.
 
     Raises:
-        ConfigError: there is no such file, it is not TOML, it was changed by hand, or keys are unknown, missing or
-            invalid (one error lists them all).
+        ConfigError: there is no such file, it is not TOML, it was changed by hand, it is of another kind, or keys are
+            unknown, missing or invalid (one error lists them all).
     """
-    return read_hashed(Path(path), LoadCellCalibration)
-
-
-def read_film_calibration(path: str | Path) -> FilmCalibration:
-    """Read the calibration of films from a TOML file. Raises ConfigError as `read_calibration` does."""
-    return read_hashed(Path(path), FilmCalibration)
-
-
-def read_model_calibration(path: str | Path) -> ModelCalibration:
-    """Read the calibration of a model from a TOML file. Raises ConfigError as `read_calibration` does."""
-    return read_hashed(Path(path), ModelCalibration)
-
-
-def read_any(path: Path, *, edited: bool = False) -> Calibration:
-    """Read the calibration of any kind from a TOML file, which may have been `edited` by hand.
-
-    Raises ConfigError as `read_calibration` does.
-    """
-    kinds: dict[str, type[Calibration]] = {
-        "films": FilmCalibration, "references": ModelCalibration, "means_u": MountingScatter,
-    }  # fmt: skip
-    data = read_data(path)
-    return read_hashed(
-        path, next((kind for key, kind in kinds.items() if key in data), LoadCellCalibration), edited=edited
-    )
+    file = Path(path)
+    if kind is not None:
+        return read_hashed(file, kind, edited=edited)
+    data = read_data(file)
+    found = next((each for key, each in KINDS.items() if key in data), LoadCellCalibration)
+    return read_hashed(file, found, edited=edited)
 
 
 def accept_calibration(path: Path, today: date) -> Calibration | None:
@@ -61,7 +59,7 @@ def accept_calibration(path: Path, today: date) -> Calibration | None:
         ConfigError: as in `read_calibration`, except that a change by hand is no error.
         RecordError: as in `write_calibration`.
     """
-    found = read_any(path, edited=True)
+    found = read_calibration(path, edited=True)
     if read_data(path).get("sha256") == found.sha256():
         return None
     accepted = type(found).model_validate({**found.model_dump(), "accepted": today.isoformat()})

@@ -12,7 +12,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.calibration.calibration import ANY, Calibration, Owner
-from palpate.instrument.calibration.files import read_any, read_model_calibration, write_calibration
+from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
@@ -160,7 +160,7 @@ def install_of(run: Run, today: date) -> tuple[Path, bool]:
             f"{run.folder}: has no calibration, since its procedure makes none or it has not ended; go on with one that"
             " has not ended by palpate runs resume"
         )
-    found = _checked(file, read_any(file), today)
+    found = _checked(file, read_calibration(file), today)
     return path_of(type(found), found.owner), install(found)
 
 
@@ -172,7 +172,7 @@ def is_unstored(folder: Path, calibrates: bool) -> bool:
     if not (calibrates or _is_there(folder / KEPT)):
         return False
     try:
-        return _before(read_any(folder / KEPT)) is None
+        return _before(read_calibration(folder / KEPT)) is None
     except ConfigError:
         return True
 
@@ -180,7 +180,7 @@ def is_unstored(folder: Path, calibrates: bool) -> bool:
 def _before(calibration: Calibration) -> Calibration | None:
     """What the store has in the place of a calibration: the same or a newer one; None: neither."""
     with suppress(ConfigError, ValueError):  # it is missing, damaged, or of another kind; or this one tells no time
-        there = read_any(path_of(type(calibration), calibration.owner))
+        there = read_calibration(path_of(type(calibration), calibration.owner))
         same = there.sha256() == calibration.sha256()
         if same or there.newer_than(datetime.fromisoformat(calibration.created)):
             return there
@@ -325,4 +325,4 @@ def by_references(path: Path, today: date) -> ByReferences:
     """
     from palpate.instrument.findings.object_modulus import ByReferences
 
-    return ByReferences(_checked(path, read_model_calibration(path), today))
+    return ByReferences(_checked(path, read_calibration(path, ModelCalibration), today))

@@ -20,7 +20,7 @@ from palpate.procedures.testing.conformance import Conformance, first
 from palpate.procedures.testing.limits import inside, number, outside, outside_raw, settings, writable
 from palpate.procedures.testing.wire import frames, impatient_node, transfers
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
+from palpate.simulators.wire.canopen_device import SimulatedNode
 
 READ_ONLY, NO_OBJECT, NO_SUBINDEX = 0x0601_0002, 0x0602_0000, 0x0609_0011
 WRONG_LENGTH, NO_CHOICE, TOO_HIGH, TOO_LOW = 0x0607_0010, 0x0609_0030, 0x0609_0031, 0x0609_0032

@@ -12,7 +12,7 @@ from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.config import read_data
 from palpate.procedures.testing.wire import Wire, transfers
-from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
+from palpate.simulators.wire.canopen_device import SimulatedNode
 from palpate.simulators.wire.device import SimulatedDevice
 
 

@@ -18,7 +18,7 @@ from palpate.simulators.devices.sensor_node import CONTRACT, ROLLOVER, SATURATED
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.attached import attach, local_node
 from palpate.simulators.wire.can_bus import VirtualNetwork, burst, open_bus
-from palpate.simulators.wire.canopen_device import CanopenDevice
+from palpate.simulators.wire.canopen_device import SimulatedNode
 
 if TYPE_CHECKING:
     from palpate.simulators.wire.relay import Send
@@ -52,7 +52,7 @@ class CanSegment:
         self._echoes: int | None = 0 if interface == MULTICAST else None
         self._network = VirtualNetwork(self._bus, clock)
         self.nodes = [SensorNode(clock, node_id, SERIAL + number, rig) for number, node_id in enumerate(node_ids, 1)]
-        self.guests: list[CanopenDevice] = []
+        self.guests: list[SimulatedNode] = []
         self._local = {node.id: local_node(node) for node in self.nodes}
         self._sync_from_ns = NEVER
         self._sync_period_ns = 0
@@ -77,7 +77,7 @@ class CanSegment:
         """Replace the bus' `send` by what `instead` returns for it; call it under the clock's lock."""
         self._bus.send = instead(self._bus.send)  # type: ignore[method-assign,assignment]
 
-    def add(self, device: CanopenDevice) -> None:
+    def add(self, device: SimulatedNode) -> None:
         """Let another device answer on the bus; call it before entering the context."""
         self.guests.append(device)
         self._local[device.id] = local_node(device)
@@ -118,7 +118,7 @@ class CanSegment:
                 elif command in NMT_RESETS:
                     self.reboot(node)
 
-    def reboot(self, node: CanopenDevice) -> None:
+    def reboot(self, node: SimulatedNode) -> None:
         """Restart a node: it returns to the state after power-on, and announces itself."""
         node.reset()
         self._timing_changed()
@@ -188,7 +188,7 @@ class CanSegment:
                 node.emergency(SATURATED)
 
 
-def _sync_period(node: CanopenDevice) -> int:
+def _sync_period(node: SimulatedNode) -> int:
     """Period with which a node sends SYNC [µs]; 0: it sends none."""
     at = {f.address: f for f in node.contract.fields if f.address in (SYNC_COB, SYNC_PERIOD)}
     if len(at) < 2 or not int(node.settings[at[SYNC_COB].name]) & SYNC_PRODUCER:

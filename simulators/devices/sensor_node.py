@@ -17,7 +17,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.physics.converter import convert
 from palpate.simulators.rig.film_inputs import FilmInputs
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.canopen_device import CanopenDevice
+from palpate.simulators.wire.canopen_device import SimulatedNode
 
 CONTRACT = sensor_node.CONTRACT
 SATURATED = 0xFF01  # emergency code, manufacturer-specific
@@ -40,7 +40,7 @@ class Samples:
     counter: int
 
 
-class SensorNode(CanopenDevice):
+class SensorNode(SimulatedNode):
     """The state of one sensor node."""
 
     contract = CONTRACT

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from palpate.instrument.contracts.contract import Command, Condition, Contract, Field
-from palpate.simulators.wire.canopen_device import CanopenDevice
+from palpate.simulators.wire.canopen_device import SimulatedNode
 from palpate.simulators.wire.device import Place, SimulatedDevice
 
 
@@ -134,13 +134,13 @@ class Twin(HoldsMap, SimulatedDevice):
         """Called after a write."""
 
 
-class CanopenTwin(HoldsMap, CanopenDevice):
+class CanopenTwin(HoldsMap, SimulatedNode):
     """The twin of a CANopen node. A subclass per role reads and moves the rig."""
 
     def __init__(self, place: Place) -> None:
         HoldsMap.__init__(self, place)
         self.rig = place.rig
-        CanopenDevice.__init__(self, place.clock, place.unit, place.serial)
+        SimulatedNode.__init__(self, place.clock, place.unit, place.serial)
 
     def reset(self) -> None:
         """Return to the state after power-on."""

@@ -13,7 +13,7 @@ from palpate.instrument.bench.can_ends import leave
 from palpate.instrument.contracts.contract import Field, Pdo
 from palpate.instrument.contracts.object_dictionary import object_dictionary
 from palpate.simulators.wire.can_bus import LockedNetwork, open_bus
-from palpate.simulators.wire.canopen_device import VALUE_RANGE, CanopenDevice
+from palpate.simulators.wire.canopen_device import VALUE_RANGE, SimulatedNode
 from palpate.simulators.wire.sdo_server import SdoServer
 
 SDO_FRAME = 8  # bytes
@@ -24,7 +24,7 @@ NO_SUBINDEX = 0x0609_0011
 TOO_HIGH, TOO_LOW = 0x0609_0031, 0x0609_0032
 
 
-def local_node(device: CanopenDevice) -> canopen.LocalNode:
+def local_node(device: SimulatedNode) -> canopen.LocalNode:
     """canopen's local node for a device, with all objects of the device's contract."""
     local = canopen.LocalNode(device.id, object_dictionary(device.contract))
     local.sdo = SdoServer(local.sdo.rx_cobid, local.sdo.tx_cobid, local)  # type: ignore[no-untyped-call]
@@ -34,7 +34,7 @@ def local_node(device: CanopenDevice) -> canopen.LocalNode:
 def attach(
     network: LockedNetwork,
     local: Any,
-    device: CanopenDevice,
+    device: SimulatedNode,
     before: Callable[[], object] = lambda: None,
     changed: Callable[[], object] = lambda: None,
 ) -> None:
@@ -67,7 +67,7 @@ def attach(
 
 
 @contextmanager
-def serve(device: CanopenDevice, interface: str, channel: str) -> Iterator[None]:
+def serve(device: SimulatedNode, interface: str, channel: str) -> Iterator[None]:
     """Serve one device alone on a bus, as a context manager."""
     network = LockedNetwork(open_bus(interface, channel), device.clock)
     network.connect()
@@ -78,7 +78,7 @@ def serve(device: CanopenDevice, interface: str, channel: str) -> Iterator[None]
         leave(network)
 
 
-def _field(device: CanopenDevice, index: int, subindex: int) -> Field | None:
+def _field(device: SimulatedNode, index: int, subindex: int) -> Field | None:
     """The contract's field at an index and subindex; None for an object that canopen itself holds.
 
     Raises SdoAbortedError: there is no such subindex (canopen's arrays would answer for any).
@@ -89,7 +89,7 @@ def _field(device: CanopenDevice, index: int, subindex: int) -> Field | None:
     return siblings.get(subindex)
 
 
-def _reader(device: CanopenDevice) -> Any:
+def _reader(device: SimulatedNode) -> Any:
     def read(*, index: int, subindex: int, od: object) -> Any:
         if device.process_data.has(index):
             return device.process_data.read(index, subindex)
@@ -99,7 +99,7 @@ def _reader(device: CanopenDevice) -> Any:
     return read
 
 
-def _receiver(local: Any, device: CanopenDevice, declared: Pdo, changed: Callable[[], object]) -> Any:
+def _receiver(local: Any, device: SimulatedNode, declared: Pdo, changed: Callable[[], object]) -> Any:
     """Takes the frames of a PDO; one that is too short or holds a value that is not allowed changes nothing."""
 
     def receive(_cob_id: int, data: bytearray, _timestamp: float) -> None:
@@ -120,7 +120,7 @@ def _receiver(local: Any, device: CanopenDevice, declared: Pdo, changed: Callabl
     return receive
 
 
-def _cyclic_receiver(device: CanopenDevice, declared: Pdo) -> Callable[[Sequence[bytes], int], object]:
+def _cyclic_receiver(device: SimulatedNode, declared: Pdo) -> Callable[[Sequence[bytes], int], object]:
     """Takes a list of cyclic frames, unless one is too short or holds a value that is not allowed."""
     contract = device.contract
 
@@ -142,14 +142,14 @@ def _cyclic_receiver(device: CanopenDevice, declared: Pdo) -> Callable[[Sequence
     return receive
 
 
-def _heartbeat_receiver(device: CanopenDevice, node_id: int) -> Any:
+def _heartbeat_receiver(device: SimulatedNode, node_id: int) -> Any:
     return lambda _cob_id, _data, _timestamp: device.heard(node_id)
 
 
 class _Attached:
     """Meets `Wire`."""
 
-    def __init__(self, network: LockedNetwork, local: Any, device: CanopenDevice) -> None:
+    def __init__(self, network: LockedNetwork, local: Any, device: SimulatedNode) -> None:
         self._network, self._local, self._device = network, local, device
 
     @property
@@ -164,7 +164,7 @@ class _Attached:
         self._local.emcy.send(code, int(self._device.settings.get("error_register", 0)))
 
 
-def _writer(device: CanopenDevice, changed: Callable[[], object]) -> Any:
+def _writer(device: SimulatedNode, changed: Callable[[], object]) -> Any:
     contract = device.contract
 
     def write(*, index: int, subindex: int, od: object, data: bytes) -> None:

@@ -36,7 +36,7 @@ class Wire(Protocol):
         """Send an emergency message."""
 
 
-class CanopenDevice:
+class SimulatedNode:
     """The state of one node. Methods are called under the clock's lock."""
 
     contract: Contract

@@ -4,7 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-import palpate
+from palpate.extend import (
+    Lab,
+    Measurement,
+    Plan,
+    Procedure,
+    Recorder,
+    Setting,
+    SimpleResult,
+    StaticLoadWork,
+    Step,
+    Target,
+)
 
 
 @dataclass(frozen=True)
@@ -14,23 +25,23 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Relaxation(palpate.Procedure[palpate.Step, Held, palpate.SimpleResult[Held]]):
+class Relaxation(Procedure[Step, Held, SimpleResult[Held]]):
     name, point = "relaxation", Held
     sample: str = "2"
-    force: Annotated[float, palpate.Setting("N", "With which the probe presses.")] = 2.0
+    force: Annotated[float, Setting("N", "With which the probe presses.")] = 2.0
     readings: int = 4
 
-    def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:
-        return palpate.Plan(self.name, [palpate.Step(None, 5.0, None)] * self.readings)
+    def plan(self, target: Target) -> Plan[Step]:
+        return Plan(self.name, [Step(None, 5.0, None)] * self.readings)
 
-    def begin(self, plan: palpate.Plan, lab: palpate.Lab, record: palpate.Recorder) -> "Holding":
+    def begin(self, plan: Plan, lab: Lab, record: Recorder) -> "Holding":
         return Holding(lab, self.sample, self.force)
 
-    def evaluate(self, points: Sequence[Held], plan: palpate.Plan, lab: palpate.Lab) -> palpate.SimpleResult[Held]:
-        return palpate.SimpleResult(points, {"relaxed": 1 - points[-1].load_N / points[0].load_N})
+    def evaluate(self, points: Sequence[Held], plan: Plan, lab: Lab) -> SimpleResult[Held]:
+        return SimpleResult(points, {"relaxed": 1 - points[-1].load_N / points[0].load_N})
 
 
-class Holding(palpate.StaticLoadWork):
-    def take(self, step: palpate.Step) -> palpate.Measurement[Held]:
+class Holding(StaticLoadWork):
+    def take(self, step: Step) -> Measurement[Held]:
         self.bench.clock.wait(step.seconds)
-        return palpate.Measurement(Held(self.bench.clock.now_ns() / 1e9, self.load()))
+        return Measurement(Held(self.bench.clock.now_ns() / 1e9, self.load()))

@@ -65,7 +65,7 @@ def test_a_calibration_comes_back_from_its_file_bit_by_bit(
     )
     path = tmp_path_factory.mktemp("calibration") / "load_cell.toml"
     write_calibration(path, calibration)
-    assert read_calibration(path) == calibration
+    assert read_calibration(path, LoadCellCalibration) == calibration
     assert list(path.parent.iterdir()) == [path]
 
 
@@ -103,13 +103,13 @@ def test_a_wrong_calibration_file_is_refused_by_file_key_and_problem(
     assert text.count(old) == 1
     path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(ConfigError, match=message) as caught:
-        read_calibration(path)
+        read_calibration(path, LoadCellCalibration)
     assert str(caught.value).startswith(str(path))
 
 
 def test_a_missing_calibration_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"absent\.toml: cannot be read: No such file"):
-        read_calibration(tmp_path / "absent.toml")
+        read_calibration(tmp_path / "absent.toml", LoadCellCalibration)
 
 
 def test_a_missing_folder_is_a_clear_error(tmp_path: Path) -> None:
@@ -129,5 +129,5 @@ def test_a_full_disk_leaves_the_old_calibration_and_no_draft(tmp_path: Path, mon
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(RecordError, match="No space left on device"):
         write_calibration(path, THESIS_LOAD_CELL.model_copy(update={"device": "LC-1"}))
-    assert read_calibration(path) == THESIS_LOAD_CELL
+    assert read_calibration(path, LoadCellCalibration) == THESIS_LOAD_CELL
     assert list(tmp_path.iterdir()) == [path]

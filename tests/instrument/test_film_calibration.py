@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.calibration.calibration import Owner
-from palpate.instrument.calibration.files import read_film_calibration, write_calibration
+from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration, FilmReading, calibrate_films
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError, EstimateError
@@ -122,7 +122,7 @@ def test_a_film_that_bends_is_not_linear() -> None:
 def test_a_calibration_comes_back_from_its_file_and_is_applied(tmp_path: Path) -> None:
     found = calibrate(PAIR, readings(PAIR, np.full((3, 12), 0.5)))
     write_calibration(tmp_path / "films.toml", found)
-    assert read_film_calibration(tmp_path / "films.toml") == found
+    assert read_calibration(tmp_path / "films.toml", FilmCalibration) == found
     assert [f.sensitivity for f in found.apply(PAIR).films] == pytest.approx([f.sensitivity / 2 for f in PAIR.films])
     assert coverage_factor(found.films[0].degrees_of_freedom) == pytest.approx(2.571, abs=1e-3)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.instrument.calibration.files import accept_calibration, read_model_calibration, write_calibration
+from palpate.instrument.calibration.files import accept_calibration, read_calibration, write_calibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.model_fit import MeasuredReference, expected_u, fit_model
 from palpate.instrument.errors import ConfigError, EstimateError
@@ -155,13 +155,13 @@ def test_beyond_the_references_the_interval_holds_the_models_own_answer() -> Non
 def test_a_calibration_goes_through_its_file_and_an_edit_is_found(tmp_path: Path) -> None:
     found, path = fitted(0.2, 0.25), tmp_path / "model.toml"
     write_calibration(path, found)
-    assert read_model_calibration(path) == found
+    assert read_calibration(path, ModelCalibration) == found
     path.write_text(path.read_text().replace('device = "SN-1"', 'device = "SN-2"'))
     with pytest.raises(ConfigError, match="was changed after it was written"):
-        read_model_calibration(path)
+        read_calibration(path, ModelCalibration)
     accepted = accept_calibration(path, date(2026, 11, 23))
     assert isinstance(accepted, ModelCalibration)
-    assert read_model_calibration(path).marks() == " (edited by hand, accepted on 2026-11-23)"
+    assert read_calibration(path, ModelCalibration).marks() == " (edited by hand, accepted on 2026-11-23)"
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 import palpate as package
 from palpate.instrument.calibration.calibration import Calibration
-from palpate.instrument.calibration.files import read_any, write_calibration
+from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
@@ -92,7 +92,7 @@ def test_a_client_of_a_served_bench_stores_for_its_scene_alone(lab: str, sim: Si
     sweep = package.LoadSweep(samples=("1",), loads=(2.0,), dwell=0.2)
     with package.open_bench(bench=lab, operator=sim.operator) as bench:
         made = package.run(cell, bench)
-    assert read_any(Path(made.outcome["calibration_file"])).scene == sim.scene.identity
+    assert read_calibration(Path(made.outcome["calibration_file"])).scene == sim.scene.identity
     other = Path("other.toml")
     other.write_text(Path(lab).read_text().replace(sim.scene.identity, "0123456789abcdef"), encoding="utf-8")
     for file, used in ((lab, made.folder.name), (str(other), "thesis Table 5.1")):
@@ -103,7 +103,7 @@ def test_a_client_of_a_served_bench_stores_for_its_scene_alone(lab: str, sim: Si
 def stored(made: dict[str, object], **changed: object) -> Calibration:
     """The calibration of a run, changed in the store as if it had been measured so."""
     path = Path(str(made["calibration_file"]))
-    found = read_any(path).model_copy(update=changed)
+    found = read_calibration(path).model_copy(update=changed)
     write_calibration(path, found)
     return found
 

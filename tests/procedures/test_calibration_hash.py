@@ -14,6 +14,7 @@ import tomli_w
 
 from palpate.instrument.calibration.calibration import ANY
 from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
@@ -60,7 +61,7 @@ def test_an_edit_that_is_accepted_is_used_and_told_by_every_run(palpate: Palpate
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", accepted)
     outcome = palpate(*SWEEP, "--json").object
     assert outcome["calibration"] == f"by weights (edited by hand, accepted on {accepted})"
-    told = {"sha256": read_calibration(stored).sha256(), "accepted": accepted}
+    told = {"sha256": read_calibration(stored, LoadCellCalibration).sha256(), "accepted": accepted}
     assert outcome["calibration_files"] == {"load_cell": told, "films": None}
     header = Run.open(Path(outcome["run"])).header
     assert header["calibration_files"] == outcome["calibration_files"]
@@ -68,11 +69,11 @@ def test_an_edit_that_is_accepted_is_used_and_told_by_every_run(palpate: Palpate
 
 
 def test_a_calibration_whose_hash_was_taken_out_is_refused_and_accepted_too(palpate: Palpate, stored: Path) -> None:
-    found = read_calibration(stored)
+    found = read_calibration(stored, LoadCellCalibration)
     edit(stored, f'sha256 = "{found.sha256()}"\n', "")
     assert f"{stored}: was changed after it was written: its sha256 is gone; restore it" in palpate(*SWEEP).complaint
     assert palpate("calibrate", "accept", str(stored)).status == 0
-    assert read_calibration(stored).sensitivity_mV_per_N == found.sensitivity_mV_per_N
+    assert read_calibration(stored, LoadCellCalibration).sensitivity_mV_per_N == found.sensitivity_mV_per_N
 
 
 @pytest.mark.slow
@@ -105,7 +106,7 @@ def test_no_digit_of_a_calibration_changes_unnoticed(tmp_path: Path) -> None:
     for at in digits[::7]:
         path.write_text(f"{text[:at]}{(int(text[at]) + 1) % 10}{text[at + 1 :]}", encoding="utf-8")
         try:
-            found = read_calibration(path)
+            found = read_calibration(path, LoadCellCalibration)
         except ConfigError:
             continue
         assert found == THESIS_LOAD_CELL

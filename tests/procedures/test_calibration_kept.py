@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import palpate as package
-from palpate.instrument.calibration.files import read_any
+from palpate.instrument.calibration.files import read_calibration
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from tests.calibration_kills import COMMANDS, ERRORS, FAULTS, in_process, served
@@ -63,7 +63,7 @@ def test_a_run_that_is_stopped_before_its_calibration_is_stored_is_not_complete_
     assert Run.open(Path("day")).status == "complete"
     (stored,) = STORE.iterdir()
     assert stored.read_bytes() == Path("day/calibration.toml").read_bytes()
-    assert read_any(stored).source == "day"
+    assert read_calibration(stored).source == "day"
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EACCES])
@@ -109,7 +109,7 @@ def test_an_older_calibration_does_not_replace_a_newer_one(palpate: Palpate) -> 
         1,
         True,
     )
-    assert read_any(stored).source == "new"
+    assert read_calibration(stored).source == "new"
     assert Run.open(Path("old")).status == "complete"
 
 
@@ -136,7 +136,7 @@ def test_a_calibration_of_a_real_bench_that_was_measured_is_kept_by_resuming_it(
     before = Run.open(Path("day")).points()
     done = package.resume("day", bench=lab, accept_change=False)
     assert (done.run.points(), done.run.status) == (before, "complete")
-    assert read_any(Path(done.outcome["calibration_file"])).source == "day"
+    assert read_calibration(Path(done.outcome["calibration_file"])).source == "day"
 
 
 @pytest.mark.slow
@@ -148,7 +148,7 @@ def test_a_scatter_of_mountings_that_could_not_be_stored_is_stored_by_resuming(
     assert (said.status, Run.open(Path("day")).status) == (1, "complete")
     assert palpate("runs", "resume", "day", "--quiet").status == 0
     (stored,) = STORE.iterdir()
-    assert read_any(stored).source == "day"
+    assert read_calibration(stored).source == "day"
     assert "is complete; there is nothing to resume" in palpate("runs", "resume", "day").complaint
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import palpate
+from palpate.extend import OpenBench
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.steps.pause import NOBODY
 from tests.examples.relaxation import Relaxation
@@ -68,7 +69,7 @@ def test_each_run_of_a_chain_that_was_killed_at_any_point_ends_as_it_would_have(
 class Once:
     """Asks for a pause before a point, in which time passes."""
 
-    def __init__(self, bench: palpate.OpenBench) -> None:
+    def __init__(self, bench: OpenBench) -> None:
         self.bench, self.asks = bench, True
 
     def asked(self) -> bool:
@@ -112,18 +113,18 @@ def test_what_happened_before_a_run_happens_again(tmp_path: Path) -> None:
         assert again.header.get("before") == run.header.get("before")
 
 
-def worked_on(bench: palpate.OpenBench) -> None:
+def worked_on(bench: OpenBench) -> None:
     bench.bench.operator.mount(palpate.get_sample("3"))
 
 
-def set_by_hand(bench: palpate.OpenBench) -> None:
+def set_by_hand(bench: OpenBench) -> None:
     bench.bench.device("strain_indicator").set(filter=0.4)
 
 
 @pytest.mark.parametrize("something_else", [worked_on, set_by_hand])
 @pytest.mark.parametrize("runs", [0, 1])
 def test_a_run_after_something_that_nobody_knows_says_as_it_begins_that_it_cannot_be_resumed(
-    something_else: Callable[[palpate.OpenBench], None], runs: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    something_else: Callable[[OpenBench], None], runs: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt) as ended:
         for number in range(runs):

@@ -10,6 +10,7 @@ from typing import TypeVar
 import pytest
 
 import palpate
+from palpate.extend import Lab, Measurement, Plan, Procedure, Recorder, SimpleResult, Step, Target
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.design import Design
@@ -32,7 +33,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Waiting(palpate.Procedure[palpate.Step, Reading, palpate.SimpleResult[Reading]]):
+class Waiting(Procedure[Step, Reading, SimpleResult[Reading]]):
     """Reads the probe's position until it has so many readings."""
 
     name = "waiting"
@@ -42,36 +43,34 @@ class Waiting(palpate.Procedure[palpate.Step, Reading, palpate.SimpleResult[Read
     wanted: int = 3
     most: int = 6
 
-    def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:
-        return palpate.Plan(self.name, [palpate.Step(None, SECONDS, None, what=f"{i}") for i in range(self.most)])
+    def plan(self, target: Target) -> Plan[Step]:
+        return Plan(self.name, [Step(None, SECONDS, None, what=f"{i}") for i in range(self.most)])
 
-    def begin(self, plan: palpate.Plan, lab: palpate.Lab, record: palpate.Recorder) -> _Reader:
+    def begin(self, plan: Plan, lab: Lab, record: Recorder) -> _Reader:
         return _Reader(lab)
 
-    def course(self, plan: palpate.Plan, points: Sequence[Reading], lab: palpate.Lab) -> Generator[int, None, str]:
+    def course(self, plan: Plan, points: Sequence[Reading], lab: Lab) -> Generator[int, None, str]:
         for number in range(self.most):
             if len(points) == self.wanted:
                 return f"{self.wanted} readings are enough"
             yield number
         return ""
 
-    def evaluate(
-        self, points: Sequence[Reading], plan: palpate.Plan, lab: palpate.Lab
-    ) -> palpate.SimpleResult[Reading]:
-        return palpate.SimpleResult(points)
+    def evaluate(self, points: Sequence[Reading], plan: Plan, lab: Lab) -> SimpleResult[Reading]:
+        return SimpleResult(points)
 
 
 @dataclass
 class _Reader:
-    lab: palpate.Lab
+    lab: Lab
 
-    def arrange(self, step: palpate.Step) -> None: ...
+    def arrange(self, step: Step) -> None: ...
 
-    def take(self, step: palpate.Step) -> palpate.Measurement[Reading]:
+    def take(self, step: Step) -> Measurement[Reading]:
         bench = self.lab.bench
         bench.clock.wait(SECONDS)
         at = next(d for d in bench.devices if hasattr(d, "travel")).position()
-        return palpate.Measurement(Reading(at, 1e-9 * bench.clock.now_ns()))
+        return Measurement(Reading(at, 1e-9 * bench.clock.now_ns()))
 
     def end(self) -> None:
         self.lab.bench.rest()
@@ -103,7 +102,7 @@ def test_one_that_is_stopped_and_resumed_ends_where_it_would_have(tmp_path: Path
 
 
 def test_finished_points_of_a_real_bench_that_are_enough_are_not_added_to(tmp_path: Path) -> None:
-    class GoesOn(palpate.Recorder):
+    class GoesOn(Recorder):
         def finished(self, kind: type[T]) -> list[T]:
             return [kind(0.0, float(i)) for i in range(3)]  # type: ignore[call-arg]
 
@@ -129,11 +128,11 @@ class Grouped(Waiting):
     name = "grouped"
     first_needs: int = 1
 
-    def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:
-        steps = [palpate.Step(None, SECONDS, None, what=f"{g} {i}", group=g) for g in ("a", "b") for i in range(3)]
-        return palpate.Plan(self.name, steps)
+    def plan(self, target: Target) -> Plan[Step]:
+        steps = [Step(None, SECONDS, None, what=f"{g} {i}", group=g) for g in ("a", "b") for i in range(3)]
+        return Plan(self.name, steps)
 
-    def course(self, plan: palpate.Plan, points: Sequence[Reading], lab: palpate.Lab) -> Generator[int, None, str]:
+    def course(self, plan: Plan, points: Sequence[Reading], lab: Lab) -> Generator[int, None, str]:
         yield from (*range(self.first_needs), *range(3, 6))
         return ""
 
@@ -165,10 +164,8 @@ class Asking(Waiting):
     def model_question(self, design: Design) -> Question:
         return Question(design.name, "experiment")
 
-    def evaluate(
-        self, points: Sequence[Reading], plan: palpate.Plan, lab: palpate.Lab
-    ) -> palpate.SimpleResult[Reading]:
-        return palpate.SimpleResult(points, {"scatter": lab.mountings.means_u if lab.mountings else None})
+    def evaluate(self, points: Sequence[Reading], plan: Plan, lab: Lab) -> SimpleResult[Reading]:
+        return SimpleResult(points, {"scatter": lab.mountings.means_u if lab.mountings else None})
 
 
 @pytest.mark.parametrize("began_with", [None, 0.02])

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.files import read_film_calibration, write_calibration
+from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.designs import get_design
@@ -85,7 +86,7 @@ def test_a_sweep_uses_and_names_the_stored_film_calibration_alone_for_its_design
     assert before["film_calibration"] is None
     made = palpate(*CALIBRATE, "--budget").object
     path = Path(made["film_calibration_file"])
-    found = read_film_calibration(path)
+    found = read_calibration(path, FilmCalibration)
     assert found.simulated
     assert made["simulated"] is True
     assert [p["extrapolated"] for p in made["points"]] == [True, False, False]

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import read_scene
@@ -85,7 +86,7 @@ def test_the_next_sweep_uses_and_names_the_stored_calibration(palpate: Palpate, 
     assert Run.open(Path(after["run"])).header["calibration"]["source"] == Path(made["run"]).name
     (point,) = after["points"]
     assert point["load_measured_N"] == pytest.approx(
-        read_calibration(made["calibration_file"]).load(point["indicator_mV"])[0]
+        read_calibration(made["calibration_file"], LoadCellCalibration).load(point["indicator_mV"])[0]
     )
     assert point["force_total_N"] == pytest.approx(point["load_measured_N"], rel=1e-3)
     # the thesis' zero of 1.81 mV is not this bench's, whose load was too large by so much
@@ -148,5 +149,5 @@ def test_a_calibration_that_cannot_be_stored_is_still_in_its_run(palpate: Palpat
     said = palpate(*SHORT, "--out", "day")
     assert said.status == 1
     assert "calibrations" in said.complaint
-    assert read_calibration(Path("day") / "calibration.toml").device == "SIM-SI-0001"
+    assert read_calibration(Path("day") / "calibration.toml", LoadCellCalibration).device == "SIM-SI-0001"
     assert Run.open(Path("day")).status == "complete"

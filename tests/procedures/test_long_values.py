@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 import palpate
+from palpate.extend import Procedure, Target
 from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import PalpateError, UsageError
 from palpate.instrument.quantity import parse
@@ -22,7 +24,7 @@ from palpate.procedures.study.results import read_results
 
 MANY = 100_000
 NUL = "a\0b"
-TARGET = palpate.Target(get_design("single"), 10.0, 1)
+TARGET = Target(get_design("single"), 10.0, 1)
 
 
 @pytest.mark.parametrize(
@@ -37,7 +39,7 @@ TARGET = palpate.Target(get_design("single"), 10.0, 1)
     ],
     ids=["types", "loads", "samples", "name", "text", "weights"],
 )
-def test_of_a_long_setting_a_message_quotes_a_few_values(procedure: palpate.Procedure) -> None:  # type: ignore[type-arg]
+def test_of_a_long_setting_a_message_quotes_a_few_values(procedure: Procedure) -> None:  # type: ignore[type-arg]
     with pytest.raises(PalpateError) as raised:
         prepared(procedure, TARGET)
     assert len(str(raised.value)) < 600
@@ -73,7 +75,7 @@ def made(folder: Path) -> None:
         lambda: opened(scene=NUL),
         lambda: opened(scene="ideal", log=f"{NUL}.pcapng"),
         lambda: made(Path(NUL)),
-        lambda: read_calibration(NUL),
+        lambda: read_calibration(NUL, LoadCellCalibration),
         lambda: write_calibration(Path(NUL), THESIS_LOAD_CELL),
         lambda: read_results(Path(NUL)),
         lambda: export(None, "csv", Path(NUL)),

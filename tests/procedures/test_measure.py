@@ -177,7 +177,7 @@ def test_a_wrong_word_is_named_with_its_option(
     assert message in refused(palpate("measure", *words), benches)
 
 
-HEAD = "from dataclasses import dataclass, field\nfrom typing import Annotated, Literal\nfrom palpate import *\n"
+HEAD = "from dataclasses import dataclass, field\nfrom typing import Annotated, Literal\nfrom palpate.extend import *\n"
 KIND = "\n@dataclass(frozen=True)\nclass Odd(Procedure):\n    name = 'odd'\n"
 WRONG_TEXT = """
     day: Annotated[object, Setting(read=date.fromisoformat)]

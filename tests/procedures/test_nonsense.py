@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import palpate
+from palpate.extend import Lab, Measurement, Plan, Procedure, SimpleResult, Step, Target
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.procedures.commands.options import Output
 from palpate.procedures.engine.conduct import conduct
@@ -32,7 +33,7 @@ class Other:
     x: float
 
 
-class Nonsense(palpate.Procedure[Any, Any, Any]):
+class Nonsense(Procedure[Any, Any, Any]):
     """Each of its methods returns what it is given."""
 
     name, point = "nonsense", Point
@@ -40,27 +41,27 @@ class Nonsense(palpate.Procedure[Any, Any, Any]):
     def __init__(self, **returned: Any) -> None:
         object.__setattr__(self, "returned", returned)
 
-    def plan(self, target: palpate.Target) -> Any:
-        return self._get("plan", palpate.Plan("nonsense", [palpate.Step(None, 1.0, None)]))
+    def plan(self, target: Target) -> Any:
+        return self._get("plan", Plan("nonsense", [Step(None, 1.0, None)]))
 
-    def begin(self, plan: Any, lab: palpate.Lab, record: Recorder) -> Any:
+    def begin(self, plan: Any, lab: Lab, record: Recorder) -> Any:
         return self._get("begin", self)
 
-    def arrange(self, step: palpate.Step) -> None: ...
+    def arrange(self, step: Step) -> None: ...
 
-    def take(self, step: palpate.Step) -> Any:
-        return self._get("take", palpate.Measurement(Point(1.0)))
+    def take(self, step: Step) -> Any:
+        return self._get("take", Measurement(Point(1.0)))
 
     def end(self) -> None: ...
 
-    def course(self, plan: Any, points: Any, lab: palpate.Lab) -> Any:
+    def course(self, plan: Any, points: Any, lab: Lab) -> Any:
         return self._get("course", super().course(plan, points, lab))
 
     def model_question(self, design: Any) -> Any:
         return self._get("model_question", None)
 
-    def evaluate(self, points: Any, plan: Any, lab: palpate.Lab) -> Any:
-        return self._get("evaluate", palpate.SimpleResult(points))
+    def evaluate(self, points: Any, plan: Any, lab: Lab) -> Any:
+        return self._get("evaluate", SimpleResult(points))
 
     def _get(self, name: str, usual: object) -> Any:
         returned: dict[str, object] = vars(self)["returned"]
@@ -68,7 +69,7 @@ class Nonsense(palpate.Procedure[Any, Any, Any]):
 
 
 @pytest.fixture(scope="module")
-def lab() -> Iterator[palpate.Lab]:
+def lab() -> Iterator[Lab]:
     with palpate.open_bench(scene="ideal") as bench:
         yield bench.lab("nonsense", bench.started)
 
@@ -78,45 +79,43 @@ def _yields(*numbers: Any, ends: Any = "") -> Generator[Any, Any, Any]:
     return ends
 
 
-LATE = (palpate.Step(None, 1.0, None) for _ in range(2))
+LATE = (Step(None, 1.0, None) for _ in range(2))
 
 
 @pytest.mark.parametrize(
     ("returned", "message"),
     [
         ({"plan": None}, "plan returned None; it must return a Plan"),
-        ({"plan": palpate.Plan("nonsense", [1])}, "plan returned 1 as a step; it must be a Step"),  # type: ignore[list-item]
-        ({"plan": palpate.Plan("nonsense", LATE)}, "plan returned steps <generator.*; they must be a list"),  # type: ignore[arg-type]
+        ({"plan": Plan("nonsense", [1])}, "plan returned 1 as a step; it must be a Step"),  # type: ignore[list-item]
+        ({"plan": Plan("nonsense", LATE)}, "plan returned steps <generator.*; they must be a list"),  # type: ignore[arg-type]
         ({"begin": None}, "begin returned None; it must return the work, with arrange, take and end"),
         ({"course": None}, "course returned None; it must yield numbers of steps"),
         ({"course": _yields(1)}, "course yielded 1 after step -1; it must be the number of a later step, below 1"),
         ({"course": _yields(None)}, "course yielded None after step -1"),
         ({"course": _yields(ends=None)}, "course ended with None; it must return a text"),
         ({"take": None}, "take returned None; it must return a Measurement"),
-        ({"take": palpate.Measurement(Other(1.0))}, r"take returned the point .*Other\(x=1.0\); it must be a Point"),
-        ({"take": palpate.Measurement({"x": 1})}, r"take returned the point {'x': 1}; it must be a Point"),  # type: ignore[type-var]
+        ({"take": Measurement(Other(1.0))}, r"take returned the point .*Other\(x=1.0\); it must be a Point"),
+        ({"take": Measurement({"x": 1})}, r"take returned the point {'x': 1}; it must be a Point"),  # type: ignore[type-var]
         ({"evaluate": None}, "evaluate returned None; it must return a result, as SimpleResult is"),
     ],
 )
 def test_what_a_procedure_must_not_return_is_named(
-    lab: palpate.Lab, tmp_path: Path, returned: dict[str, object], message: str
+    lab: Lab, tmp_path: Path, returned: dict[str, object], message: str
 ) -> None:
     with Recorder.create(tmp_path, HEADER) as record, pytest.raises(ConfigError, match=message):
         conduct(Nonsense(**returned), lab, record)
     assert record.points == (1 if "evaluate" in returned else 0)
 
 
-def test_what_a_procedure_asks_a_model_is_a_question(lab: palpate.Lab) -> None:
+def test_what_a_procedure_asks_a_model_is_a_question(lab: Lab) -> None:
     assert asked(Nonsense(), lab.design) is None
     with pytest.raises(ConfigError, match="model_question returned 'surface'; it must return a Question or None"):
         asked(Nonsense(model_question="surface"), lab.design)
 
 
 @pytest.mark.parametrize("name", ["simulated", "run", "seed", "mounting", "points", "plot", "bench_seconds"])
-def test_a_finding_cannot_stand_in_for_what_palpate_says_of_the_run(
-    lab: palpate.Lab, tmp_path: Path, name: str
-) -> None:
-    found = palpate.SimpleResult([], {name: False})
+def test_a_finding_cannot_stand_in_for_what_palpate_says_of_the_run(lab: Lab, tmp_path: Path, name: str) -> None:
+    found = SimpleResult([], {name: False})
     assert name in reserved()
     with (
         Recorder.create(tmp_path, HEADER) as record,

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from palpate.instrument.calibration.files import read_model_calibration, write_calibration
+from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.config import read_hashed
 from palpate.instrument.errors import RangeError, UsageError
@@ -209,7 +210,7 @@ def test_a_plan_counts_no_references_of_another_scene_and_refuses_those_that_hav
     assert "2 in all would give" in told
     assert "films not calibrated" not in told  # the references share the films' error
     path = Path(made["model_calibration_file"])
-    write_calibration(path, read_model_calibration(path).model_copy(update={"expires": "2024-02-29"}))
+    write_calibration(path, read_calibration(path, ModelCalibration).model_copy(update={"expires": "2024-02-29"}))
     assert "expired on 2024-02-29; run palpate calibrate model" in palpate(*asked, "unknown_curve").complaint
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import palpate
+from palpate.extend import Procedure
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component
@@ -46,7 +47,7 @@ class Case:
     `rms` bounds the root mean square over the seeds, for each result.
     """
 
-    procedure: palpate.Procedure[Any, Any, Any]
+    procedure: Procedure[Any, Any, Any]
     rms: tuple[float, float]
     scene: str = "thesis_single"
     seeds: int = 1
@@ -169,7 +170,7 @@ def test_a_plan_with_a_target_tells_the_uncertainty_of_each_result(
     ids=lambda each: getattr(each, "name", ""),
 )
 def test_a_run_with_a_target_has_each_result_that_its_plan_predicts(
-    procedure: palpate.Procedure[Any, Any, Any], rms: tuple[float, float]
+    procedure: Procedure[Any, Any, Any], rms: tuple[float, float]
 ) -> None:
     _check(Case(procedure, rms))
 
@@ -234,7 +235,7 @@ def _target() -> Target:
     ids=lambda each: getattr(each, "name", each),
 )
 def test_every_plan_takes_the_noise_that_the_bench_file_states(
-    procedure: palpate.Procedure[Any, Any, Any], design: str
+    procedure: Procedure[Any, Any, Any], design: str
 ) -> None:
     usual = Target(get_design(design), 10.0, nodes=1)
     noisy = replace(usual, design=usual.design.with_noise(2e-4))

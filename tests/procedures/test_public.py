@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 import palpate
+from palpate.extend import Lab, Measurement, Plan, Recorder, Step
 from palpate.procedures.engine.settings import check_settings
 from tests.examples.relaxation import Held, Holding, Relaxation
 
@@ -221,17 +222,17 @@ class Once:
 
 def test_after_a_pause_only_outputs_that_were_on_before_are_on(tmp_path: Path) -> None:
     class Looking(Holding):
-        def arrange(self, _step: palpate.Step) -> None:
+        def arrange(self, _step: Step) -> None:
             pass
 
-        def take(self, step: palpate.Step) -> palpate.Measurement[Held]:
+        def take(self, step: Step) -> Measurement[Held]:
             assert not self.bench.driving
             return super().take(step)
 
     class Resting(Relaxation):
         name, pausable = "resting", True
 
-        def begin(self, plan: palpate.Plan, lab: palpate.Lab, record: palpate.Recorder) -> Looking:
+        def begin(self, plan: Plan, lab: Lab, record: Recorder) -> Looking:
             return Looking(lab, self.sample, self.force)
 
     with palpate.open_bench(scene="ideal") as bench:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from palpate.instrument.calibration.files import read_model_calibration, write_calibration
+from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.errors import EstimateError, QuantityError, RangeError, UsageError
 from palpate.instrument.models.curve import ratio_curve
@@ -42,7 +42,7 @@ REAL = Target(get_design("single"), 10.0, nodes=1)
 def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Palpate) -> None:
     made = palpate(*CALIBRATE, "--json", "--budget").object
     path = Path(made["model_calibration_file"])
-    found = read_model_calibration(path)
+    found = read_calibration(path, ModelCalibration)
     assert (found.simulated, found.model, found.scene) == (True, "surface", read_scene("thesis_single").identity)
     assert [(each.name, each.modulus_Pa, each.source) for each in found.references] == [
         ("A", 30e3, "stated"), ("B", 90e3, "stated"),

@@ -2,14 +2,21 @@
 
 from typing import Any
 
-from palpate.drivers.devices.canopen_device import CanopenDevice
-from palpate.drivers.roles import Exciter
-from palpate.instrument.bench.kinds import DeviceKind
-from palpate.instrument.contracts.contract import Contract, Field, Identity, Pdo, probe, sdo
-from palpate.instrument.errors import SafetyError
-from palpate.simulators.linear.periodic import sine
-from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
+from palpate.extend import (
+    CanopenDevice,
+    Contract,
+    DeviceKind,
+    Exciter,
+    Field,
+    Identity,
+    Pdo,
+    Rig,
+    SafetyError,
+    SimulatedNode,
+    probe,
+    sdo,
+    sine,
+)
 
 CONTRACT = Contract("acme-drive", "torque drive", "canopen", Identity("0x00000ACE", "0x00070D01", "0x00010000"), (
     Field("device_type", sdo(0x1000), "uint32", "CiA 402, drive", default=0x0002_0192),

@@ -1,13 +1,20 @@
 """Acme GA-5, a signal generator and power amplifier in one, Modbus TCP: registers as in its manual; no watchdog."""
 
-from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.roles import Exciter
-from palpate.instrument.bench.kinds import DeviceKind
-from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
-from palpate.instrument.errors import SafetyError
-from palpate.simulators.linear.periodic import sine
-from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedDevice
+from palpate.extend import (
+    DEVICE_FAILURE,
+    Contract,
+    DeviceKind,
+    Exciter,
+    Field,
+    Identity,
+    ModbusDevice,
+    Refused,
+    Rig,
+    SafetyError,
+    SimulatedDevice,
+    probe,
+    sine,
+)
 
 CONTRACT = Contract("acme-exciter", "exciter", "modbus", Identity("Acme", "GA-5", "1.0"), (
     probe(0x00),

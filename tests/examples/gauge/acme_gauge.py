@@ -5,11 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.instrument.bench.kinds import DeviceKind
-from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
-from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import SimulatedDevice
+from palpate.extend import Contract, DeviceKind, Field, Identity, ModbusDevice, Rig, SimulatedDevice, probe
 
 CONTRACT = Contract("acme-gauge", "force gauge", "modbus", Identity("Acme", "FG-20", "1.0"), (
     probe(0x00),

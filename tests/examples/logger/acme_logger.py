@@ -4,14 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.roles import Recording
-from palpate.instrument.bench.kinds import DeviceKind
-from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
-from palpate.instrument.contracts.sensor_node import place
-from palpate.instrument.errors import DeviceError
-from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import SimulatedDevice
+from palpate.extend import (
+    Contract,
+    DeviceError,
+    DeviceKind,
+    Field,
+    Identity,
+    ModbusDevice,
+    Recording,
+    Rig,
+    SimulatedDevice,
+    place,
+    probe,
+)
 
 CHANNELS, BLOCK = 4, 24
 FULL, RANGES = 32767, {"10 V": 10.0, "1 V": 1.0}

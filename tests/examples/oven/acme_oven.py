@@ -1,9 +1,6 @@
 """Acme OV-60, an oven around the sensor, Modbus TCP: registers as in its manual."""
 
-from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.instrument.bench.kinds import DeviceKind
-from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
-from palpate.simulators.wire.device import SimulatedDevice
+from palpate.extend import Contract, DeviceKind, Field, Identity, ModbusDevice, SimulatedDevice, probe
 
 CONTRACT = Contract("acme-oven", "oven", "modbus", Identity("Acme", "OV-60", "1.0"), (
     probe(0x00),

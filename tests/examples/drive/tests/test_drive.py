@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.instrument.errors import SafetyError
+from palpate.extend import SafetyError
 from palpate.testing import CanopenConformance, OnTheBench
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.instrument.errors import SafetyError
+from palpate.extend import SafetyError
 from palpate.testing import GoldenFrames, ModbusConformance, OnTheBench
 
 

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from palpate.drivers.bench import Bench
+from palpate.extend import Bench, Films, LoadServo, film_forces, preload_for, press, withdraw
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
-from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.steps.checks import preload_for
-from palpate.procedures.steps.films import Films
-from palpate.procedures.steps.probe import press, withdraw
-from palpate.procedures.steps.servo import LoadServo
 
 LOAD = 3.0  # N peak to peak
 FREQUENCY = 10.0  # Hz

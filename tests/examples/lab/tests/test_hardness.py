@@ -5,10 +5,7 @@ from __future__ import annotations
 import pytest
 from lab.hardness import force_ratio, harder
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.clock import Clock
-from palpate.instrument.errors import SafetyError
-from palpate.simulators.scenes.scene import Scene
+from palpate.extend import Bench, Clock, SafetyError, Scene
 
 
 def test_the_harder_sample_is_found(bench: Bench) -> None:
