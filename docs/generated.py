@@ -22,6 +22,7 @@ from palpate.instrument.contracts.export import registers
 from palpate.instrument.quantity import Unit, show
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.thesis import contents
 from palpate.procedures.study.description import StudyFile
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
@@ -120,6 +121,13 @@ def links() -> str:
     return _table(("kind of link", "keys with their defaults"), [(f"`{name}`", told) for name, told in keys.items()])
 
 
+def thesis_contents() -> str:
+    """The tables and figures of the thesis beside which Palpate has no numbers."""
+    without = [content for content in contents().values() if content.ours in ("none", "part")]
+    rows = [(c.number, c.shows, f"{'nothing: ' * (c.ours == 'none')}{c.part}", c.doubt) for c in without]
+    return _table(("number", "shows", "in Palpate", "in print"), rows)
+
+
 def errors() -> str:
     """The tree of errors, as their module draws it."""
     tree = inspect.cleandoc(palpate_errors.__doc__ or "").split("\n\n")[1]
@@ -138,6 +146,7 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "study_file": partial(file_of, StudyFile),
     "kinds": kinds,
     "links": links,
+    "thesis_contents": thesis_contents,
     "errors": errors,
 }
 

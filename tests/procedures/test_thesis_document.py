@@ -16,16 +16,6 @@ ROOT = Path(__file__).parents[2]
 DOCUMENT = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
 
 
-def test_every_table_and_figure_without_numbers_of_ours_has_its_line() -> None:
-    expected = [
-        f"| {content.number} | {content.shows} | {'nothing: ' * (content.ours == 'none')}{content.part} |"
-        f" {content.doubt} |"
-        for content in contents().values()
-        if content.ours in ("none", "part")
-    ]
-    assert [line for line in DOCUMENT.splitlines() if re.match(r"\| (Figure|Table) ", line)] == expected
-
-
 def commands(group: click.Group, above: str = "") -> Iterator[str]:
     context = click.Context(group)
     for name in group.list_commands(context):
