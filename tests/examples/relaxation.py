@@ -19,14 +19,14 @@ from palpate.extend import (
 
 
 @dataclass(frozen=True)
-class Held:
+class Reading:
     time_s: float
     load_N: float
 
 
 @dataclass(frozen=True)
-class Relaxation(Procedure[Step, Held, SimpleResult[Held]]):
-    name, point = "relaxation", Held
+class Relaxation(Procedure[Step, Reading, SimpleResult[Reading]]):
+    name, point = "relaxation", Reading
     sample: str = "2"
     force: Annotated[float, Setting("N", "With which the probe presses.")] = 2.0
     readings: int = 4
@@ -37,11 +37,11 @@ class Relaxation(Procedure[Step, Held, SimpleResult[Held]]):
     def begin(self, plan: Plan, lab: Lab, record: Recorder) -> "Holding":
         return Holding(lab, self.sample, self.force)
 
-    def evaluate(self, points: Sequence[Held], plan: Plan, lab: Lab) -> SimpleResult[Held]:
+    def evaluate(self, points: Sequence[Reading], plan: Plan, lab: Lab) -> SimpleResult[Reading]:
         return SimpleResult(points, {"relaxed": 1 - points[-1].load_N / points[0].load_N})
 
 
 class Holding(StaticLoadWork):
-    def take(self, step: Step) -> Measurement[Held]:
+    def take(self, step: Step) -> Measurement[Reading]:
         self.bench.clock.wait(step.seconds)
-        return Measurement(Held(self.bench.clock.now_ns() / 1e9, self.load()))
+        return Measurement(Reading(self.bench.clock.now_ns() / 1e9, self.load()))

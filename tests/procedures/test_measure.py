@@ -84,7 +84,7 @@ def test_it_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
 
 
 ODD_VALUES = RELAXATION.replace("/ 1e9, self.load()", "/ 1e9, np.float32('nan')").replace(
-    "import palpate", "import numpy as np\nimport palpate"
+    "from palpate.extend", "import numpy as np\nfrom palpate.extend"
 )
 
 
