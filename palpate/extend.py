@@ -39,7 +39,9 @@ if TYPE_CHECKING:
     from palpate.instrument.errors import DeviceError, SafetyError
     from palpate.instrument.findings.film_forces import film_forces
     from palpate.instrument.models.table import Response
-    from palpate.instrument.sensor.design import FILM_KINDS, Design
+    from palpate.instrument.sensor.design import FILM_KINDS, Design, Film, FilmSheet, Plate, Ring, Tooth
+    from palpate.instrument.sensor.film_material import FILM_MATERIALS
+    from palpate.instrument.sensor.material import Material
     from palpate.procedures.engine.plan import Plan, Predicted, Step
     from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, Work, until_full
     from palpate.procedures.engine.promise import Expected, predicted
@@ -96,7 +98,9 @@ _PLACES = {
     "instrument.errors": "DeviceError SafetyError",
     "instrument.findings.film_forces": "film_forces",
     "instrument.models.table": "Response",
-    "instrument.sensor.design": "FILM_KINDS Design",
+    "instrument.sensor.design": "FILM_KINDS Design Film FilmSheet Plate Ring Tooth",
+    "instrument.sensor.film_material": "FILM_MATERIALS",
+    "instrument.sensor.material": "Material",
     "procedures.engine.plan": "Plan Predicted Step",
     "procedures.engine.procedure": "Measurement Procedure Report RequiredLoads Work until_full",
     "procedures.engine.promise": "Expected predicted",
@@ -127,6 +131,7 @@ _PLACES = {
 __all__ = [
     "DEVICE_FAILURE",
     "FILM_KINDS",
+    "FILM_MATERIALS",
     "AmplifierEffect",
     "Bench",
     "BenchDescription",
@@ -147,7 +152,9 @@ __all__ = [
     "Exciter",
     "Expected",
     "Field",
+    "Film",
     "FilmCalibration",
+    "FilmSheet",
     "Films",
     "FilmsEffect",
     "Floats",
@@ -161,12 +168,14 @@ __all__ = [
     "LoadCellCalibration",
     "LoadIndicator",
     "LoadServo",
+    "Material",
     "Measurement",
     "ModbusDevice",
     "ModelCalibration",
     "OpenBench",
     "Pdo",
     "Plan",
+    "Plate",
     "Positioner",
     "Predicted",
     "ProbeStage",
@@ -179,6 +188,7 @@ __all__ = [
     "RequiredLoads",
     "Response",
     "Rig",
+    "Ring",
     "SafetyError",
     "SampleChanger",
     "Scene",
@@ -195,6 +205,7 @@ __all__ = [
     "Step",
     "Stream",
     "Target",
+    "Tooth",
     "Work",
     "driven",
     "film_forces",

@@ -116,7 +116,7 @@ class Design:
         films: the films in the order of their channels.
         scatter_correlation: names of two films -> correlation of their scatter from one load set to the next; films of
             no such pair are independent. With the films' scatter it is all that is stated of how results repeat.
-        thesis_force_ratio: sample name -> mean force ratio over the load sets, as printed.
+        thesis_force_ratio: sample name -> mean force ratio over the load sets, as printed; empty: the thesis has none.
         thesis_softness_order: sample names, hard to soft.
         thesis_loads: loads of the thesis' load sets, peak to peak [N].
         source: where dimensions and figures come from.
@@ -142,10 +142,10 @@ class Design:
     plate_count: int
     film_sheet: FilmSheet
     films: tuple[Film, ...]
-    scatter_correlation: Correlations = field(hash=False)
-    thesis_force_ratio: Mapping[str, float] = field(hash=False)
-    thesis_softness_order: tuple[str, ...]
-    source: str
+    scatter_correlation: Correlations = field(default_factory=dict, hash=False)
+    thesis_force_ratio: Mapping[str, float] = field(default_factory=dict, hash=False)
+    thesis_softness_order: tuple[str, ...] = ()
+    source: str = ""
     teeth: tuple[tuple[float, float], ...] = ((5e-3, 5e-3),)
     thesis_loads: tuple[float, ...] = THESIS_LOADS
     separate_bases: bool = False

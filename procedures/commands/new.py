@@ -1,4 +1,4 @@
-"""The commands palpate new device, new effect and new procedure."""
+"""The commands palpate new bench, new design, new device, new effect and new procedure."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ Install it, and run its tests, which pass as they stand:
 DEVICE = "Then put in what the device's manual says, with a golden frame for each field: see docs/how-to/device.md."
 EFFECT = "Then put in your physics, and let a scene call for it: see docs/how-to/effect.md."
 PROCEDURE = "Then put in your measurement: see docs/how-to/procedure.md."
+DESIGN = "Then put in your sensor's dimensions, materials and films: see docs/how-to/scene.md."
 BENCH = """
 Its tests pass as they stand, on its simulated bench:
 
@@ -51,6 +52,17 @@ def device(name: str, bus: str, kind: str, folder: Path, as_json: bool, quiet: b
     from palpate.procedures.templates.new_device import new_device
 
     _tell(new_device(name, bus, kind, folder), PACKAGE + DEVICE, Output(as_json, quiet))
+
+
+@new.command(epilog="Examples:\n\n  palpate new design grasper_7")
+@click.argument("name")
+@FOLDER
+@output_options
+def design(name: str, folder: Path, as_json: bool, quiet: bool) -> None:
+    """Write a package with a sensor design that scenes and bench files can name, and its test."""
+    from palpate.procedures.templates.new_design import new_design
+
+    _tell(new_design(name, folder), PACKAGE + DESIGN, Output(as_json, quiet))
 
 
 @new.command(epilog="Examples:\n\n  palpate new effect cable_sag")

@@ -72,14 +72,15 @@ def write_files(kind: str, name: str, files: Mapping[str, str], folder: Path, te
     return [tree / place.format(name) for place in files]
 
 
-def write_package(kind: str, name: str, folder: Path, group: str, entry: str) -> list[Path]:
-    """Write a package whose module holds one class, the object of its entry point, into a new folder of its name.
+def write_package(kind: str, name: str, folder: Path, group: str, entry: str, found: str = "${Class}") -> list[Path]:
+    """Write a package whose module holds one thing, the object of its entry point, into a new folder of its name.
 
     Args:
-        kind: what the class is; the folder of its templates.
+        kind: what the thing is; the folder of its templates.
         name: name of the module, which `check_name` has checked.
         folder: where the package's folder goes.
         group, entry: its entry point.
+        found: name of the thing in the module.
 
     Returns:
         Its pyproject.toml, module and test.
@@ -89,7 +90,7 @@ def write_package(kind: str, name: str, folder: Path, group: str, entry: str) ->
     """
     check_module(name)
     files = {
-        "pyproject.toml": template("pyproject.toml.txt").replace("${object}", "${Class}"),
+        "pyproject.toml": template("pyproject.toml.txt").replace("${object}", found),
         "{}.py": template(f"{kind}/{kind}.py.txt"),
         "tests/test_{}.py": template(f"{kind}/test.py.txt"),
     }

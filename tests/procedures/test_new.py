@@ -12,7 +12,9 @@ import pytest
 
 import palpate.testing  # noqa: F401
 from palpate.instrument.errors import UsageError
+from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.templates.new_bench import new_bench
+from palpate.procedures.templates.new_design import new_design
 from palpate.procedures.templates.new_device import new_device
 from palpate.procedures.templates.new_effect import new_effect
 from palpate.procedures.templates.new_procedure import new_procedure
@@ -23,6 +25,7 @@ pytest_plugins = ["pytester"]
 
 NEW: dict[str, Callable[[str, Path], list[Path]]] = {
     "device": lambda name, folder: new_device(name, "modbus-tcp", "sensor", folder),
+    "design": new_design,
     "effect": new_effect,
     "procedure": new_procedure,
     "bench": lambda name, folder: new_bench(name, (), folder),
@@ -102,6 +105,15 @@ def test_an_effect_passes_as_it_stands_and_a_wrong_one_does_not(
 def test_a_procedure_passes_as_it_stands(tmp_path: Path, pytester: pytest.Pytester, installed: Put) -> None:
     test = installed(new_procedure("scatter_again", tmp_path))
     assert conform(pytester, test).parseoutcomes() == {"passed": 5}
+
+
+def test_a_design_passes_as_it_stands_and_has_nothing_of_the_thesis(
+    tmp_path: Path, pytester: pytest.Pytester, installed: Put
+) -> None:
+    test = installed(new_design("grasper_7", tmp_path))
+    assert conform(pytester, test).parseoutcomes() == {"passed": 1}
+    design = get_design("grasper_7")
+    assert (design.thesis_force_ratio, design.thesis_softness_order) == ({}, ())
 
 
 def test_a_bench_passes_as_it_stands_with_a_device_of_ones_own(
