@@ -66,12 +66,18 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
     resumable_on_real_bench = True
     pausable = True
 
-    frequencies: Annotated[tuple[float, ...], Setting("Hz", "Increasing frequencies of the load.")] = field(
-        default_factory=lambda: parse_frequencies(DEFAULT)
-    )
+    frequencies: Annotated[
+        tuple[float, ...],
+        Setting(
+            "Hz",
+            "Frequencies of the load: first:last:count, logarithmic, or a list.",
+            parse_frequencies,
+            default=DEFAULT,
+        ),
+    ] = field(default_factory=lambda: parse_frequencies(DEFAULT))
     sample: SampleName = "1"
     load: PeakLoad = 2.0
-    dwell: Annotated[float, Setting("s", "Shortest time at a point; three cycles at least.")] = 1.0
+    dwell: Annotated[float, Setting("s", "Shortest time at a point; at least three cycles.")] = 1.0
     extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:

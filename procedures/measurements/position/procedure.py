@@ -24,7 +24,7 @@ from palpate.procedures.measurements.position.expected import ONCE, expected_pla
 from palpate.procedures.measurements.position.refusal import FEWEST, mm
 from palpate.procedures.measurements.position.repeats import PlaceRepeats
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName, bench_time
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
@@ -54,9 +54,10 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     manual_work = "sets the point probe"
     automated_by = "probe_stage"
 
-    positions: Annotated[tuple[float, ...], Setting("m", "Increasing positions along the centre line.")] = tuple(
-        round(2e-3 * number, 12) for number in range(13)
-    )
+    positions: Annotated[
+        tuple[float, ...],
+        Setting("m", "Positions along x: first:last:step or a list, increasing.", default="0 mm:24 mm:2 mm"),
+    ] = tuple(round(2e-3 * number, 12) for number in range(13))
     sample: SampleName = "1"
     load: PeakLoad = 2.0
     dwell: DwellTime = 1.0
@@ -64,10 +65,19 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     extrapolate: Extrapolate = False
     tolerance: Annotated[
         float | None,
-        Setting("m", "Standard uncertainty of each found place: load sets are repeated, with a dwell that is chosen."),
+        Setting(
+            "m",
+            "Instead of --dwell: standard uncertainty of each found place; load sets are repeated until it is reached.",
+            example="0.1 mm",
+            determines="dwell",
+        ),
     ] = None
     time: Annotated[
-        float | None, Setting("s", "Bench time of the sweep, which is filled with repeated load sets and not exceeded.")
+        float | None,
+        bench_time(
+            "Instead of --dwell: bench time of the sweep, which is filled with load sets and not exceeded.",
+            determines="dwell",
+        ),
     ] = None
 
     def check(self, target: Target) -> None:

@@ -78,7 +78,8 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     soak: Annotated[
-        float, Setting("s", "Wait before each change; the films reach the temperature that was set before.")
+        float,
+        Setting("s", "Wait before each change; the films reach the temperature that was set before.", default="30 min"),
     ] = 1800.0
     extrapolate: Extrapolate = False
 
