@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -37,7 +36,7 @@ def modulus_command(
     thickness: float | None,
     scene: str | None,
     bench: Path | None,
-    settings: Mapping[str, Any],
+    settings: Mapping[str, object],
     out: Path | None,
     as_json: bool,
     quiet: bool,
@@ -51,6 +50,7 @@ def modulus_command(
     from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
     from palpate.procedures.commands.measure_modulus import object_to_touch
+    from palpate.procedures.engine.settings import made
     from palpate.procedures.lab.chosen import choose
     from palpate.procedures.lab.probable import with_films
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
@@ -63,7 +63,7 @@ def modulus_command(
     known = "4" if sample is None and modulus is None else sample
     touched = None if known is None else get_sample(known)
     object_ = object_to_touch(target.design, touched, modulus, thickness, real=False)
-    asked = ObjectModulus(object_, time=ANY_TIME, **settings)
+    asked = made(ObjectModulus, {**settings, "object": object_, "time": ANY_TIME})
     with output.prices():
         asked.check(target)
         question, references = asked.model_question(target.design), asked.references_on(target)

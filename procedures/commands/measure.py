@@ -84,5 +84,5 @@ def _command(name: str) -> SettingsCommand:
     made = conducting(
         name, name, f"Carry out {name}." if by_dataclass else written, example, f"{example} --scene ideal --dry-run"
     )
-    assert made.params  # the options can be made
+    made.make_options()
     return made

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import click
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 def modulus(
     modulus: float | None,
     thickness: float | None,
-    settings: Mapping[str, Any],
+    settings: Mapping[str, object],
     dry_run: bool,
     choice: options.Choice,
     output: options.Output,
@@ -51,12 +51,14 @@ def modulus(
     from palpate.instrument.additions import check_ours
     from palpate.procedures.commands.procedures import chosen_by, measure, plan
     from palpate.procedures.engine.known import GROUP, WHAT
+    from palpate.procedures.engine.settings import made
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 
     check_ours(GROUP, WHAT, ["modulus"])  # the command's name is reserved
     design = chosen_by(choice).target.design
-    touched = object_to_touch(design, settings.get("object"), modulus, thickness, real=choice.bench is not None)
-    (plan if dry_run else measure)(ObjectModulus(**{**settings, "object": touched}), choice, output)
+    sample = cast("Sample | None", settings.get("object"))
+    touched = object_to_touch(design, sample, modulus, thickness, real=choice.bench is not None)
+    (plan if dry_run else measure)(made(ObjectModulus, {**settings, "object": touched}), choice, output)
 
 
 def object_to_touch(

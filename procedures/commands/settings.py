@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -32,7 +32,10 @@ class SettingsCommand(Command):
         procedure: str,
         without: Sequence[str] = (),
         optional: Sequence[str] = (),
-        **own: Any,
+        callback: Callable[..., object],
+        params: list[click.Parameter],
+        help: str,  # noqa: A002  (click calls it so)
+        epilog: str,
     ) -> None:
         """A command.
 
@@ -41,26 +44,30 @@ class SettingsCommand(Command):
             procedure: name of the procedure.
             without: fields of the procedure that have no option here.
             optional: fields without a default that need not be given, because the function has another way to them.
-            own: what every command of click has.
+            callback, params, help, epilog: as of every command of click; `params` are the options beside the settings.
         """
         self.procedure, self._without, self._optional = procedure, without, optional
         self._complete = False
-        super().__init__(name, **own)
+        super().__init__(name, callback=callback, params=params, help=help, epilog=epilog)
 
     @property
     def params(self) -> list[click.Parameter]:
         """All options. Raises ConfigError: the procedure cannot be used, or one of its settings cannot be an option."""
+        self.make_options()
+        return self._params
+
+    @params.setter
+    def params(self, own: list[click.Parameter]) -> None:
+        self._params = own
+
+    def make_options(self) -> None:
+        """Make the options of the settings. Raises as `params`."""
         if not self._complete:
             own = [_option(each, each.required and each.name not in self._optional) for each in self.settings()]
             _check_different(self.procedure, self._params, own)
             place = next(i for i, each in enumerate(self._params) if each.name in ("dry_run", "out"))
             self._params[place:place] = own
             self._complete = True
-        return self._params
-
-    @params.setter
-    def params(self, own: list[click.Parameter]) -> None:
-        self._params = own
 
     def settings(self) -> list[Asked]:
         """The settings that are options. Raises UnknownName, ConfigError: the procedure cannot be used."""
@@ -69,7 +76,7 @@ class SettingsCommand(Command):
 
         return [each for each in asked_of(procedure_class(self.procedure)) if each.name not in self._without]
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context) -> object:
         asked = {each.name: each for each in self.settings()}
         values = {name: ctx.params.pop(FIELD + name) for name in asked}
         given = {name: value for name, value in values.items() if value is not None}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import click
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 def softness(
     modulus: tuple[float, ...] | None,
     thickness: float | None,
-    settings: Mapping[str, Any],
+    settings: Mapping[str, object],
     dry_run: bool,
     choice: options.Choice,
     output: options.Output,
@@ -54,13 +54,15 @@ def softness(
     The result says which pairs they did not tell, and what would.
     """
     from palpate.procedures.commands.procedures import chosen_by, measure, plan
+    from palpate.procedures.engine.settings import made
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model
 
     design = chosen_by(choice).target.design
-    objects = _objects(design, settings.get("objects"), modulus, thickness, real=choice.bench is not None)
+    samples = cast("tuple[Sample, ...] | None", settings.get("objects"))
+    objects = _objects(design, samples, modulus, thickness, real=choice.bench is not None)
     if "sets" in settings and "risk" not in settings:
         raise UsageError("--sets is for --risk: without it each of --loads is one set; name a load twice for two")
-    test = SoftnessTest(**{"model": default_model(design), **settings, "objects": objects})
+    test = made(SoftnessTest, {"model": default_model(design), **settings, "objects": objects})
     (plan if dry_run else measure)(test, choice, output)
 
 

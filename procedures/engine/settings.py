@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields
 from itertools import pairwise
 from types import UnionType
-from typing import Annotated, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -26,10 +26,10 @@ from palpate.procedures.steps.checks import parse_steps
 
 SHOWN = 6  # greatest number of values of a default in a help text
 EXAMPLE = "1 {0}:3 {0}:0.5 {0}"
+PLAIN = {float: "NUMBER", int: "INTEGER"}
 KINDS = "a float, int, bool, str, Literal of texts, a tuple[..., ...] of one of them, or one of them or None"
 
-
-PLAIN = {float: "NUMBER", int: "INTEGER"}
+T = TypeVar("T", bound="Procedure[Any, Any, Any]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,9 +171,9 @@ def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
     return tuple(_asked(each, hints[name], who) for name, each in named.items() if each.init)
 
 
-def made(kind: type[Procedure[S, P, R]], values: Mapping[str, object]) -> Procedure[S, P, R]:
+def made(kind: type[T], values: Mapping[str, object]) -> T:
     """A procedure with these settings, and defaults for the others. Raises UsageError: it refuses them."""
-    make: Callable[..., Procedure[S, P, R]] = kind
+    make: Callable[..., T] = kind
     try:
         return make(**values)
     except PalpateError:

@@ -74,7 +74,7 @@ SIGNATURES = {
     "RequiredLoads": "values extrapolate",
     "Response": "model force_rigid force_total force_ratio error_estimate tooth_forces films stiffness why",
     "Run": "folder procedure simulated started status header summary",
-    "Setting": "unit help read",
+    "Setting": "unit help read option metavar default example repeated determines",
     "SimpleResult": "points values budgets",
     "SoftnessTest": "objects loads dwell frequency model risk sets",
     "StaticLoadWork": "lab sample force",

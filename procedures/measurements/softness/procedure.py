@@ -62,7 +62,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     model: Annotated[
-        str, model_name("Sensor model that turns force ratios into moduli: experiment, auto, column, ...")
+        str, model_name("Sensor model that turns force ratios into moduli, such as experiment, auto or column.")
     ] = "experiment"
     risk: Annotated[
         float | None,
