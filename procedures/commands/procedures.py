@@ -14,8 +14,7 @@ from palpate.instrument.errors import PalpateError, RecordError
 from palpate.procedures.commands.options import Choice, Output
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.returned import filled, planned
-from palpate.procedures.engine.run import open_and_run, refuse
+from palpate.procedures.engine.run import open_and_run, prepared
 from palpate.procedures.lab import keys
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
@@ -41,11 +40,9 @@ def chosen_for(procedure: Procedure[S, P, R], choice: Choice, output: Output, mo
     chosen = chosen_by(choice, model)
     if choice.fidelity is None:
         return chosen
-    procedure = filled(procedure, chosen.target)
-    refuse(procedure, chosen.target)
-    seconds = planned(procedure, chosen.target).seconds
+    procedure, ahead, _ = prepared(procedure, chosen.target)
     with output.prices():
-        chosen = at_fidelity(chosen, choice.fidelity, procedure.name, procedure.dwells(), seconds)
+        chosen = at_fidelity(chosen, choice.fidelity, procedure.name, procedure.dwells(), ahead.seconds)
     if chosen.scene is not None and not output.quiet:
         left_out = ", ".join(chosen.scene.file.left_out or ()) or "nothing"
         say(
@@ -64,9 +61,7 @@ def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model
     if choice.bench is not None and output.for_people:
         from palpate.procedures.showing.plan import announce
 
-        procedure = filled(procedure, chosen.target)
-        refuse(procedure, chosen.target)
-        announce(planned(procedure, chosen.target))
+        announce(prepared(procedure, chosen.target)[1])
     with output.prices():
         with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
             done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
@@ -78,12 +73,10 @@ def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: s
     from palpate.procedures.showing.plan import print_plan
 
     target = chosen_for(procedure, choice, output, model).target
-    procedure = filled(procedure, target)
-    doubt = refuse(procedure, target)
+    procedure, ahead, doubt = prepared(procedure, target)
     with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
         pass  # this only checks that they can be written; the empty folder is removed again
-    steps = planned(procedure, target)
-    output.result(steps.summary, lambda: print_plan(steps))
+    output.result(ahead.summary, lambda: print_plan(ahead))
     if doubt and not output.quiet:
         say(f"palpate: note: {doubt}", err=True)
 

@@ -10,6 +10,7 @@ from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.conduct import taken
 from palpate.procedures.engine.known import class_before, outside
 from palpate.procedures.engine.procedure import Procedure
+from palpate.procedures.engine.returned import planned
 from palpate.procedures.lab.before import Before, Earlier
 from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.open import OpenBench
@@ -62,7 +63,8 @@ def _do_again(bench: OpenBench, earlier: Earlier, kind: type[Procedure[Any, Any,
     record, begun_ns = Unrecorded(), bench.history.now_ns
     lab.bench.attend(record.event)
     pause = PausedAgain(lambda bench_ns: bench_ns in earlier.paused, lab.bench, NOBODY)
-    taken(procedure, lab, record, silent, pause)
+    procedure, plan = planned(procedure, lab.target)
+    taken(procedure, plan, lab, record, silent, pause)
     lab.bench.incidents.hold()
     now = versions() | added_by(lab.bench.description, bench.scene, outside(found))
     bench.runs.append(run.folder)

@@ -87,7 +87,7 @@ def class_before(run: Run, kind: type[Procedure[Any, Any, Any]]) -> type[Procedu
     """
     from palpate.procedures.engine.procedure import Procedure
 
-    defined = [kind, *reversed(Procedure.__subclasses__())]
+    defined: list[type[Procedure[Any, Any, Any]]] = [kind, *reversed(Procedure.__subclasses__())]
     for each in defined:
         if getattr(each, "name", None) == run.procedure and run.procedure not in names():
             return each

@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic
+
+from typing_extensions import TypeVar  # typing has defaults of type variables from Python 3.13 on
 
 from palpate.instrument.sensor.design import FILM_KINDS, USUAL_NOISE, Design
 from palpate.procedures.lab.mounts import BY_HAND, Mounts
@@ -44,7 +46,8 @@ class Step:
         return {name: value for name, value in asdict(self).items() if name not in ("what", "group")}
 
 
-S = TypeVar("S", bound=Step)
+S = TypeVar("S", bound=Step, default=Step)
+B = TypeVar("B", default=Any)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,18 +68,23 @@ class Predicted:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan(Generic[S]):
+class Plan(Generic[S, B]):
     """The plan of a run.
+
+    It is made once for the closed bench, which refuses what cannot be, and once for the open one; the work, its course
+    and the result take from it what it rests on.
 
     Attributes:
         procedure: name of its procedure.
-        steps: its points in order; the most there can be, where the procedure may have enough before (`enough`).
+        steps: its points in order; the most there can be, where the course of the procedure may leave steps out.
         likely: what the run is predicted to take and to give, where that does not follow from its steps.
+        basis: what the plan rests on, such as the load sets that a tolerance takes; None: only the settings.
     """
 
     procedure: str
     steps: Sequence[S]
     likely: Predicted | None = None
+    basis: B = None  # type: ignore[assignment]  # the default of a procedure without one
 
     @property
     def predicted(self) -> Predicted:

@@ -13,8 +13,8 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
    - `begin` returns the work: `arrange` sets up a group, `take` measures one step, `end` leaves the bench at rest.
      Work under a dynamic load inherits from `DynamicLoadWork` (`measurements/dynamic_load.py`), which has films, servo
      and end;
-   - `enough`, where the points themselves tell when to stop, and `skips`, where they tell it for a group of steps, such
-     as a mounted sample: `plan` then lists the most steps;
+   - `course`, where the points themselves tell when to stop, or when a group of steps, such as a mounted sample, has
+     enough: `plan` then lists the most steps, and its `basis` is what `course` and `evaluate` judge them by;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
 5. A shorter name, a longer help and a scene of its own are said in `commands/` by `commands.settings.conducting`; its
@@ -27,7 +27,7 @@ A procedure never changes; the work holds the state from step to step.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar
@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVa
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.console.drawing import load_matplotlib
-from palpate.procedures.engine.plan import Plan, Step
+from palpate.procedures.engine.plan import B, Plan, Step
 from palpate.procedures.engine.result import Result
 from palpate.procedures.lab.calibrations import Unstored
 from palpate.procedures.lab.lab import Lab, Target
@@ -165,10 +165,11 @@ class Finished(Generic[R]):
 
 
 @dataclass(frozen=True)
-class Procedure(ABC, Generic[S, P, R]):
+class Procedure(ABC, Generic[S, P, R, B]):
     """A measurement on a bench, as a frozen dataclass whose fields are its settings.
 
-    Its type parameters are the classes of its steps `S`, of its points `P` and of its result `R`.
+    Its type parameters are the classes of its steps `S`, of its points `P`, of its result `R`, and of the basis of its
+    plan `B`, which most have not.
 
     Attributes:
         name: name of the procedure, in records and commands.
@@ -237,31 +238,25 @@ class Procedure(ABC, Generic[S, P, R]):
         return None
 
     @abstractmethod
-    def plan(self, target: Target) -> Plan[S]:
-        """All steps in order, each with its expected time and uncertainty."""
+    def plan(self, target: Target) -> Plan[S, B]:
+        """All steps in order, each with its expected time and uncertainty; `check` has passed. Raises RangeError."""
 
     @abstractmethod
-    def begin(self, lab: Lab, record: Recorder) -> Work[S, P]:
+    def begin(self, plan: Plan[S, B], lab: Lab, record: Recorder) -> Work[S, P]:
         """Set up what all steps share, and return the work. `record` takes events."""
 
-    def enough(self, points: Sequence[P], lab: Lab) -> str:
-        """Why no further step of the plan is needed, for people; empty: go on.
+    def course(self, plan: Plan[S, B], points: Sequence[P], lab: Lab) -> Generator[int, None, str]:
+        """The way through the plan: yields the number of each step, from 0, that is to be taken.
 
-        The engine asks before each step. The answer must follow from the points, so that a run that is resumed or
-        replayed ends where it would have ended.
+        Steps may be left out, but none comes after a later one. `points` are those so far: it has one more after each
+        `yield`. What is returned says, for people, why the run ends before its plan; empty: all that was needed is
+        done. All must follow from the points, so that a run that is resumed or replayed goes the same way.
         """
+        yield from range(len(plan.steps))
         return ""
 
-    def skips(self, step: S, points: Sequence[P], lab: Lab) -> bool:
-        """Whether a step is not needed by the points before it, because its group has enough of them.
-
-        The engine asks before each step, also before those whose points a resumed run has: as for `enough`, the answer
-        must follow from the points.
-        """
-        return False
-
     @abstractmethod
-    def evaluate(self, points: Sequence[P], lab: Lab) -> R:
+    def evaluate(self, points: Sequence[P], plan: Plan[S, B], lab: Lab) -> R:
         """Compute the result from the points. Raises EstimateError: they give no result."""
 
     def save_calibration(self, done: Finished[R]) -> Kept:
@@ -284,3 +279,27 @@ class Procedure(ABC, Generic[S, P, R]):
         """
         if judged := [point for point in result.points if isinstance(point, Judged)]:
             check_some_valid(judged)
+
+
+def until_full(
+    steps: Sequence[S],
+    points: Sequence[P],
+    part: Callable[[S], Hashable],
+    full: Callable[[S, Sequence[P]], bool],
+) -> Generator[int, None, str]:
+    """The course of a run whose steps come in parts, such as samples, each of which ends once it has enough points.
+
+    Args:
+        steps: all steps; those of a part follow each other.
+        points: the points so far, as `course` is given them.
+        part: the part to which a step belongs.
+        full: whether the part of a step needs no further point, by the points that this part has.
+    """
+    now, begun, ended = object(), 0, False
+    for number, step in enumerate(steps):
+        if part(step) != now:
+            now, begun, ended = part(step), len(points), False
+        ended = ended or full(step, points[begun:])
+        if not ended:
+            yield number
+    return ""

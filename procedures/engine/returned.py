@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from palpate.instrument.errors import ConfigError, quoted
+from palpate.instrument.errors import ConfigError, UsageError, quoted
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Finished, Measurement, P, Procedure, R, S, Work
+from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept, reserved
 from palpate.procedures.records.record import Recorder
@@ -17,18 +18,21 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.design import Design
 
 
-def filled(procedure: Procedure[S, P, R], target: Target) -> Procedure[S, P, R]:
-    """The procedure with what it leaves to the sensor. Raises ConfigError: `on` returned something else."""
-    if not isinstance(procedure, Procedure):
-        return procedure  # the check of its settings tells
+def _filled(procedure: Procedure[S, P, R], target: Target) -> Procedure[S, P, R]:
     found = procedure.on(target)
     if type(found) is not type(procedure):
         raise _wrong(procedure, f"on returned {quoted(found)}", "it must return a procedure of its own kind")
     return found
 
 
-def planned(procedure: Procedure[S, P, R], target: Target) -> Plan[S]:
-    """The procedure's plan. Raises ConfigError: it is no plan of steps."""
+def planned(procedure: Procedure[S, P, R], target: Target) -> tuple[Procedure[S, P, R], Plan[S]]:
+    """The procedure with what it leaves to the sensor, and its plan, once its settings are checked.
+
+    Raises what the checks raise; UsageError: there is no step; ConfigError: it is no plan of steps.
+    """
+    check_settings(procedure)
+    procedure = _filled(procedure, target)
+    procedure.check(target)
     plan = procedure.plan(target)
     if not isinstance(plan, Plan):
         raise _wrong(procedure, f"plan returned {quoted(plan)}", "it must return a Plan")
@@ -37,7 +41,9 @@ def planned(procedure: Procedure[S, P, R], target: Target) -> Plan[S]:
     for step in plan.steps:
         if not isinstance(step, Step):
             raise _wrong(procedure, f"plan returned {quoted(step)} as a step", "it must be a Step")
-    return plan
+    if not plan.steps:
+        raise UsageError(f"procedure {procedure.name!r} has no steps with these settings; change them")
+    return procedure, plan
 
 
 def asked(procedure: Procedure[S, P, R], design: Design) -> Question | None:
@@ -52,9 +58,9 @@ def asked(procedure: Procedure[S, P, R], design: Design) -> Question | None:
     return found
 
 
-def begun(procedure: Procedure[S, P, R], lab: Lab, record: Recorder) -> Work[S, P]:
+def begun(procedure: Procedure[S, P, R], plan: Plan[S], lab: Lab, record: Recorder) -> Work[S, P]:
     """The procedure's work on the bench. Raises ConfigError: it is no work."""
-    work = procedure.begin(lab, record)
+    work = procedure.begin(plan, lab, record)
     if not all(callable(getattr(work, name, None)) for name in ("arrange", "take", "end")):
         raise _wrong(procedure, f"begin returned {quoted(work)}", "it must return the work, with arrange, take and end")
     return work
@@ -72,30 +78,37 @@ def measured(procedure: Procedure[S, P, R], work: Work[S, P], step: S) -> Measur
     return found
 
 
-def stopping(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> str:
-    """Why the procedure has enough; empty: it goes on. Raises ConfigError: `enough` returned no text."""
-    why = procedure.enough(points, lab)
-    if not isinstance(why, str):
-        raise _wrong(procedure, f"enough returned {quoted(why)}", "it must return a text, empty to go on")
-    return why
+def course(procedure: Procedure[S, P, R], plan: Plan[S], points: Sequence[P], lab: Lab) -> Generator[int, None, str]:
+    """The procedure's course through its plan.
+
+    Raises ConfigError: it is none, it yields no number of a later step, or it ends without a text.
+    """
+    found, last, steps = procedure.course(plan, points, lab), -1, len(plan.steps)
+    if not isinstance(found, Generator):
+        raise _wrong(procedure, f"course returned {quoted(found)}", "it must yield numbers of steps")
+    while True:
+        try:
+            number = next(found)
+        except StopIteration as end:
+            if isinstance(end.value, str):
+                return end.value
+            remedy = "it must return a text, empty if there is nothing to say"
+            raise _wrong(procedure, f"course ended with {quoted(end.value)}", remedy) from None
+        if type(number) is not int or not last < number < steps:
+            remedy = f"it must be the number of a later step, below {steps}"
+            raise _wrong(procedure, f"course yielded {quoted(number)} after step {last}", remedy)
+        yield number
+        last = number
 
 
-def skipped(procedure: Procedure[S, P, R], step: S, points: Sequence[P], lab: Lab) -> bool:
-    """Whether a step is not needed. Raises ConfigError: `skips` returned neither True nor False."""
-    found = procedure.skips(step, points, lab)
-    if not isinstance(found, bool):
-        raise _wrong(procedure, f"skips returned {quoted(found)}", "it must return True or False")
-    return found
-
-
-def evaluated(procedure: Procedure[S, P, R], points: Sequence[P], lab: Lab) -> R:
+def evaluated(procedure: Procedure[S, P, R], points: Sequence[P], plan: Plan[S], lab: Lab) -> R:
     """The result of the points.
 
     Raises:
         EstimateError: the points give no result.
         ConfigError: it is no result, or a value of its summary has the name of one that palpate gives.
     """
-    result = procedure.evaluate(points, lab)
+    result = procedure.evaluate(points, plan, lab)
     if not all(hasattr(result, name) for name in ("points", "budgets", "summary")):
         raise _wrong(procedure, f"evaluate returned {quoted(result)}", "it must return a result, as SimpleResult is")
     if theirs := sorted(reserved() & result.summary().keys()):

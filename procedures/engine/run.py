@@ -7,20 +7,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from palpate.instrument.additions import check_ours
-from palpate.instrument.errors import UsageError
 from palpate.procedures.console.progress import Progress, expect, silent
 from palpate.procedures.engine.again import bring_back
-from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.engine.conduct import taken
 from palpate.procedures.engine.known import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.promise import achieved, expected_of, greatest
-from palpate.procedures.engine.returned import asked, calibration_saved, filled, planned
-from palpate.procedures.engine.settings import check_settings
+from palpate.procedures.engine.returned import asked, calibration_saved, evaluated, planned
 from palpate.procedures.lab.before import before_of
 from palpate.procedures.lab.calibrations import Unstored, check_store
 from palpate.procedures.lab.chosen import Chosen
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.open import OpenBench, one_run, opened
 from palpate.procedures.lab.session import Promise, places, recording
 from palpate.procedures.lab.store import result_folder
@@ -28,31 +26,31 @@ from palpate.procedures.records.resumed import UNSTORED, Resumed
 from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
 
 
-def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = True) -> str:
-    """Check a procedure before a bench is opened: its settings and, with `by_store`, its loads against calibrations.
+def prepared(
+    procedure: Procedure[S, P, R], target: Target, *, by_store: bool = True
+) -> tuple[Procedure[S, P, R], Plan[S], str]:
+    """Plan a procedure before a bench is opened, or refuse it.
 
-    Returns: a note about what may still be refused once the bench is open; empty if nothing is known. Raises what the
-    checks raise.
+    Its settings are checked and, with `by_store`, its loads against stored calibrations.
+
+    Returns: the procedure with what it leaves to the sensor; its plan; a note about what may still be refused once the
+    bench is open, empty if nothing is known. Raises what the checks raise.
     """
-    check_settings(procedure)
+    procedure, plan = planned(procedure, target)
     if procedure.name in SHIPPED:
         check_ours(GROUP, WHAT, [procedure.name])
-    procedure.check(target)
-    if not planned(procedure, target).steps:
-        raise UsageError(f"procedure {procedure.name!r} has no steps with these settings; change them")
     loads = procedure.required_loads()
     if by_store and loads is not None:
         stored = check_store(loads.values, loads.extrapolate, target.scene, datetime.now(UTC).date())
         if not stored and target.scene is None:
-            return "no stored calibration of a real bench covers these loads: run palpate calibrate load-cell there"
-    return ""
+            note = "no stored calibration of a real bench covers these loads: run palpate calibrate load-cell there"
+            return procedure, plan, note
+    return procedure, plan, ""
 
 
 def plan(procedure: Procedure[S, P, R], bench: OpenBench) -> Plan[S]:
     """The plan of a procedure on an open bench; nothing is sent. Raises what the procedure's checks raise."""
-    procedure = filled(procedure, bench.target)
-    refuse(procedure, bench.target)
-    return planned(procedure, bench.target)
+    return prepared(procedure, bench.target)[1]
 
 
 def run(
@@ -78,8 +76,7 @@ def run(
         EstimateError: the points give no result.
         RecordError: the run cannot be written.
     """
-    procedure = filled(procedure, bench.target)
-    refuse(procedure, bench.target)
+    procedure, _, _ = prepared(procedure, bench.target)
     with result_folder(None if out is None else Path(out), procedure.name, datetime.now(UTC)) as folder:
         done = record_run(procedure, bench, folder, progress, pause)
     done.conclude()
@@ -100,8 +97,7 @@ def open_and_run(
 
     All checks that need no open bench come before it is opened. Raises as `run` does.
     """
-    procedure = filled(procedure, chosen.target)
-    refuse(procedure, chosen.target, by_store=chosen.logged is None)
+    procedure, _, _ = prepared(procedure, chosen.target, by_store=chosen.logged is None)
     chosen.mounting(procedure.manual_work, procedure.automated_by)
     if resumed is not None:
         before = before_of(resumed.run)
@@ -143,12 +139,13 @@ def record_run(
             pause = PausedAgain(resumed.paused, session.lab.bench, pause)
         # The bench's time begins with its first run. A log holds one run, with as many looks at the clock as it had.
         before = 0.0 if len(bench.runs) == 1 else 1e-9 * session.lab.bench.clock.now_ns()
+        lab = session.lab
+        procedure, plan = planned(procedure, lab.target)
         if bench.scene is None:  # else the bench's time is not that of whoever waits
-            ahead = planned(procedure, session.lab.target)
-            expect(progress, [step.seconds for step in ahead.steps], ahead.seconds)
-        result = conduct(procedure, session.lab, session.record, progress, pause)
+            expect(progress, [step.seconds for step in plan.steps], plan.seconds)
+        result = evaluated(procedure, taken(procedure, plan, lab, session.record, progress, pause), plan, lab)
         outcome = session.outcome()
-        promise = _promise(procedure, session.lab, result)
+        promise = _promise(plan, result)
         if resumed is None or resumed.run.header["scene"] is not None:  # else nobody knows what lay between
             promise["achieved_seconds"] = outcome["bench_seconds"] - before
         done = stored(Finished(procedure, result, session, {**outcome, **promise}))
@@ -166,9 +163,8 @@ def stored(done: Finished[R]) -> Finished[R]:
         return replace(done, unstored=error)
 
 
-def _promise(procedure: Procedure[S, P, R], lab: Lab, result: R) -> Promise:
+def _promise(plan: Plan[S], result: R) -> Promise:
     """What was predicted of a run, and what it gave; its time is not known yet."""
-    plan = planned(procedure, lab.target)
     predicted, expected = plan.predicted, expected_of(plan)
     reached = achieved(expected, result)
     return {

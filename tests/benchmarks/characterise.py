@@ -47,9 +47,9 @@ def measure() -> Iterator[Row]:
 def sloped(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -> Iterator[Row]:
     """Rounds of loads until both films have a tolerance. Gains, readings of the loads and the load cell are drawn."""
     rng = np.random.default_rng(24)
-    asked = Characterisation(tolerance=tolerance).repeats(replace(TARGET, load_cell=THESIS_LOAD_CELL))
+    asked = Characterisation(tolerance=tolerance).plan(replace(TARGET, load_cell=THESIS_LOAD_CELL)).basis
     assert asked is not None
-    plan, conditions = asked.allocation(), asked.of
+    plan, conditions = asked.allocation, asked.of
     loads, off = np.array(conditions.loads), reading_u(THESIS_LOAD_CELL, 1.0)
     slopes = np.array([film.sensitivity * conditions.force(film, 1.0) for film in SINGLE.films])
     noise = np.array([conditions.noise(film) for film in SINGLE.films]).T

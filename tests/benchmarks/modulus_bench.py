@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -146,8 +145,7 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
     the sets that it still wants in a mounting: what it wants moves by less than that. Part of the last of several
     mountings may be enough: there it is asked after every set, too.
     """
-    lab: Any = SimpleNamespace(design=truth.design, target=truth.target)
-    course, draws = asked.course(lab), Draws(truth)
+    course, draws = asked.course_on(truth.target), Draws(truth)
     load, plan = course.prospect.load, course.prospect.allocation
     costs = costs_of(load, asked.frequency)
     rng = np.random.default_rng(truth.seed)
@@ -155,7 +153,7 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
     began: list[tuple[int, int]] = []
     taken, spent, mounting, mounted = costs.start - END, costs.start - END, 0, 0
     following = 1 if every else first_sets(plan)  # before the first sets are complete, a tolerance alone goes on
-    for number in range(most_sets(plan, asked.wanted(truth.target)) if steps is None else steps):
+    for number in range(most_sets(plan, course.wanted) if steps is None else steps):
         verdict = course.verdict(points) if number >= following else None
         if verdict and verdict.why:
             break

@@ -26,7 +26,7 @@ import numpy as np
 from palpate.instrument.errors import EstimateError, PalpateError
 from palpate.instrument.findings import object_modulus
 from palpate.instrument.models.curve import RatioCurve
-from palpate.procedures.measurements.object_modulus import course, lines, planning
+from palpate.procedures.measurements.object_modulus import course, lines
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.simulators.effects.curve_error import CurveError
 from tests.benchmarks.lines import read
@@ -171,7 +171,7 @@ def asked(kind: Kind, tolerance: float, truth: Truth) -> ObjectModulus:
 def _run(kind: Kind, tolerance: float, truth: Truth) -> list[float]:
     """In the order of `modulus_figures.Run`."""
     measuring = asked(kind, tolerance, truth)
-    done, plan = fast(measuring, truth), measuring.prospect(truth.target)
+    done, plan = fast(measuring, truth), measuring.course_on(truth.target).prospect
     assert done.answer is not None
     row = done.answer.row
     stated = "absolute_u" if "curve_error" in kind.effects else "scale_u"
@@ -207,22 +207,17 @@ def _told(kind: Kind) -> Iterator[None]:
     """The procedure takes the stated scatter as certain, or as an estimate; plans and validation are kept."""
     places, freedom = (lines, course), math.inf if kind.known else FREEDOM
     was, validation = lines.PRIOR_FREEDOM, object_modulus.validation_u
-    caches = (planning.prospect_of, planning.course_of)
     try:
         for place in places:
             place.PRIOR_FREEDOM = freedom  # type: ignore[attr-defined]
         object_modulus.validation_u = functools.cache(validation)  # type: ignore[assignment]
         course.sensitivity_at = _sensitivity  # type: ignore[attr-defined]
-        for cache in caches:
-            cache.cache_clear()
         yield
     finally:
         for place in places:
             place.PRIOR_FREEDOM = was  # type: ignore[attr-defined]
         object_modulus.validation_u = validation
         course.sensitivity_at = lines.sensitivity_at  # type: ignore[attr-defined]
-        for cache in caches:
-            cache.cache_clear()
 
 
 def _version() -> str:

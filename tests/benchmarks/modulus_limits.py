@@ -45,7 +45,8 @@ def limits(name: str, modulus: float) -> Iterator[Row]:
     kind = KINDS[name]
     truth = kind.truth(modulus, 1)
     asking = asked(kind, TOLERANCE, truth)
-    wanted, prospect = asking.wanted(truth.target), asking.prospect(truth.target)
+    course = asking.course_on(truth.target)
+    wanted, prospect = course.wanted, course.prospect
     plan, costs = prospect.allocation, costs_of(prospect.load, wanted.frequency, wanted.mounts)
     cycles = round(plan.dwell * wanted.frequency)
     lines = lines_of(truth.design, prospect.found, prospect.load, wanted, absolute=False, cycles=cycles)

@@ -47,7 +47,7 @@ def ranked(name: str, truth: Mapping[str, float], factor: float, drawn: bool, ru
         points: list[SoftnessPoint] = []
         for number in range(len(objects) * MOST):
             thing = objects[number // MOST].name
-            if not ranking.skips(thing, points):
+            if not ranking.has_enough(thing, points):
                 ratio = truth[thing] * math.exp(each * rng.standard_normal())
                 points.append(SoftnessPoint(thing, 3.0, 3.0, 0.01, ratio, each * ratio, 0.0, True, ()))
         found = ranking.ranked(points)

@@ -75,8 +75,8 @@ def weighed(name: str, off: float, count: int, runs: int) -> Row:
 def repeated(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -> Iterator[Row]:
     """One sample, whose sets scatter about a ratio of 1 in logarithms of 0."""
     rng = np.random.default_rng(21)
-    asked = Repeats(SINGLE, LOADS, 10.0, tolerance)
-    plan = asked.allocation(SAMPLE)
+    asked = Repeats(SINGLE, (SAMPLE,), LOADS, 10.0, tolerance)
+    plan = asked.allocations[SAMPLE]
     deviations, us, inside, seconds = [], [], 0, 0.0
     for _ in range(runs):
         each = factor * SINGLE.ratio_scatter * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)
@@ -97,7 +97,7 @@ def pressed(name: str, factor: float, drawn: bool, tolerance: float, runs: int) 
     """A tooth that is pressed until its films' sensitivities have a tolerance; the load cell is drawn, too."""
     rng = np.random.default_rng(22)
     asked = FilmRepeats(SINGLE, THESIS_LOAD_CELL, LOADS, (10.0,), 1.0, tolerance)
-    plan, cell, readings = asked.allocation(), asked.cell_u, np.array(LOADS)
+    plan, cell, readings = asked.allocation, asked.cell_u, np.array(LOADS)
     scatter = np.array([film.scatter for film in SINGLE.films]) * factor
     deviations, us, inside, seconds = [], [], 0, 0.0
     for _ in range(runs):
@@ -130,14 +130,14 @@ def located(name: str, factor: float, drawn: bool, place: float, tolerance: floa
     rng = np.random.default_rng(23)
     design, sample = get_design("common_base"), get_sample("1")
     asked = PlaceRepeats(design, sample, (place,), 2.0, 10.0, tolerance, None)
-    plan, expected = asked.allocations()[place], np.array(tooth_shares(design, sample, (place, design.cell[1] / 2)))
+    plan, expected = asked.allocations[place], np.array(tooth_shares(design, sample, (place, design.cell[1] / 2)))
     noise = np.array(share_noise(design, expected.tolist(), 2.0)) / math.sqrt(plan.dwell)
     gains = np.array(design.scatter_triangle)
     deviations, us, inside, seconds = [], [], 0, 0.0
     for _ in range(runs):
         each = factor * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)
         true, points = np.maximum(expected + rng.uniform(-ERROR, ERROR, 2), 0.0), list[PositionPoint]()
-        while not asked.has_enough(place, points) and len(points) < asked.most(place):
+        while not asked.has_enough(place, points, points) and len(points) < asked.most(place):
             for _ in range(1 if points else FIRST):
                 left, right, base = 1 + each * gains @ rng.standard_normal(3)
                 shares = true * (left, right) / base + noise * rng.standard_normal(2)

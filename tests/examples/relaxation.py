@@ -8,14 +8,14 @@ import palpate
 
 
 @dataclass(frozen=True)
-class Reading:
+class Held:
     time_s: float
     load_N: float
 
 
 @dataclass(frozen=True)
-class Relaxation(palpate.Procedure[palpate.Step, Reading, palpate.SimpleResult[Reading]]):
-    name, point = "relaxation", Reading
+class Relaxation(palpate.Procedure[palpate.Step, Held, palpate.SimpleResult[Held]]):
+    name, point = "relaxation", Held
     sample: str = "2"
     force: Annotated[float, palpate.Setting("N", "With which the probe presses.")] = 2.0
     readings: int = 4
@@ -23,14 +23,14 @@ class Relaxation(palpate.Procedure[palpate.Step, Reading, palpate.SimpleResult[R
     def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:
         return palpate.Plan(self.name, [palpate.Step(None, 5.0, None)] * self.readings)
 
-    def begin(self, lab: palpate.Lab, record: palpate.Recorder) -> "Holding":
+    def begin(self, plan: palpate.Plan, lab: palpate.Lab, record: palpate.Recorder) -> "Holding":
         return Holding(lab, self.sample, self.force)
 
-    def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.SimpleResult[Reading]:
+    def evaluate(self, points: Sequence[Held], plan: palpate.Plan, lab: palpate.Lab) -> palpate.SimpleResult[Held]:
         return palpate.SimpleResult(points, {"relaxed": 1 - points[-1].load_N / points[0].load_N})
 
 
 class Holding(palpate.StaticLoadWork):
-    def take(self, step: palpate.Step) -> palpate.Measurement[Reading]:
+    def take(self, step: palpate.Step) -> palpate.Measurement[Held]:
         self.bench.clock.wait(step.seconds)
-        return palpate.Measurement(Reading(self.bench.clock.now_ns() / 1e9, self.load()))
+        return palpate.Measurement(Held(self.bench.clock.now_ns() / 1e9, self.load()))

@@ -67,7 +67,7 @@ def test_each_plan_is_the_one_that_measure_modulus_makes(front: ModulusFront) ->
         if target.tolerance < 0.05:  # it asks for the scatter of mountings there
             asked = replace(asked, mounting_scatter=0.0)
         assert target.plan is not None
-        assert asked.prospect(bench).allocation == target.plan.allocation
+        assert asked.course_on(bench).prospect.allocation == target.plan.allocation
 
 
 def test_a_time_that_holds_only_the_smallest_load_is_planned_with_it(front: ModulusFront) -> None:

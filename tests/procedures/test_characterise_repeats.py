@@ -28,7 +28,7 @@ ASKED = Characterisation(loads=LOADS, dwell=0.2, drift_time=2.0, tolerance=0.03)
 
 
 def repeats(tolerance: float | None = 0.03, time: float | None = None) -> SlopeRepeats:
-    found = replace(ASKED, tolerance=tolerance, time=time).repeats(replace(REAL, load_cell=THESIS_LOAD_CELL))
+    found = replace(ASKED, tolerance=tolerance, time=time).plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
     assert found is not None
     return found
 
@@ -86,14 +86,14 @@ def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:
 def test_a_plan_for_a_time_has_the_rounds_that_a_run_makes_of_it() -> None:
     each = repeats().costs.set + ASKED.dwell
     two = repeats().costs.start + 2 * len(LOADS) * each
-    sets = [repeats(None, two + spare).allocation().sets for spare in (0.9, 1.1)]
+    sets = [repeats(None, two + spare).allocation.sets for spare in (0.9, 1.1)]
     assert sets == [len(LOADS), 2 * len(LOADS)]
     least = repeats().costs.start + len(LOADS) * each
-    assert repeats(None, least + 1e-6).allocation().sets == len(LOADS)
+    assert repeats(None, least + 1e-6).allocation.sets == len(LOADS)
     with pytest.raises(RangeError, match="too short"):
-        repeats(None, least - 1e-6).allocation()
+        repeats(None, least - 1e-6).allocation
     with pytest.raises(RangeError, match="load sets on the way up, above the limit of 10000; give less time"):
-        repeats(None, 7.2e6).allocation()
+        repeats(None, 7.2e6).allocation
 
 
 def test_sets_that_agree_by_chance_leave_what_readings_and_noise_do() -> None:
@@ -106,15 +106,15 @@ def test_sets_that_agree_by_chance_leave_what_readings_and_noise_do() -> None:
 
 def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said() -> None:
     with pytest.raises(RangeError, match=r"calibration of the load cell leaves 0.54 %") as error:
-        replace(ASKED, tolerance=0.005).check(REAL)
+        replace(ASKED, tolerance=0.005).plan(REAL)
     assert "palpate calibrate load-cell --tolerance '0.354 %'" in str(error.value)
     best = float(str(error.value).split("best now ")[1].split("%")[0]) / 100
-    replace(ASKED, tolerance=best).check(REAL)
-    assert repeats(best).most() * len(LOADS) <= MOST_SETS
+    replace(ASKED, tolerance=best).plan(REAL)
+    assert repeats(best).most * len(LOADS) <= MOST_SETS
     better = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 1e-3, "covariance": 0.0})
-    replace(ASKED, tolerance=0.005).check(replace(REAL, load_cell=better))
+    replace(ASKED, tolerance=0.005).plan(replace(REAL, load_cell=better))
     with pytest.raises(RangeError, match="above the limit of 10000"):
-        replace(ASKED, tolerance=0.0005).check(replace(REAL, load_cell=better))
+        replace(ASKED, tolerance=0.0005).plan(replace(REAL, load_cell=better))
 
 
 @pytest.mark.parametrize(

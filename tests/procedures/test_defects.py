@@ -33,13 +33,13 @@ class Failing(Relaxation):
     def plan(self, target):
         fails("plan")
         return super().plan(target)
-    def begin(self, lab, record):
+    def begin(self, plan, lab, record):
         fails("begin")
         return FailingWork(lab, self.sample, self.force)
-    def evaluate(self, points, lab):
+    def evaluate(self, points, plan, lab):
         FAILS[0] = FAILS[0].rstrip("!")
         fails("evaluate")
-        return super().evaluate(points, lab)
+        return super().evaluate(points, plan, lab)
 """
 OVEN = """
 from palpate.drivers.devices.modbus_device import ModbusDevice

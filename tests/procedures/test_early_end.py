@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -45,13 +45,19 @@ class Waiting(palpate.Procedure[palpate.Step, Reading, palpate.SimpleResult[Read
     def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:
         return palpate.Plan(self.name, [palpate.Step(None, SECONDS, None, what=f"{i}") for i in range(self.most)])
 
-    def begin(self, lab: palpate.Lab, record: palpate.Recorder) -> _Reader:
+    def begin(self, plan: palpate.Plan, lab: palpate.Lab, record: palpate.Recorder) -> _Reader:
         return _Reader(lab)
 
-    def enough(self, points: Sequence[Reading], lab: palpate.Lab) -> str:
-        return f"{self.wanted} readings are enough" if len(points) >= self.wanted else ""
+    def course(self, plan: palpate.Plan, points: Sequence[Reading], lab: palpate.Lab) -> Generator[int, None, str]:
+        for number in range(self.most):
+            if len(points) == self.wanted:
+                return f"{self.wanted} readings are enough"
+            yield number
+        return ""
 
-    def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.SimpleResult[Reading]:
+    def evaluate(
+        self, points: Sequence[Reading], plan: palpate.Plan, lab: palpate.Lab
+    ) -> palpate.SimpleResult[Reading]:
         return palpate.SimpleResult(points)
 
 
@@ -127,11 +133,9 @@ class Grouped(Waiting):
         steps = [palpate.Step(None, SECONDS, None, what=f"{g} {i}", group=g) for g in ("a", "b") for i in range(3)]
         return palpate.Plan(self.name, steps)
 
-    def enough(self, points: Sequence[Reading], lab: palpate.Lab) -> str:
+    def course(self, plan: palpate.Plan, points: Sequence[Reading], lab: palpate.Lab) -> Generator[int, None, str]:
+        yield from (*range(self.first_needs), *range(3, 6))
         return ""
-
-    def skips(self, step: palpate.Step, points: Sequence[Reading], lab: palpate.Lab) -> bool:
-        return step.group == "a" and len(points) >= self.first_needs
 
 
 def test_steps_of_a_group_that_has_enough_are_left_out_also_when_the_run_is_resumed(tmp_path: Path) -> None:
@@ -161,7 +165,9 @@ class Asking(Waiting):
     def model_question(self, design: Design) -> Question:
         return Question(design.name, "experiment")
 
-    def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.SimpleResult[Reading]:
+    def evaluate(
+        self, points: Sequence[Reading], plan: palpate.Plan, lab: palpate.Lab
+    ) -> palpate.SimpleResult[Reading]:
         return palpate.SimpleResult(points, {"scatter": lab.mountings.means_u if lab.mountings else None})
 
 

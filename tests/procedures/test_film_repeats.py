@@ -56,7 +56,7 @@ def pressed(gains: Sequence[float]) -> list[PressedPoint]:
 def test_a_tooth_has_enough_after_a_whole_round_in_which_each_film_is_known() -> None:
     asked = series(0.02)
     assert asked.tolerance is not None
-    repeats = asked.repeats(SINGLE, THESIS_LOAD_CELL, asked.tolerance)
+    repeats = asked.plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
     same = [1e-3, 1.01e-3] * 10
     assert [repeats.has_enough(pressed(same[:count])) for count in (0, 9, 10, 11, 12)] == [False] * 4 + [True]
     assert not repeats.has_enough(pressed([1e-3, 1.3e-3] * 6))  # the tooth's film scatters, the base's does not
@@ -64,12 +64,12 @@ def test_a_tooth_has_enough_after_a_whole_round_in_which_each_film_is_known() ->
 
 def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said() -> None:
     with pytest.raises(RangeError, match="calibration of the load cell leaves") as refused:
-        series(0.004).check(REAL)
+        series(0.004).plan(REAL)
     assert "palpate calibrate load-cell --runs 3" in str(refused.value)
     better = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 1e-3, "zero_u": 1e-3, "covariance": 0.0})
-    series(0.004).check(replace(REAL, load_cell=better))
+    series(0.004).plan(replace(REAL, load_cell=better))
     with pytest.raises(RangeError, match="above the limit of 10000"):
-        series(0.0003).check(replace(REAL, load_cell=better))
+        series(0.0003).plan(replace(REAL, load_cell=better))
 
 
 @pytest.mark.slow

@@ -50,7 +50,7 @@ def measured(
     random: np.random.Generator, wanted: CellRepeats, noise: float = 0.3, slope: float = SLOPE
 ) -> tuple[tuple[float, ...], list[Run]]:
     """The loads of a series and its runs, as many as it asks for."""
-    loads, runs, zero = wanted.plan().loads, [], float(random.uniform(0, STEP))
+    loads, runs, zero = wanted.quickest.loads, [], float(random.uniform(0, STEP))
     while not runs or wanted.learned(loads, runs, STEP).runs > len(runs):
         runs.append(run_up_and_down(random, loads, noise, slope, zero=zero))
     return loads, runs
@@ -61,7 +61,7 @@ def measured(
 
 @pytest.mark.parametrize("tolerance", [0.003, 0.0015, 0.0014])
 def test_the_plan_is_the_quickest_of_all_numbers_of_weights_and_runs(tolerance: float) -> None:
-    plan = asked(tolerance).plan()
+    plan = asked(tolerance).quickest
     quickest = min(
         runs * run_seconds(count)
         for count in range(5, len(LOADS) + 1)
@@ -76,17 +76,17 @@ def test_the_plan_is_the_quickest_of_all_numbers_of_weights_and_runs(tolerance: 
 
 def test_what_the_steps_of_the_display_leave_no_run_lowers_and_the_refusal_says_what_would() -> None:
     with pytest.raises(RangeError, match=r"resolution leaves 0\.129 %: the display") as refused:
-        asked(0.0005).plan()
+        asked(0.0005).predicted()
     assert "best now  0.13 %" in str(refused.value)
     assert "0.0821 % by weights that are rounded independently" in str(refused.value)
-    assert asked(0.00131).plan().allocation.u <= 0.00131
+    assert asked(0.00131).quickest.allocation.u <= 0.00131
     finer = replace(asked(0.0005), cell=THESIS_LOAD_CELL.model_copy(update={"resolution_mV": 0.1}))
-    assert finer.plan().allocation.u <= 0.0005
+    assert finer.quickest.allocation.u <= 0.0005
 
 
 def test_what_the_loads_are_off_by_counts_once_in_plan_and_result_and_no_run_lowers_it(palpate: Palpate) -> None:
     wanted = replace(asked(0.003), loads_u=0.001)
-    exact, plan = asked(0.003).plan(), wanted.plan()
+    exact, plan = asked(0.003).quickest, wanted.quickest
     assert plan.allocation.u == pytest.approx(math.hypot(exact.allocation.u, 0.001))
     assert plan.allocation.shares["weights"] == pytest.approx((0.001 / plan.allocation.u) ** 2)
     run = run_up_and_down(np.random.default_rng(1), LOADS)
@@ -102,7 +102,7 @@ def test_a_refusal_tells_the_weights_that_reach_what_the_loads_leave_of_the_tole
     said = []
     for wanted in (replace(asked(0.0013), loads_u=0.0012), asked(0.0005)):  # 0.13² = 0.12² + 0.05²
         with pytest.raises(RangeError, match=r"resolution leaves 0\.129 %.*: the display") as refused:
-            wanted.plan()
+            wanted.predicted()
         said.append(str(refused.value).split("weights up to ")[1].split(" N")[0])
     assert said[0] == said[1]
 
@@ -113,12 +113,12 @@ def test_a_refusal_tells_the_weights_that_reach_what_the_loads_leave_of_the_tole
 def test_a_display_that_scatters_more_than_was_expected_takes_more_runs() -> None:
     wanted = asked(0.0015)
     usual, noisy = (len(measured(np.random.default_rng(1), wanted, noise)[1]) for noise in (0.3, 0.9))
-    assert usual <= wanted.plan().runs + 1
+    assert usual <= wanted.quickest.runs + 1
     assert noisy > 2 * usual
 
 
 def test_a_cell_that_is_off_its_curve_ends_the_series_and_says_so() -> None:
-    loads, random = asked(0.0015).plan().loads, np.random.default_rng(2)
+    loads, random = asked(0.0015).quickest.loads, np.random.default_rng(2)
     bent = run_up_and_down(random, loads)
     off = 2.0 * (-1) ** np.arange(len(loads))
     found = asked(0.0015).learned(loads, [replace(bent, loading_mV=bent.loading_mV + off)], STEP)

@@ -15,7 +15,7 @@ from palpate.instrument.errors import PalpateError, UsageError
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import parse_samples
-from palpate.procedures.engine.run import refuse
+from palpate.procedures.engine.run import prepared
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.export import export
 from palpate.procedures.study.results import read_results
@@ -39,7 +39,7 @@ TARGET = palpate.Target(get_design("single"), 10.0, 1)
 )
 def test_of_a_long_setting_a_message_quotes_a_few_values(procedure: palpate.Procedure) -> None:  # type: ignore[type-arg]
     with pytest.raises(PalpateError) as raised:
-        refuse(procedure, TARGET)
+        prepared(procedure, TARGET)
     assert len(str(raised.value)) < 600
 
 

@@ -119,7 +119,7 @@ class Pausing(Relaxation):
     name, pausable = "pausing", True
 class Mortal(Relaxation):
     name = "mortal"
-    def begin(self, lab, record):
+    def begin(self, plan, lab, record):
         return Dying(lab, self.sample, self.force)
 class Dying(Holding):
     taken = 0
@@ -200,8 +200,8 @@ KIND = "\n@dataclass(frozen=True)\nclass Odd(Procedure):\n    name = 'odd'\n"
 WRONG_TEXT = """
     day: Annotated[object, Setting(read=date.fromisoformat)]
     def plan(self, target): ...
-    def begin(self, lab, record): ...
-    def evaluate(self, points, lab): ...
+    def begin(self, plan, lab, record): ...
+    def evaluate(self, points, plan, lab): ...
 """
 
 

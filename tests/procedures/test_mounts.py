@@ -77,7 +77,9 @@ def test_plans_take_the_time_of_the_changer_and_say_who_mounts(procedure: Proced
 
 
 def test_the_bound_of_a_plan_is_that_of_the_changer() -> None:
-    by_hand, changed = (MODULUS.prospect(replace(BY_CHANGER, mounts=mounts)).times for mounts in (BY_HAND, CHANGER))
+    by_hand, changed = (
+        MODULUS.course_on(replace(BY_CHANGER, mounts=mounts)).prospect.times for mounts in (BY_HAND, CHANGER)
+    )
     assert by_hand.longest - changed.longest == pytest.approx(2 * MOUNTING - 3 * CHANGER.seconds, abs=1)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,7 @@ class Nonsense(palpate.Procedure[Any, Any, Any]):
     def plan(self, target: palpate.Target) -> Any:
         return self._get("plan", palpate.Plan("nonsense", [palpate.Step(None, 1.0, None)]))
 
-    def begin(self, lab: palpate.Lab, record: Recorder) -> Any:
+    def begin(self, plan: Any, lab: palpate.Lab, record: Recorder) -> Any:
         return self._get("begin", self)
 
     def arrange(self, step: palpate.Step) -> None: ...
@@ -53,16 +53,13 @@ class Nonsense(palpate.Procedure[Any, Any, Any]):
 
     def end(self) -> None: ...
 
-    def enough(self, points: Any, lab: palpate.Lab) -> Any:
-        return self._get("enough", "")
-
-    def skips(self, step: Any, points: Any, lab: palpate.Lab) -> Any:
-        return self._get("skips", False)
+    def course(self, plan: Any, points: Any, lab: palpate.Lab) -> Any:
+        return self._get("course", super().course(plan, points, lab))
 
     def model_question(self, design: Any) -> Any:
         return self._get("model_question", None)
 
-    def evaluate(self, points: Any, lab: palpate.Lab) -> Any:
+    def evaluate(self, points: Any, plan: Any, lab: palpate.Lab) -> Any:
         return self._get("evaluate", palpate.SimpleResult(points))
 
     def _get(self, name: str, usual: object) -> Any:
@@ -76,6 +73,11 @@ def lab() -> Iterator[palpate.Lab]:
         yield bench.lab("nonsense", bench.started)
 
 
+def _yields(*numbers: Any, ends: Any = "") -> Generator[Any, Any, Any]:
+    yield from numbers
+    return ends
+
+
 LATE = (palpate.Step(None, 1.0, None) for _ in range(2))
 
 
@@ -86,8 +88,10 @@ LATE = (palpate.Step(None, 1.0, None) for _ in range(2))
         ({"plan": palpate.Plan("nonsense", [1])}, "plan returned 1 as a step; it must be a Step"),  # type: ignore[list-item]
         ({"plan": palpate.Plan("nonsense", LATE)}, "plan returned steps <generator.*; they must be a list"),  # type: ignore[arg-type]
         ({"begin": None}, "begin returned None; it must return the work, with arrange, take and end"),
-        ({"enough": None}, "enough returned None; it must return a text, empty to go on"),
-        ({"skips": 1}, "skips returned 1; it must return True or False"),
+        ({"course": None}, "course returned None; it must yield numbers of steps"),
+        ({"course": _yields(1)}, "course yielded 1 after step -1; it must be the number of a later step, below 1"),
+        ({"course": _yields(None)}, "course yielded None after step -1"),
+        ({"course": _yields(ends=None)}, "course ended with None; it must return a text"),
         ({"take": None}, "take returned None; it must return a Measurement"),
         ({"take": palpate.Measurement(Other(1.0))}, r"take returned the point .*Other\(x=1.0\); it must be a Point"),
         ({"take": palpate.Measurement({"x": 1})}, r"take returned the point {'x': 1}; it must be a Point"),  # type: ignore[type-var]

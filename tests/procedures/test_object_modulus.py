@@ -20,7 +20,6 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.object_modulus.course import Course
-from palpate.procedures.measurements.object_modulus.lines import curve_of
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.procedures.measurements.object_modulus.refusal import MOST_SETS
 from palpate.procedures.measurements.object_modulus.result import ModulusPoint, mounting_scatter, ratios_of
@@ -41,8 +40,7 @@ def wanted(**settings: Any) -> ObjectModulus:
 
 
 def course(procedure: ObjectModulus) -> Course:
-    question = procedure.model_question(TARGET.design)
-    return Course(TARGET.design, question, curve_of(question), procedure.wanted(TARGET), procedure.prospect(TARGET))
+    return procedure.course_on(TARGET)
 
 
 def points(*deviations: float, mounting: int = 1, seconds: float = 0.6, valid: bool = True) -> list[ModulusPoint]:
@@ -75,18 +73,20 @@ def test_the_dry_run_tells_plan_and_expected_uncertainty_and_sends_nothing(palpa
 
 
 def test_a_tighter_tolerance_takes_more_sets_and_a_longer_time_gives_a_smaller_uncertainty() -> None:
-    loose, tight = (wanted(**{**SCALE, "tolerance": t}, mounting_scatter=0.0).prospect(TARGET) for t in (0.02, 0.01))
+    loose, tight = (
+        wanted(**{**SCALE, "tolerance": t}, mounting_scatter=0.0).course_on(TARGET).prospect for t in (0.02, 0.01)
+    )
     assert tight.allocation.sets > 3 * loose.allocation.sets
     assert loose.allocation.seconds < 100 < tight.allocation.seconds
-    short, long = (wanted(time=t, relative_to_model=True).prospect(TARGET) for t in (90.0, 180.0))
+    short, long = (wanted(time=t, relative_to_model=True).course_on(TARGET).prospect for t in (90.0, 180.0))
     assert (long.scale_u or 1) < (short.scale_u or 0) / 2
     assert short.allocation.seconds <= 90
 
 
 def test_mountings_that_scatter_are_planned_for() -> None:
-    plan = wanted(tolerance=0.02, relative_to_model=True, mounting_scatter=0.02).prospect(TARGET).allocation
+    plan = wanted(tolerance=0.02, relative_to_model=True, mounting_scatter=0.02).course_on(TARGET).prospect.allocation
     assert (plan.mountings, plan.binds) == (5, "mounting scatter")
-    given = wanted(tolerance=0.02, relative_to_model=True, mountings=3).prospect(TARGET).allocation
+    given = wanted(tolerance=0.02, relative_to_model=True, mountings=3).course_on(TARGET).prospect.allocation
     assert (given.mountings, given.sets % 3) == (3, 0)
 
 
@@ -129,14 +129,14 @@ def test_a_refusal_names_the_quickest_calibrations_that_reach_the_tolerance() ->
     covariance = ((9e-4, 0.0), (0.0, 9e-4))  # 8 % of the modulus
     target = replace(TARGET, design=replace(TARGET.design, film_covariance=covariance, film_freedom=5.0))
     with pytest.raises(RangeError, match=r"as asked with 3 references \(20 min 00 s, once\), then 1 min 23 s"):
-        wanted(tolerance=0.13).prospect(TARGET)
+        wanted(tolerance=0.13).course_on(TARGET)
     with pytest.raises(RangeError, match=r"as asked with \d references and \d+ film points \(.*, once\), then"):
-        wanted(tolerance=0.13).prospect(target)
+        wanted(tolerance=0.13).course_on(target)
     with pytest.raises(
         RangeError,
         match=r"as asked with \d+ film points \(.*, once\), then .* calibrate films --loads '1.5 N:4 N:.* N'",
     ):
-        wanted(tolerance=0.05, relative_to_model=True).prospect(target)
+        wanted(tolerance=0.05, relative_to_model=True).course_on(target)
 
 
 def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated() -> None:
@@ -154,7 +154,7 @@ def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated()
     (told,) = [line for line in asked.plan(alike).predicted.lines if line.startswith("mountings")]
     assert told == "mountings      scatter no more than their sets let expect, at most 8.8 % of the ratio (95 %): run"
     assert planned.u is not None
-    assert asked.prospect(target).allocation.degrees_of_freedom < 10
+    assert asked.course_on(target).prospect.allocation.degrees_of_freedom < 10
     for other in (replace(asked, mounting_scatter=0.0), replace(asked, mountings=3)):
         assert not [
             line for line in other.plan(target).predicted.lines if "of the ratio" in line or "let expect" in line
@@ -191,7 +191,7 @@ def test_what_three_mountings_scatter_is_stored_for_the_sensor_and_used_by_the_n
 
 def test_the_bound_of_time_is_never_below_the_predicted_time() -> None:
     for scatter in (None, 0.01):
-        planned = wanted(**SCALE, mountings=3, mounting_scatter=scatter).prospect(TARGET)
+        planned = wanted(**SCALE, mountings=3, mounting_scatter=scatter).course_on(TARGET).prospect
         assert planned.times.longest >= planned.times.mean >= planned.allocation.seconds - 1e-9, scatter
 
 
@@ -225,21 +225,24 @@ def test_its_load_sets_are_known_to_a_bench_that_leaves_out_what_they_do_not_fee
 @pytest.mark.parametrize("tolerance", [0.0004, 0.0006])  # below the floor, and above it with 160,261 sets
 def test_what_no_time_reaches_and_what_takes_too_many_sets_name_the_same_best(tolerance: float) -> None:
     with pytest.raises(RangeError, match="cannot be reached") as refused:
-        wanted(tolerance=tolerance, relative_to_model=True, mounting_scatter=0.0).prospect(TARGET)
+        wanted(tolerance=tolerance, relative_to_model=True, mounting_scatter=0.0).course_on(TARGET)
     assert str(refused.value).endswith("\n  best now  0.11 %")  # auto takes this model, a compression test gives 2 %
-    best = wanted(tolerance=0.0011, relative_to_model=True, mounting_scatter=0.0).prospect(TARGET)
+    best = wanted(tolerance=0.0011, relative_to_model=True, mounting_scatter=0.0).course_on(TARGET).prospect
     assert MOST_SETS / 2 < best.allocation.sets <= MOST_SETS
 
 
 @pytest.mark.parametrize("model", ["surface", "beam_exact"])
 def test_the_best_that_a_refusal_names_is_none_that_it_refuses(model: str) -> None:
     with pytest.raises(RangeError) as refused:
-        wanted(tolerance=0.001, model=model, mounting_scatter=0.0).prospect(TARGET)
+        wanted(tolerance=0.001, model=model, mounting_scatter=0.0).course_on(TARGET)
     best = re.search(r"best now  ([0-9]+(?:\.[0-9]+)?) %", str(refused.value))
     assert best, str(refused.value)
     tolerance = float(best[1]) / 100
     if tolerance <= LARGEST_TOLERANCE:
-        assert wanted(tolerance=tolerance, model=model, mounting_scatter=0.0).prospect(TARGET).allocation.u <= tolerance
+        assert (
+            wanted(tolerance=tolerance, model=model, mounting_scatter=0.0).course_on(TARGET).prospect.allocation.u
+            <= tolerance
+        )
 
 
 def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Palpate) -> None:
@@ -295,21 +298,21 @@ def test_what_cannot_be_measured_is_refused_before_anything_moves(
 def test_more_time_than_a_run_has_load_sets_for_is_planned_with_them_all_and_told() -> None:
     asked = wanted(time=Typed(24 * 3600.0, "24 h"), relative_to_model=True)
     planned = asked.plan(TARGET).predicted
-    plan = asked.prospect(TARGET).allocation
+    plan = asked.course_on(TARGET).prospect.allocation
     assert (plan.sets, plan.dwell) == (MOST_SETS, 0.1)
     assert planned.seconds == plan.seconds < 6100
     assert "wanted         as good as 24 h allow, on the scale of 'surface'" in planned.lines
     assert planned.lines[2].endswith("with the 10,000 load sets that a run has at most; more time buys nothing")
     noisy = replace(TARGET, design=TARGET.design.with_noise(200e-6))
-    longer = asked.prospect(noisy).allocation
+    longer = asked.course_on(noisy).prospect.allocation
     assert (longer.sets, longer.dwell > 1, longer.seconds < 24 * 3600) == (MOST_SETS, True, True)
-    three = replace(asked, mountings=3).prospect(TARGET).allocation
+    three = replace(asked, mountings=3).course_on(TARGET).prospect.allocation
     assert (three.mountings, three.sets) == (3, 9999)
 
 
 def test_a_tolerance_at_the_most_load_sets_tells_how_many_runs_have_enough_of_them() -> None:
     asked = {"relative_to_model": True, "mounting_scatter": 0.0}
-    best = wanted(time=Typed(24 * 3600.0, "24 h"), **asked).prospect(TARGET).allocation.u
+    best = wanted(time=Typed(24 * 3600.0, "24 h"), **asked).course_on(TARGET).prospect.allocation.u
     usual, edge = (wanted(tolerance=t, **asked).plan(TARGET).predicted.lines[2] for t in (2 * best, best))
     assert usual.endswith("which are enough for 95 % of runs")
     share = re.search(r"which are enough for (\d\d) % of runs, as it has 10,000 load sets at most", edge)

@@ -54,9 +54,9 @@ def test_one_load_set_is_expected_to_tell_a_place_as_sets_do_that_are_off_as_run
 
 def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can() -> None:
     with pytest.raises(RangeError, match="at 6 positions: the error of the table of point loads leaves") as error:
-        replace(ASKED, positions=PositionSweep().positions).check(REAL)
+        replace(ASKED, positions=PositionSweep().positions).plan(REAL)
     assert "--positions '0 mm, 2 mm, 10 mm, 12 mm, 14 mm, 22 mm, 24 mm', which reach it" in str(error.value)
-    ASKED.check(REAL)
+    ASKED.plan(REAL)
 
 
 @pytest.mark.parametrize(

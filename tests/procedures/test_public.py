@@ -18,7 +18,7 @@ import pytest
 
 import palpate
 from palpate.procedures.engine.settings import check_settings
-from tests.examples.relaxation import Holding, Reading, Relaxation
+from tests.examples.relaxation import Held, Holding, Relaxation
 
 OUTSIDE = Path(__file__).parents[1] / "examples" / "relaxation.py"
 SOFT = """
@@ -63,7 +63,7 @@ SIGNATURES = {
     "ModulusTest": "sample strain steps extrapolate",
     "OpenBench": "bench chosen today started wall_start log runs history",
     "ObjectModulus": ("object tolerance time relative_to_model model load frequency mountings mounting_scatter"),
-    "Plan": "procedure steps likely",
+    "Plan": "procedure steps likely basis",
     "Predicted": "seconds u told lines",
     "PositionSweep": "positions sample load dwell frequency extrapolate tolerance time",
     "Procedure": "",
@@ -107,11 +107,11 @@ MEMBERS = {  # what a script or a class of its own uses
     "Finished": "conclude folder outcome plot procedure replayed result run session unstored",
     "Lab": "bench calibration design film_hash films mountings origin references run same_films scene started target",
     "OpenBench": "bench chosen history lab log runs scene started target today wall_start",
-    "Plan": "likely predicted procedure seconds steps summary",
+    "Plan": "basis likely predicted procedure seconds steps summary",
     "Procedure": (
-        "automated_by begin calibrates calibrating check check_result constants dwells enough evaluate manual_work "
+        "automated_by begin calibrates calibrating check check_result constants course dwells evaluate manual_work "
         "model_question name on pausable plan point recorded report required_loads "
-        "resumable_on_real_bench save_calibration skips"
+        "resumable_on_real_bench save_calibration"
     ),
     "Recorder": "close create event finish finished measured point points",
     "Run": (
@@ -224,14 +224,14 @@ def test_after_a_pause_only_outputs_that_were_on_before_are_on(tmp_path: Path) -
         def arrange(self, _step: palpate.Step) -> None:
             pass
 
-        def take(self, step: palpate.Step) -> palpate.Measurement[Reading]:
+        def take(self, step: palpate.Step) -> palpate.Measurement[Held]:
             assert not self.bench.driving
             return super().take(step)
 
     class Resting(Relaxation):
         name, pausable = "resting", True
 
-        def begin(self, lab: palpate.Lab, record: palpate.Recorder) -> Looking:
+        def begin(self, plan: palpate.Plan, lab: palpate.Lab, record: palpate.Recorder) -> Looking:
             return Looking(lab, self.sample, self.force)
 
     with palpate.open_bench(scene="ideal") as bench:

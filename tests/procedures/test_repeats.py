@@ -42,17 +42,17 @@ def test_four_times_the_sets_halve_the_uncertainty() -> None:
 def test_films_whose_calibration_is_worse_than_the_tolerance_are_named_with_what_would_do() -> None:
     covariance = tuple(tuple(2e-4 if i == j else 0.0 for j in range(2)) for i in range(2))
     known = replace(REAL, design=replace(SINGLE, film_covariance=covariance, film_freedom=5.0))
-    sweep(0.03).check(known)
+    sweep(0.03).plan(known)
     with pytest.raises(RangeError, match="calibration leaves 2 % of its mean ratio, which no load set") as refused:
-        sweep(0.02).check(known)
+        sweep(0.02).plan(known)
     assert "palpate calibrate films" in str(refused.value)
 
 
 def test_pick_up_that_is_worse_than_the_tolerance_is_named_with_what_would_do() -> None:
     moving = replace(REAL, design=SINGLE.with_pickup(0.005))
-    sweep(0.03).check(moving)
+    sweep(0.03).plan(moving)
     with pytest.raises(RangeError, match="pick-up in step with the load leaves 2") as refused:
-        sweep(0.02).check(moving)
+        sweep(0.02).plan(moving)
     assert "tie the films' cables down" in str(refused.value)
 
 

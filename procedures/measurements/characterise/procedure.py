@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -17,7 +17,7 @@ from palpate.instrument.quantity import check_tolerance, counted, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
@@ -54,7 +54,7 @@ class CharacteriseStep(Step):
 
 
 @dataclass(frozen=True)
-class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResult]):
+class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResult, SlopeRepeats | None]):
     """Find noise, sensitivity, resolution, linearity, hysteresis, dynamic range and drift of a sensor.
 
     The loads are set in increasing order, then in decreasing order. Then the middle one is held for `drift_time`. With
@@ -110,35 +110,39 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
         check_bench_time(self.time, "30 min")
-        if repeats := self.repeats(target):
-            repeats.allocation()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads)
 
-    def plan(self, target: Target) -> Plan[CharacteriseStep]:
+    def plan(self, target: Target) -> Plan[CharacteriseStep, SlopeRepeats | None]:
         """All points: every load up, every load down, then the middle one several times.
 
         With a tolerance or a time, there are the most rounds up that a run can have.
         """
-        repeats = self.repeats(target)
+        repeats = self._repeats(target)
         first, later = self._first(target), self._seconds()
-        up = self.loads * (repeats.most() if repeats else 1)
+        up = self.loads * (repeats.most if repeats else 1)
         steps = [self._step(LOADING, load, later if number else first) for number, load in enumerate(up)]
         steps += [self._step(UNLOADING, load, later) for load in self.loads[::-1]]
         steps += [self._step(HOLDING, self.middle, seconds) for seconds in self._holding()]
         times = [STANDING + self.interval * number for number in range(DRIFT_POINTS + 1)]
         if repeats:
-            return Plan(self.name, steps, repeats.predicted(times, target.force_limit))
+            return Plan(self.name, steps, repeats.predicted(times, target.force_limit), repeats)
         found = expected_figures(self.conditions(target.design, _cell(target)), 1, times, target.force_limit)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def skips(self, step: CharacteriseStep, points: Sequence[FilmsPoint], lab: Lab) -> bool:
-        """Whether the rounds up before a step give the tolerance, or fill the time."""
-        repeats = self.repeats(lab.target)
-        return repeats is not None and step.direction == LOADING and repeats.has_enough(points)
+    def course(
+        self, plan: Plan[CharacteriseStep, SlopeRepeats | None], points: Sequence[FilmsPoint], lab: Lab
+    ) -> Generator[int, None, str]:
+        """The rounds up end once they give the tolerance, or fill the time."""
+        repeats = plan.basis
 
-    def repeats(self, target: Target) -> SlopeRepeats | None:
+        def full(step: CharacteriseStep, _own: Sequence[FilmsPoint]) -> bool:
+            return repeats is not None and step.direction == LOADING and repeats.has_enough(points)
+
+        return until_full(plan.steps, points, lambda step: step.direction, full)
+
+    def _repeats(self, target: Target) -> SlopeRepeats | None:
         """The repeated rounds, where a tolerance or a time is given; None: neither is."""
         if self.tolerance is None and self.time is None:
             return None
@@ -180,12 +184,14 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         """Time between two points of the load that is held [s]."""
         return self.drift_time / DRIFT_POINTS
 
-    def begin(self, lab: Lab, record: Recorder) -> Characterising:
+    def begin(self, plan: Plan[CharacteriseStep, SlopeRepeats | None], lab: Lab, record: Recorder) -> Characterising:
         return Characterising(lab, record, self)
 
-    def evaluate(self, points: Sequence[FilmsPoint], lab: Lab) -> CharacteriseResult:
+    def evaluate(
+        self, points: Sequence[FilmsPoint], plan: Plan[CharacteriseStep, SlopeRepeats | None], lab: Lab
+    ) -> CharacteriseResult:
         widest = max(lab.bench.role(SensorNode).ranges.values())
-        limit, repeats = lab.bench.force_limit, self.repeats(lab.target)
+        limit, repeats = lab.bench.force_limit, plan.basis
         if repeats is None:
             return evaluate(points, lab.design, lab.calibration, self.dwell, limit, widest)
         lines = repeats.found(points)

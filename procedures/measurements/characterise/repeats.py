@@ -7,10 +7,10 @@ load cell is common to all of them.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,6 +61,7 @@ class SlopeRepeats:
     time: float | None
     mounts: Mounts = BY_HAND
 
+    @cached_property
     def allocation(self) -> Allocation:
         """The plan in whole rounds, by the film that needs most of them.
 
@@ -87,10 +88,11 @@ class SlopeRepeats:
             Line(LOAD_CELL, cell.u, Unit.NOTHING, cell.degrees_of_freedom),
         )
 
+    @cached_property
     def most(self) -> int:
         """The most rounds of a run."""
         loads = len(self.of.loads)
-        return min(most_sets(self.allocation(), loads), MOST_SETS) // loads
+        return min(most_sets(self.allocation, loads), MOST_SETS) // loads
 
     def has_enough(self, points: Sequence[FilmsPoint]) -> bool:
         """Whether no further round is needed, by all points so far."""
@@ -98,7 +100,7 @@ class SlopeRepeats:
         if not up or len(up) % len(self.of.loads):
             return False
         sets = tuple(_sets(points, number) for number in range(len(self.of.design.films)))
-        return _known(self, sets) or self._late(points)
+        return self._known(sets) or self._late(points)
 
     def found(self, points: Sequence[FilmsPoint]) -> list[Component]:
         """Relative uncertainty of each film's slope, without that of the load cell; empty: too few sets are valid."""
@@ -115,14 +117,14 @@ class SlopeRepeats:
             return f"{share(self.tolerance, 3)} reached{within}"
         return f"{share(self.tolerance, 3)} NOT REACHED{within}: {', '.join(missed)}"
 
-    def known(self, sets: Sequence[Sequence[Set]]) -> bool:
+    def _known(self, sets: Sequence[Sequence[Set]]) -> bool:
         """Whether the valid sets of all films reach the tolerance, or no time would."""
         return self.tolerance is not None and all(
             len(each) >= FIRST and self._enough(number, each, self.tolerance) for number, each in enumerate(sets)
         )
 
     def _enough(self, number: int, sets: Sequence[Set], tolerance: float) -> bool:
-        film, plan = self.of.design.films[number], self.allocation()
+        film, plan = self.of.design.films[number], self.allocation
         try:
             verdict = enough(self.lines(film), self.costs, tolerance, plan, 1.0, [self._apart(film, sets)])
         except RangeError:  # by the scatter that was found no time is enough
@@ -131,7 +133,7 @@ class SlopeRepeats:
         return bool(verdict.why) and math.hypot(self._line(number, sets).u, cell) <= tolerance * (1 + ROUNDING)
 
     def _line(self, number: int, sets: Sequence[Set]) -> Component:
-        film, plan = self.of.design.films[number], self.allocation()
+        film, plan = self.of.design.films[number], self.allocation
         lines = self.lines(film)
         by_time = self.tolerance is None or len(sets) < first_sets(plan)
         found = answer(lines, plan, 1.0, [self._apart(film, sets)], by_time=by_time).budget
@@ -172,7 +174,7 @@ class SlopeRepeats:
 
     def predicted(self, times: Sequence[float], force_limit: float) -> Predicted:
         """What the run is predicted to take and to give; a plan for people. Arguments as for `expected_figures`."""
-        plan, loads = self.allocation(), len(self.of.loads)
+        plan, loads = self.allocation, len(self.of.loads)
         rounds = plan.sets // loads
         figures = expected_figures(self.of, rounds, times, force_limit, self._slope_u)
 
@@ -197,7 +199,7 @@ class SlopeRepeats:
 
     def _slope_u(self, film: Film) -> float:
         """Expected relative uncertainty of a film's slope by all load sets of the plan."""
-        plan = self.allocation()
+        plan = self.allocation
         return budget([line for line in self.lines(film) if line.per is not Unit.NOTHING], 1, plan.sets, plan.dwell).u
 
     def _wanted(self) -> str:
@@ -228,13 +230,6 @@ def _sets(points: Sequence[FilmsPoint], number: int) -> tuple[Set, ...]:
     return tuple((p.load_measured_N, p.voltages_V[number]) for p in up)
 
 
-@functools.lru_cache(maxsize=64)
-def _known(asked: SlopeRepeats, sets: tuple[tuple[Set, ...], ...]) -> bool:
-    """Whether these sets are enough; the same question comes with every step that is left out."""
-    return asked.known(sets)
-
-
-@functools.lru_cache(maxsize=16)
 def _allocation(asked: SlopeRepeats) -> Allocation:
     if asked.tolerance is not None:
         plan = _for_tolerance(asked, asked.tolerance)

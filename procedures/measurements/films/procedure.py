@@ -5,7 +5,7 @@ Thesis 5.4 and A3.1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
@@ -15,14 +15,12 @@ import numpy.typing as npt
 
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.films import FEWEST, FilmReading, calibrate_films
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.quantity import check_tolerance, counted
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep
@@ -52,7 +50,7 @@ class PressStep(Step):
 
 
 @dataclass(frozen=True)
-class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
+class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | None]):
     """Calibrate the films against the load cell: press on one tooth after the other."""
 
     name = "calibrate-films"
@@ -95,15 +93,16 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
-            self.repeats(target.design, target.load_cell, self.tolerance).allocation()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads, self.extrapolate)
 
-    def plan(self, target: Target) -> Plan[PressStep]:
+    def plan(self, target: Target) -> Plan[PressStep, FilmRepeats | None]:
         """All points: every load at every frequency on every tooth; with a tolerance, the most load sets."""
+        cell = load_cell_of(target)
         if self.tolerance is not None:
-            return self._repeated(self.repeats(target.design, target.load_cell, self.tolerance))
+            loads, frequencies = tuple(self.loads), tuple(self.frequencies)
+            return self._repeated(FilmRepeats(target.design, cell, loads, frequencies, self.dwell, self.tolerance))
         teeth = range(1, len(target.design.teeth) + 1)
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
         steps = [
@@ -112,19 +111,10 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             for frequency in self.frequencies
             for number, (load, told) in enumerate(sets)
         ]
-        count, cell = len(self.frequencies), load_cell_of(target)
-        return Plan(
-            self.name,
-            steps,
-            predicted(steps, expected_sensitivities(target.design, self.loads, count, self.dwell, cell)),
-        )
+        found = expected_sensitivities(target.design, self.loads, len(self.frequencies), self.dwell, cell)
+        return Plan(self.name, steps, predicted(steps, found))
 
-    def repeats(self, design: Design, cell: LoadCellCalibration | None, tolerance: float) -> FilmRepeats:
-        """The repeated load sets; `cell` None: the load cell of the thesis is expected."""
-        loads, frequencies = tuple(self.loads), tuple(self.frequencies)
-        return FilmRepeats(design, cell or THESIS_LOAD_CELL, loads, frequencies, self.dwell, tolerance)
-
-    def _repeated(self, repeats: FilmRepeats) -> Plan[PressStep]:
+    def _repeated(self, repeats: FilmRepeats) -> Plan[PressStep, FilmRepeats | None]:
         loads = [self.loads[number % len(self.loads)] for number in range(repeats.most())]
         steps = [
             self._step(n, f, load, f"{load:g} N, set {number}", first=f == self.frequencies[0] and number == 1)
@@ -132,24 +122,30 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             for f in self.frequencies
             for number, load in enumerate(loads, 1)
         ]
-        return Plan(self.name, steps, repeats.predicted())
+        return Plan(self.name, steps, repeats.predicted(), repeats)
 
-    def skips(self, step: PressStep, points: Sequence[PressedPoint], lab: Lab) -> bool:
-        """Whether a tooth has the load sets at the step's frequency that the tolerance needs."""
-        if self.tolerance is None:
-            return False
-        own = [p for p in points if (p.tooth, p.frequency_Hz) == (step.tooth, step.frequency_Hz)]
-        return self.repeats(lab.design, lab.calibration, self.tolerance).has_enough(own)
+    def course(
+        self, plan: Plan[PressStep, FilmRepeats | None], points: Sequence[PressedPoint], lab: Lab
+    ) -> Generator[int, None, str]:
+        """Each tooth ends at a frequency once it has the load sets that the tolerance needs."""
+        repeats = plan.basis
+
+        def full(_step: PressStep, own: Sequence[PressedPoint]) -> bool:
+            return repeats is not None and repeats.has_enough(own)
+
+        return until_full(plan.steps, points, lambda step: (step.tooth, step.frequency_Hz), full)
 
     def _step(self, tooth: int, frequency: float, load: float, told: str, first: bool) -> PressStep:
         what = f"tooth {tooth}, {frequency:g} Hz, {told}"
         seconds = point_seconds(frequency, self.dwell, first)
         return PressStep(self.dwell, seconds, None, tooth, frequency, load, what=what, group=f"press tooth {tooth}")
 
-    def begin(self, lab: Lab, record: Recorder) -> Pressing:
+    def begin(self, plan: Plan[PressStep, FilmRepeats | None], lab: Lab, record: Recorder) -> Pressing:
         return Pressing(lab, record, self)
 
-    def evaluate(self, points: Sequence[PressedPoint], lab: Lab) -> FilmResult:
+    def evaluate(
+        self, points: Sequence[PressedPoint], plan: Plan[PressStep, FilmRepeats | None], lab: Lab
+    ) -> FilmResult:
         readings = [
             FilmReading(
                 p.tooth - 1, p.frequency_Hz, p.load_N, p.load_measured_N, p.load_measured_u, np.array(p.voltages_V)

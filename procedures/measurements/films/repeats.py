@@ -7,10 +7,10 @@ the load cell's curve is common to all of them.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class FilmRepeats:
     dwell: float
     tolerance: float
 
+    @cached_property
     def allocation(self) -> Allocation:
         """The plan for a tooth at one frequency, in whole rounds.
 
@@ -85,7 +86,7 @@ class FilmRepeats:
 
     def most(self) -> int:
         """The most load sets on a tooth at one frequency, in whole rounds."""
-        return most_sets(self.allocation(), len(self.loads))
+        return most_sets(self.allocation, len(self.loads))
 
     def has_enough(self, points: Sequence[PressedPoint]) -> bool:
         """Whether the points of a tooth at one frequency are enough for each of its films."""
@@ -99,11 +100,11 @@ class FilmRepeats:
 
     def _enough(self, gains: Sequence[float]) -> bool:
         sensitivity = 1 / math.sqrt(len(self.frequencies))
-        return bool(enough(self.lines(), self.costs, self.tolerance, self.allocation(), sensitivity, [gains]).why)
+        return bool(enough(self.lines(), self.costs, self.tolerance, self.allocation, sensitivity, [gains]).why)
 
     def predicted(self) -> Predicted:
         """What the run is predicted to take and to give; a plan for people."""
-        plan, teeth = self.allocation(), len(self.design.teeth)
+        plan, teeth = self.allocation, len(self.design.teeth)
         sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
         lines = [
             f"wanted         {share(self.tolerance, 3)} of the sensitivity of each film",
@@ -121,15 +122,10 @@ class FilmRepeats:
         return Predicted(seconds, plan.u, told, lines)
 
 
-@functools.lru_cache(maxsize=16)
-def _planned(lines: tuple[Line, ...], costs: Costs, tolerance: float, dwell: float) -> Allocation:
-    return allocate(lines, costs, tolerance, dwell, FIRST)
-
-
 def _allocation(asked: FilmRepeats) -> Allocation:
     lines = asked.lines()
     try:
-        found = _planned(tuple(lines), asked.costs, asked.tolerance, asked.dwell)
+        found = allocate(lines, asked.costs, asked.tolerance, asked.dwell, FIRST)
     except BelowFloor as error:
         told = [
             f"--tolerance {share(asked.tolerance, 3)} cannot be reached: the calibration of the {error.line} leaves "

@@ -116,10 +116,10 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         found = expected_corners(target.design, ratio, self.frequencies, dwells, self.load, cell)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def begin(self, lab: Lab, record: Recorder) -> Sweeping:
+    def begin(self, plan: Plan[FrequencyStep], lab: Lab, record: Recorder) -> Sweeping:
         return Sweeping(lab, record, self)
 
-    def evaluate(self, points: Sequence[FrequencyPoint], lab: Lab) -> FrequencyResult:
+    def evaluate(self, points: Sequence[FrequencyPoint], plan: Plan[FrequencyStep], lab: Lab) -> FrequencyResult:
         return evaluate(points, lab.design, lab.calibration)
 
     def report(self, result: FrequencyResult, lab: Lab) -> Report:

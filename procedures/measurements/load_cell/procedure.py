@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -19,7 +19,7 @@ from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESI
 from palpate.instrument.errors import EstimateError, RangeError, UnknownName, UsageError, quoted
 from palpate.instrument.quantity import LARGEST_TOLERANCE, check_tolerance, counted
 from palpate.procedures.engine.plan import Plan
-from palpate.procedures.engine.procedure import Finished, Procedure, Report
+from palpate.procedures.engine.procedure import Finished, Procedure, Report, until_full
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep
@@ -58,7 +58,7 @@ def parse_degree(text: str) -> int | None:
 
 
 @dataclass(frozen=True)
-class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
+class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRepeats | None]):
     """Calibrate the load cell with dead weights, put on and taken off in steps."""
 
     name = "calibrate-load-cell"
@@ -154,7 +154,6 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
             self._check_class(self.iso_class)
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
-            self._repeats(self.tolerance, target).plan()
 
     def _check_class(self, name: str) -> None:
         """Refuse what cannot have a class, whatever is read."""
@@ -169,29 +168,31 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 "--positions 0,120,240"
             )
 
-    def _repeats(self, tolerance: float, target: Target) -> CellRepeats:
-        asked = tuple(self.loads), self.runs, len(self.positions), self.degree
-        return CellRepeats(tolerance, *asked, _cell(target), self.loads_u)
-
-    def plan(self, target: Target) -> Plan[WeightStep]:
+    def plan(self, target: Target) -> Plan[WeightStep, CellRepeats | None]:
         """All points: every weight of every run, then the creep test; with a tolerance, of the most runs."""
         if self.tolerance is not None:
-            repeats = self._repeats(self.tolerance, target)
-            planned = repeats.plan()
-            return Plan(self.name, list(self._steps(planned.loads, planned.most())), repeats.predicted())
+            asked = tuple(self.loads), self.runs, len(self.positions), self.degree
+            repeats = CellRepeats(self.tolerance, *asked, _cell(target), self.loads_u)
+            steps = list(self._steps(repeats.quickest.loads, repeats.quickest.most()))
+            return Plan(self.name, steps, repeats.predicted(), repeats)
         steps = list(self._steps(self.loads, self.runs))
         readings = 2 * REPEATS * self.runs * len(self.positions)
         found = expected_sensitivity(self.loads, readings, self.degree, _cell(target), self.loads_u)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def skips(self, step: WeightStep, points: Sequence[LoadCellPoint], lab: Lab) -> bool:
-        """Whether the tolerance needs no run of the step's number."""
-        if self.tolerance is None or step.creep_s or step.run <= self.runs:
-            return False
-        repeats = self._repeats(self.tolerance, lab.target)
-        loads = repeats.plan().loads
-        step_mV = lab.bench.role(LoadIndicator).resolution_mV
-        return step.run > repeats.learned(loads, list(runs_of(points, len(loads))), step_mV).runs
+    def course(
+        self, plan: Plan[WeightStep, CellRepeats | None], points: Sequence[LoadCellPoint], lab: Lab
+    ) -> Generator[int, None, str]:
+        """The runs in each position end once the tolerance needs no further one."""
+        repeats, step_mV = plan.basis, lab.bench.role(LoadIndicator).resolution_mV
+
+        def full(step: WeightStep, own: Sequence[LoadCellPoint]) -> bool:
+            if repeats is None or own or step.creep_s or step.run <= self.runs:
+                return False
+            loads = repeats.quickest.loads
+            return step.run > repeats.learned(loads, list(runs_of(points, len(loads))), step_mV).runs
+
+        return until_full(plan.steps, points, lambda step: (step.position_deg, step.run, step.creep_s > 0), full)
 
     def _steps(self, loads: Sequence[float], runs: int) -> Iterator[WeightStep]:
         """Steps of so many runs in each position with some loads [N], and of the creep test."""
@@ -210,14 +211,16 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
             direction, last = f"{CREEP}_{time:.0f}_s", (position, runs)
             yield WeightStep(None, time - before, None, *last, direction, loads[-1], time, what=direction, group=group)
 
-    def begin(self, lab: Lab, record: Recorder) -> Weighing:
+    def begin(self, plan: Plan[WeightStep, CellRepeats | None], lab: Lab, record: Recorder) -> Weighing:
         return Weighing(lab.bench, len(self.positions) > 1, self.creep)
 
-    def evaluate(self, points: Sequence[LoadCellPoint], lab: Lab) -> LoadCellResult:
+    def evaluate(
+        self, points: Sequence[LoadCellPoint], plan: Plan[WeightStep, CellRepeats | None], lab: Lab
+    ) -> LoadCellResult:
         indicator = lab.bench.role(LoadIndicator)
         step = indicator.resolution_mV
-        repeats = None if self.tolerance is None else self._repeats(self.tolerance, lab.target)
-        loads = tuple(self.loads) if repeats is None else repeats.plan().loads
+        repeats = plan.basis
+        loads = tuple(self.loads) if repeats is None else repeats.quickest.loads
         runs = list(runs_of(points, len(loads)))
         stopped = "" if repeats is None else repeats.stopped(repeats.learned(loads, runs, step))
         crept = points[-1].direction.startswith(CREEP)

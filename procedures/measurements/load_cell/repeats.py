@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -104,7 +104,8 @@ class CellRepeats:
     cell: LoadCellCalibration
     loads_u: float = 0.0
 
-    def plan(self) -> PlannedRuns:
+    @cached_property
+    def quickest(self) -> PlannedRuns:
         """The quickest runs.
 
         Raises:
@@ -176,7 +177,7 @@ class CellRepeats:
 
     def predicted(self) -> Predicted:
         """What the series is predicted to take and to give; a plan for people."""
-        planned = self.plan()
+        planned = self.quickest
         plan, count = planned.allocation, len(planned.loads)
         each = "" if self.positions == 1 else f" in each of {counted(self.positions, 'position')}"
         lines = [
@@ -236,7 +237,6 @@ def spread(weights: Sequence[float], count: int) -> tuple[float, ...]:
     return tuple(weights[number] for number in numbers)
 
 
-@lru_cache(maxsize=64)
 def _quickest(asked: CellRepeats) -> PlannedRuns:
     least = min(len(asked.weights), max(FEWEST_LOADS, (asked.degree or 1) + 2))
     found: list[PlannedRuns] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -17,7 +17,7 @@ from palpate.instrument.sensor.sample import get_sample, parse_samples
 from palpate.instrument.signals.dwell import STEP, Dwell, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
@@ -42,7 +42,7 @@ class LoadStep(Step):
 
 
 @dataclass(frozen=True)
-class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
+class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult, Repeats | None]):
     """Load each sample with each load set and measure the force ratio."""
 
     name = "sweep-loads"
@@ -101,9 +101,6 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
             check_time(self.dwell, self.frequency)
             return
         check_tolerance(self.tolerance, f"tolerance {self.tolerance:g}")
-        if repeats := self.repeats(target):
-            for sample in self.samples:
-                repeats.allocation(sample)
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.sets, self.extrapolate)
@@ -113,16 +110,15 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         objects = [get_sample(name) for name in self.samples]
         return Dwells(objects, (min(self.sets), max(self.sets)), self.frequency, dwell)
 
-    def repeats(self, target: Target) -> Repeats | None:
-        """The repeated load sets, where one of a sample cannot have the tolerance; None: one can, or none is asked."""
-        if self.tolerance is None or one_set_suffices(target.design, self.samples, self.tolerance):
-            return None
-        return Repeats(target.design, tuple(self.sets), self.frequency, self.tolerance, target.mounts)
+    def plan(self, target: Target) -> Plan[LoadStep, Repeats | None]:
+        """All points: every load on every sample.
 
-    def plan(self, target: Target) -> Plan[LoadStep]:
-        """All points: every load on every sample; with a tolerance of the mean, the most load sets of each sample."""
-        if repeats := self.repeats(target):
-            return self._repeated(repeats)
+        Where one load set of a sample cannot have the tolerance, it is one of the mean: then the basis are the repeated
+        load sets, and the steps are the most of each sample.
+        """
+        if self.tolerance is not None and not one_set_suffices(target.design, self.samples, self.tolerance):
+            asked = tuple(self.samples), tuple(self.sets), self.frequency, self.tolerance
+            return self._repeated(Repeats(target.design, *asked, target.mounts))
         sets = list(zip(self.sets, told_sets(self.sets), strict=True))
         steps = [
             self._step(target, name, load, told, first=not number)
@@ -135,25 +131,28 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
             likely = replace(likely, u=worst, told={**likely.told, "tolerance_of": "point"})
         return Plan(self.name, steps, likely)
 
-    def _repeated(self, repeats: Repeats) -> Plan[LoadStep]:
+    def _repeated(self, repeats: Repeats) -> Plan[LoadStep, Repeats | None]:
         steps = []
         for sample in self.samples:
-            dwell, most = repeats.allocation(sample).dwell, repeats.most(sample)
+            dwell, most = repeats.allocations[sample].dwell, repeats.most(sample)
             for number in range(most):
                 load = self.sets[number % len(self.sets)]
                 seconds = point_seconds(self.frequency, dwell, first=not number, mounts=repeats.mounts)
                 what, group = f"sample {sample}, {load:g} N, set {number + 1}", f"mount sample {sample}"
                 scatter = repeats.design.ratio_scatter
                 steps.append(LoadStep(dwell, seconds, scatter, sample, load, what=what, group=group))
-        return Plan(self.name, steps, repeats.predicted(self.samples))
+        return Plan(self.name, steps, repeats.predicted(), repeats)
 
-    def skips(self, step: LoadStep, points: Sequence[LoadPoint], lab: Lab) -> bool:
-        """Whether the sample of a step has the load sets that the tolerance of its mean needs."""
-        repeats = self.repeats(lab.target)
-        if repeats is None:
-            return False
-        own = [point for point in points if point.sample == step.sample]
-        return bool(own) and repeats.has_enough(step.sample, len(own), valid_ratios(own))
+    def course(
+        self, plan: Plan[LoadStep, Repeats | None], points: Sequence[LoadPoint], lab: Lab
+    ) -> Generator[int, None, str]:
+        """Each sample ends once it has the load sets that the tolerance of its mean needs."""
+        repeats = plan.basis
+
+        def full(step: LoadStep, own: Sequence[LoadPoint]) -> bool:
+            return repeats is not None and repeats.has_enough(step.sample, len(own), valid_ratios(own))
+
+        return until_full(plan.steps, points, lambda step: step.sample, full)
 
     def _expected(self, design: Design, sample: str) -> Expected:
         """The mean ratio that is expected of a sample, by the lines of `mean_ratio`."""
@@ -181,11 +180,11 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         assert self.tolerance is not None
         return dwell_of(self.tolerance, expected_noise(design, load, ratio), self.frequency, floor_of(design, ratio))
 
-    def begin(self, lab: Lab, record: Recorder) -> Sweeping:
-        return Sweeping(lab, record, self)
+    def begin(self, plan: Plan[LoadStep, Repeats | None], lab: Lab, record: Recorder) -> Sweeping:
+        return Sweeping(lab, record, self, by_point=self.tolerance is not None and plan.basis is None)
 
-    def evaluate(self, points: Sequence[LoadPoint], lab: Lab) -> SweepResult:
-        return evaluate(points, lab.design, self.repeats(lab.target), self.tolerance)
+    def evaluate(self, points: Sequence[LoadPoint], plan: Plan[LoadStep, Repeats | None], lab: Lab) -> SweepResult:
+        return evaluate(points, lab.design, plan.basis, self.tolerance)
 
     def report(self, result: SweepResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
@@ -197,10 +196,11 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
 class Sweeping(DynamicLoadWork):
     """The bench work: one load after the other on each sample."""
 
-    def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep) -> None:
+    def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep, by_point: bool) -> None:
+        """`by_point`: whether the tolerance is that of each point, whose dwell is chosen by its noise."""
         super().__init__(lab, record, sweep.sets, sweep.frequency, sweep.samples, sweep.extrapolate)
         self._chosen: DwellChoice | None = None
-        if sweep.tolerance is not None and sweep.repeats(lab.target) is None:
+        if by_point and sweep.tolerance is not None:
             self._chosen = _chosen(lab.design, sweep.tolerance)
 
     def arrange(self, step: LoadStep) -> None:

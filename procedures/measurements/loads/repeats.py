@@ -6,10 +6,10 @@ how many there are in all, as `instrument.allocation.stopping` has it.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
 from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
@@ -40,6 +40,7 @@ class Repeats:
 
     Attributes:
         design: the sensor.
+        samples: names of the samples.
         loads: loads of one round, peak to peak [N].
         frequency: frequency of the load [Hz].
         tolerance: relative standard uncertainty of the mean ratio of each sample.
@@ -47,18 +48,20 @@ class Repeats:
     """
 
     design: Design
+    samples: tuple[str, ...]
     loads: tuple[float, ...]
     frequency: float
     tolerance: float
     mounts: Mounts = BY_HAND
 
-    def allocation(self, sample: str) -> Allocation:
-        """The plan for a sample, in whole rounds and whole steps of dwell.
+    @cached_property
+    def allocations(self) -> dict[str, Allocation]:
+        """The plan for each sample, in whole rounds and whole steps of dwell.
 
         Raises:
             RangeError: what no set lowers is not below the tolerance; the message says what would.
         """
-        return _allocation(self, sample)
+        return {sample: _allocation(self, sample) for sample in self.samples}
 
     def lines(self, sample: str) -> list[Line]:
         """Lines of the mean ratio of a sample."""
@@ -83,19 +86,25 @@ class Repeats:
 
     def most(self, sample: str) -> int:
         """The most load sets of a sample, in whole rounds."""
-        return most_sets(self.allocation(sample), len(self.loads))
+        return most_sets(self.allocations[sample], len(self.loads))
 
     def has_enough(self, sample: str, taken: int, ratios: Sequence[float]) -> bool:
         """Whether the valid `ratios` of a sample are enough; `taken` counts all its sets."""
-        return taken % len(self.loads) == 0 and _suffice(self, sample, tuple(ratios))
+        if not taken or taken % len(self.loads):
+            return False
+        plan = self.allocations[sample]
+        try:
+            return bool(enough(self.lines(sample), self.costs, self.tolerance, plan, 1.0, [ratios]).why)
+        except RangeError:  # by the scatter that was found no time is enough
+            return True
 
     def answer(self, sample: str, ratios: Sequence[float]) -> Answer:
         """Mean ratio of a sample, and its relative uncertainty by what its sets scatter."""
-        return answer(self.lines(sample), self.allocation(sample), 1.0, [ratios])
+        return answer(self.lines(sample), self.allocations[sample], 1.0, [ratios])
 
-    def predicted(self, samples: Sequence[str]) -> Predicted:
+    def predicted(self) -> Predicted:
         """What the run is predicted to take and to give; a plan for people."""
-        plans = {sample: self.allocation(sample) for sample in samples}
+        plans = self.allocations
         seconds = math.fsum(plan.seconds for plan in plans.values())
         worst = max(plans.values(), key=lambda plan: plan.u)
         sets = ", ".join(f"{sample}: {plan.sets}" for sample, plan in plans.items())
@@ -121,17 +130,6 @@ class Repeats:
         return Predicted(seconds, worst.u, told, lines)
 
 
-@functools.lru_cache(maxsize=64)
-def _suffice(asked: Repeats, sample: str, ratios: tuple[float, ...]) -> bool:
-    """Whether these ratios are enough; the same question comes with every step that is left out."""
-    plan = asked.allocation(sample)
-    try:
-        return bool(enough(asked.lines(sample), asked.costs, asked.tolerance, plan, 1.0, [ratios]).why)
-    except RangeError:  # by the scatter that was found no time is enough
-        return True
-
-
-@functools.lru_cache(maxsize=64)
 def _allocation(asked: Repeats, sample: str) -> Allocation:
     lines = asked.lines(sample)
     shortest = whole_steps(max(STEP, 1 / asked.frequency))

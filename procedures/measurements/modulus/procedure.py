@@ -127,10 +127,10 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
             forces, yields = _force(sample, self.strain), yields + sample.thickness / (sample.modulus * sample.area)
         return STARTING + forces * yields / self.steps / SPEED
 
-    def begin(self, lab: Lab, record: Recorder) -> Compressing:
+    def begin(self, plan: Plan[CompressionStep], lab: Lab, record: Recorder) -> Compressing:
         return Compressing(lab, self)
 
-    def evaluate(self, points: Sequence[DisplaysPoint], lab: Lab) -> ModulusResult:
+    def evaluate(self, points: Sequence[DisplaysPoint], plan: Plan[CompressionStep], lab: Lab) -> ModulusResult:
         return self.result_of(points, lab.calibration)
 
     def result_of(self, points: Sequence[DisplaysPoint], calibration: LoadCellCalibration) -> ModulusResult:

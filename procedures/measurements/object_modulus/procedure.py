@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -13,7 +13,7 @@ from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.calibration import ANY, Owner
 from palpate.instrument.calibration.mounting_scatter import MountingScatter
 from palpate.instrument.errors import RangeError, UsageError
-from palpate.instrument.findings.object_modulus import ByReferences
+from palpate.instrument.findings.object_modulus import ByReferences, answering
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
@@ -28,9 +28,9 @@ from palpate.procedures.lab.probable import references_on, with_films
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
 from palpate.procedures.measurements.object_modulus.course import Course
-from palpate.procedures.measurements.object_modulus.lines import Wanted
-from palpate.procedures.measurements.object_modulus.planning import course_of, prospect_of, question_of
-from palpate.procedures.measurements.object_modulus.prospect import Prospect, most_sets
+from palpate.procedures.measurements.object_modulus.lines import Wanted, curve_of
+from palpate.procedures.measurements.object_modulus.planning import prospect_of
+from palpate.procedures.measurements.object_modulus.prospect import most_sets
 from palpate.procedures.measurements.object_modulus.result import (
     LEAST_MOUNTINGS,
     ModulusPoint,
@@ -56,7 +56,7 @@ VALID_DAYS = 365  # of a scatter of mountings
 
 
 @dataclass(frozen=True)
-class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
+class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
     """Measure the Young modulus of one object to a tolerance, or as well as a time allows."""
 
     name = "measure-modulus"
@@ -84,13 +84,11 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
     ] = None
 
     def check(self, target: Target) -> None:
-        """Check the settings, and plan, before anything is sent to a device.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            UsageError: neither tolerance nor time is given, or the tolerance needs a scatter of mountings that was
-                never measured.
-            RangeError: a setting is outside its limits, not one set fits into the time, or no time on the bench reaches
-                the tolerance; the message names the line that binds, and other ways.
+            UsageError: neither tolerance nor time is given.
+            RangeError: a setting is outside its limits.
             UnknownName: there is no such model.
         """
         if self.tolerance is None and self.time is None:
@@ -112,7 +110,6 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         check_frequency(self.frequency, target)
         check_time(shortest(self.frequency), self.frequency)
         check_simulated((self.object,), target)
-        self.prospect(target)
 
     def required_loads(self) -> RequiredLoads | None:
         return None if self.load is None else RequiredLoads((self.load,))
@@ -144,11 +141,18 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         whose = Owner(ANY, target.scene, target.scene is not None, (target.design.name,))
         return mountings_of(whose, datetime.now(UTC).date())
 
-    def prospect(self, target: Target) -> Prospect:
-        """What is planned, and what it is expected to give. Raises as `check`."""
-        target = with_films(target)
-        references, wanted = self.references_on(target), self.wanted(target)
-        return prospect_of(self, target.design, self.loads_on(target), references, wanted)
+    def course_on(self, target: Target) -> Course:
+        """The course of the measurement by its plan.
+
+        Raises:
+            UsageError: the tolerance needs a scatter of mountings that was never measured.
+            RangeError: not one set fits into the time, or no time on the bench reaches the tolerance; the message names
+                the line that binds, and other ways.
+        """
+        design, loads = target.design, self.loads_on(target)
+        question, references, wanted = self.model_question(design), self.references_on(target), self.wanted(target)
+        prospect = prospect_of(question, self.object.modulus, design, loads, references, wanted)
+        return Course(design, question, curve_of(question, references), wanted, prospect)
 
     def references_on(self, target: Target) -> ByReferences | None:
         """The model's calibration by references; before the bench is open, the one that it probably has."""
@@ -163,17 +167,14 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
 
     def model_question(self, design: Design) -> Question:
         """The question for the model that turns the ratio into the modulus; "auto" is the model that it chooses."""
-        return question_of(design.name, self.model, self.object.thickness)
+        asked = Question(design.name, self.model, settings={"sensed_thickness": self.object.thickness})
+        return replace(asked, model=answering(asked))
 
-    def course(self, lab: Lab) -> Course:
-        """The course of the measurement on an open bench."""
-        target = lab.target
-        return course_of(self, lab.design, self.loads_on(target), self.references_on(target), self.wanted(target))
-
-    def plan(self, target: Target) -> Plan[Step]:
-        """The most load sets that there can be, and what is predicted."""
-        prospect, target = self.prospect(target), with_films(target)
-        wanted = self.wanted(target)
+    def plan(self, target: Target) -> Plan[Step, Course]:
+        """The most load sets that there can be, and what is predicted. Raises as `course_on`."""
+        target = with_films(target)
+        course = self.course_on(target)
+        prospect, wanted = course.prospect, course.wanted
         plan, costs = prospect.allocation, costs_of(prospect.load, self.frequency, target.mounts)
         group = f"mount {self.object.name}"
         each = costs.set + plan.dwell
@@ -190,7 +191,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
         known = {"modulus, scale": prospect.scale_u, "modulus, absolute": prospect.absolute_u}
         results = [Expected(name, each) for name, each in known.items() if each is not None]
-        offered = alternatives(self.model_question(target.design), wanted, prospect, target, self.loads_on(target))
+        offered = alternatives(course.question, wanted, prospect, target, self.loads_on(target))
         told = {
             RESULTS: [asdict(each) for each in results],
             "planned": prospect.summary(),
@@ -198,17 +199,21 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult]):
             "alternatives": [each.summary() for each in offered],
         }
         lines = [*planned_lines(wanted, prospect), *worth_lines(offered)]
-        return Plan(self.name, steps, Predicted(prospect.times.mean, u, told, lines))
+        return Plan(self.name, steps, Predicted(prospect.times.mean, u, told, lines), course)
 
-    def begin(self, lab: Lab, record: Recorder) -> Measuring:
-        return Measuring(lab, record, self.course(lab), self.object)
+    def begin(self, plan: Plan[Step, Course], lab: Lab, record: Recorder) -> Measuring:
+        return Measuring(lab, record, plan.basis, self.object)
 
-    def enough(self, points: Sequence[ModulusPoint], lab: Lab) -> str:
-        """Why the sets so far are enough."""
-        return self.course(lab).verdict(points).why if points else ""
+    def course(self, plan: Plan[Step, Course], points: Sequence[ModulusPoint], lab: Lab) -> Generator[int, None, str]:
+        """The run ends once the sets so far are enough."""
+        for number in range(len(plan.steps)):
+            if points and (why := plan.basis.verdict(points).why):
+                return why
+            yield number
+        return ""
 
-    def evaluate(self, points: Sequence[ModulusPoint], lab: Lab) -> ObjectModulusResult:
-        course = self.course(lab)
+    def evaluate(self, points: Sequence[ModulusPoint], plan: Plan[Step, Course], lab: Lab) -> ObjectModulusResult:
+        course = plan.basis
         stopped = course.verdict(points).why or "the most sets that were planned are taken"
         found = ObjectModulusResult(
             list(points),

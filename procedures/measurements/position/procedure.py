@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -15,7 +15,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
@@ -45,7 +45,7 @@ class PositionStep(Step):
 
 
 @dataclass(frozen=True)
-class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
+class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult, PlaceRepeats | None]):
     """Move a point load along the base of two teeth; find its place and size by the films."""
 
     name = "sweep-position"
@@ -99,41 +99,38 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
             tooth_shares(target.design, sample, _at(target.design, position))
         check_force((self.load,), target.force_limit)
         check_frequency(self.frequency, target)
-        if (repeats := self.repeats(target.design)) is None:
+        if not self._repeated:
             check_time(self.dwell, self.frequency)
-            return
         if self.tolerance is not None:
             _check_tolerance(self.tolerance)
         check_bench_time(self.time, "30 min")
-        repeats.allocations()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads((self.load,), self.extrapolate)
 
-    def repeats(self, design: Design) -> PlaceRepeats | None:
-        """The repeated load sets, where a tolerance or a time is given; None: neither is."""
-        if self.tolerance is None and self.time is None:
-            return None
-        sample, positions = get_sample(self.sample), tuple(self.positions)
-        return PlaceRepeats(design, sample, positions, self.load, self.frequency, self.tolerance, self.time)
+    @property
+    def _repeated(self) -> bool:
+        """Whether load sets are repeated, for a tolerance or to fill a time."""
+        return self.tolerance is not None or self.time is not None
 
-    def plan(self, target: Target) -> Plan[PositionStep]:
+    def plan(self, target: Target) -> Plan[PositionStep, PlaceRepeats | None]:
         """Every position, from left to right; with a tolerance or a time, the most load sets at each."""
-        if repeats := self.repeats(target.design):
-            return self._repeated(repeats)
+        if self._repeated:
+            asked = get_sample(self.sample), tuple(self.positions), self.load, self.frequency
+            return self._of_repeats(PlaceRepeats(target.design, *asked, self.tolerance, self.time))
         steps = [self._step(position, self.dwell, 1) for position in self.positions]
         places = [_at(target.design, position) for position in self.positions]
         found = expected_places(target.design, get_sample(self.sample), places, self.load, self.dwell)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def _repeated(self, repeats: PlaceRepeats) -> Plan[PositionStep]:
-        plans = repeats.allocations()
+    def _of_repeats(self, repeats: PlaceRepeats) -> Plan[PositionStep, PlaceRepeats | None]:
+        plans = repeats.allocations
         steps = [
             self._step(position, plans[position].dwell, number)
             for position in self.positions
             for number in range(1, repeats.most(position) + 1)
         ]
-        return Plan(self.name, steps, repeats.predicted())
+        return Plan(self.name, steps, repeats.predicted(), repeats)
 
     def _step(self, position: float, dwell: float, number: int) -> PositionStep:
         seconds = point_seconds(self.frequency, dwell, first=False)
@@ -144,20 +141,28 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
         group = f"mount sample {self.sample}"
         return PositionStep(dwell, seconds, None, 1e3 * position, what=what, group=group)
 
-    def skips(self, step: PositionStep, points: Sequence[PositionPoint], lab: Lab) -> bool:
-        """Whether a position has the load sets that the tolerance needs, or that the time allows."""
-        repeats = self.repeats(lab.design)
-        return repeats is not None and repeats.has_enough(self.place(step), points)
+    def course(
+        self, plan: Plan[PositionStep, PlaceRepeats | None], points: Sequence[PositionPoint], lab: Lab
+    ) -> Generator[int, None, str]:
+        """Each position ends once it has the load sets that the tolerance needs, or that the time allows."""
+        repeats = plan.basis
+
+        def full(step: PositionStep, own: Sequence[PositionPoint]) -> bool:
+            return repeats is not None and repeats.has_enough(self.place(step), own, points)
+
+        return until_full(plan.steps, points, lambda step: step.position_mm, full)
 
     def place(self, step: PositionStep) -> float:
         """Position of a step [m], to the last digit."""
         return next(place for place in self.positions if 1e3 * place == step.position_mm)
 
-    def begin(self, lab: Lab, record: Recorder) -> Sweeping:
+    def begin(self, plan: Plan[PositionStep, PlaceRepeats | None], lab: Lab, record: Recorder) -> Sweeping:
         return Sweeping(lab, record, self)
 
-    def evaluate(self, points: Sequence[PositionPoint], lab: Lab) -> PositionResult:
-        repeats = self.repeats(lab.design)
+    def evaluate(
+        self, points: Sequence[PositionPoint], plan: Plan[PositionStep, PlaceRepeats | None], lab: Lab
+    ) -> PositionResult:
+        repeats = plan.basis
         if repeats is None:
             return evaluate(points)
         found = [repeats.place(position, points) for position in self.positions]

@@ -7,10 +7,10 @@ the table of point loads is the same in all of them.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -73,6 +73,7 @@ class PlaceRepeats:
     tolerance: float | None
     time: float | None
 
+    @cached_property
     def allocations(self) -> Mapping[float, Allocation]:
         """The plan of each position, by the position.
 
@@ -96,16 +97,18 @@ class PlaceRepeats:
     @property
     def seconds(self) -> float:
         """Bench time of the plan [s]."""
-        return ONCE + math.fsum(plan.seconds for plan in self.allocations().values())
+        return ONCE + math.fsum(plan.seconds for plan in self.allocations.values())
 
     def most(self, position: float) -> int:
         """The most load sets at a position."""
-        return most_sets(self.allocations()[position])
+        return most_sets(self.allocations[position])
 
-    def has_enough(self, position: float, points: Sequence[PositionPoint]) -> bool:
-        """Whether a position needs no further load set, by all points so far."""
-        own = _at(position, points)
-        return bool(own) and (_known(self, position, _shares(own)) or self._late(position, points))
+    def has_enough(self, position: float, own: Sequence[PositionPoint], points: Sequence[PositionPoint]) -> bool:
+        """Whether a position needs no further load set, by its own points and all so far."""
+        if not own:
+            return False
+        shares = _shares(own)
+        return (bool(shares) and self._known(self.allocations[position], shares)) or self._late(position, points)
 
     def place(self, position: float, points: Sequence[PositionPoint]) -> FoundPlace | None:
         """The place that the load sets at a position tell; None: none of them is valid."""
@@ -113,7 +116,7 @@ class PlaceRepeats:
         shares = _shares(own)
         if not shares:
             return None
-        plan = self.allocations()[position]
+        plan = self.allocations[position]
         x = self._located(shares, plan).position
         by_time = self.tolerance is None or len(shares) < first_sets(plan)
         found = answer(self._found_lines(x, shares), plan, 1.0, [self._apart(x, shares, plan)], by_time=by_time).budget
@@ -133,7 +136,7 @@ class PlaceRepeats:
         where = ", ".join(f"{place.position_mm:g}" for place in missed)
         return f"{mm(self.tolerance)} NOT REACHED{within} at {where} mm"
 
-    def known(self, plan: Allocation, shares: Sequence[Shares]) -> bool:
+    def _known(self, plan: Allocation, shares: Sequence[Shares]) -> bool:
         """Whether the shares of all valid sets at a position reach the tolerance, or no time would."""
         if self.tolerance is None:
             return False
@@ -150,7 +153,7 @@ class PlaceRepeats:
             return False
         taken = math.fsum(point.seconds or 0.0 for point in points)
         part = (self.positions.index(position) + 1) / len(self.positions)
-        following = self.costs.set + self.allocations()[position].dwell + RESERVE
+        following = self.costs.set + self.allocations[position].dwell + RESERVE
         return taken + following > ONCE - END + part * (self.time - ONCE)
 
     def _located(self, shares: Sequence[Shares], plan: Allocation, factor: float = 1.0) -> Located:
@@ -192,7 +195,7 @@ class PlaceRepeats:
 
     def predicted(self) -> Predicted:
         """What the sweep is predicted to take and to give; a plan for people."""
-        plans = self.allocations()
+        plans = self.allocations
         worst, plan = max(plans.items(), key=lambda each: each[1].u)
         each = ", ".join(f"{1e3 * x:g}: {one.sets}" for x, one in plans.items())
         dwell = max(one.dwell for one in plans.values())
@@ -234,13 +237,6 @@ def _mean(shares: Sequence[Shares]) -> Shares:
     return math.fsum(left for left, _ in shares) / len(shares), math.fsum(right for _, right in shares) / len(shares)
 
 
-@functools.lru_cache(maxsize=64)
-def _known(asked: PlaceRepeats, position: float, shares: tuple[Shares, ...]) -> bool:
-    """Whether these shares are enough; the same question comes with every step that is left out."""
-    return bool(shares) and asked.known(asked.allocations()[position], shares)
-
-
-@functools.lru_cache(maxsize=16)
 def _allocations(asked: PlaceRepeats) -> dict[float, Allocation]:
     shortest = whole_steps(max(STEP, 1 / asked.frequency))
     if asked.tolerance is not None:

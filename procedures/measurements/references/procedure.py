@@ -130,7 +130,7 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         ratio_u = expected_u(known, moduli, design.ratio_scatter / math.sqrt(len(self.loads)))
         return None if ratio_u is None else statistics.median(sensitivities) * ratio_u
 
-    def begin(self, lab: Lab, record: Recorder) -> Touching:
+    def begin(self, plan: Plan[TouchStep], lab: Lab, record: Recorder) -> Touching:
         check_nameable(lab.bench, "sensor_node")
         for each in self.references:
             if each.simulated is True and not lab.bench.simulated:
@@ -146,7 +146,7 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
                 )
         return Touching(lab, record, self._touches(lab.design))
 
-    def evaluate(self, points: Sequence[SoftnessPoint], lab: Lab) -> ReferencesResult:
+    def evaluate(self, points: Sequence[SoftnessPoint], plan: Plan[TouchStep], lab: Lab) -> ReferencesResult:
         question = self._question(lab.design)
         origin = {
             "thickness_m": self.thickness,

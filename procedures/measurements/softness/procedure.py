@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.object_modulus import estimate
@@ -19,7 +18,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample, parse_samples
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import RESULTS, Expected, greatest, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
@@ -51,7 +50,7 @@ def _samples(text: str) -> tuple[Sample, ...]:
 
 
 @dataclass(frozen=True)
-class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
+class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking | None]):
     """Find the Young modulus of unknown objects from the force ratio, and their order from hard to soft."""
 
     name = "softness"
@@ -98,8 +97,6 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         if self.model not in SLOW:
             estimate(question, [0.5], None)
         check_simulated(self.objects, target)
-        if self.risk is not None:
-            self.ranking(target, self.risk).check()
 
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads)
@@ -107,15 +104,14 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     def dwells(self) -> Dwells:
         return Dwells(self.objects, (min(self.loads), max(self.loads)), self.frequency, self.dwell)
 
-    def ranking(self, target: Target, risk: float) -> Ranking:
-        """The course of a test that ends when the order is known to a risk."""
-        asked = self.objects, tuple(self.loads), self.frequency, self.dwell, risk, self.sets
-        return _ranking(target.design, *asked, target.mounts)
-
-    def plan(self, target: Target) -> Plan[TouchStep]:
+    def plan(self, target: Target) -> Plan[TouchStep, Ranking | None]:
         """All points: every load on every object; with a risk, the most sets of each object."""
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        ranking: Ranking | None = None
         if self.risk is not None:
+            asked = self.objects, tuple(self.loads), self.frequency, self.dwell, self.risk, self.sets
+            ranking = Ranking(target.design, *asked, target.mounts)
+            ranking.check()
             turns = range(1, self.sets + 1)
             sets = [(self.loads[(n - 1) % len(self.loads)], f"set {n} of at most {self.sets}") for n in turns]
         steps = [
@@ -123,13 +119,13 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
             for each in self.objects
             for number, (load, told) in enumerate(sets)
         ]
-        if self.risk is None:
+        if ranking is None:
             taken = {each.name: len(self.loads) for each in self.objects}
             return Plan(self.name, steps, predicted(steps, self._expected(target, taken)))
-        likely = self.ranking(target, self.risk).predicted()
+        likely = ranking.predicted()
         found = self._expected(target, likely.told["planned"]["sets"])
         told = {**likely.told, RESULTS: [asdict(each) for each in found]}
-        return Plan(self.name, steps, replace(likely, u=greatest(found), told=told))
+        return Plan(self.name, steps, replace(likely, u=greatest(found), told=told), ranking)
 
     def _expected(self, target: Target, sets: Mapping[str, int]) -> list[Expected]:
         """What is expected of ratios and moduli, for each object's number of sets, which take the loads in turn."""
@@ -145,19 +141,28 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         what, group = f"{name}, {told}", f"mount {name}"
         return TouchStep(self.dwell, seconds, target.design.ratio_scatter, name, load, what=what, group=group)
 
-    def begin(self, lab: Lab, record: Recorder) -> Touching:
+    def begin(self, plan: Plan[TouchStep, Ranking | None], lab: Lab, record: Recorder) -> Touching:
         return Touching(lab, record, self)
 
-    def skips(self, step: TouchStep, points: Sequence[SoftnessPoint], lab: Lab) -> bool:
-        """Whether the object of a step has enough sets for the order."""
-        return self.risk is not None and self.ranking(lab.target, self.risk).skips(step.object, points)
+    def course(
+        self, plan: Plan[TouchStep, Ranking | None], points: Sequence[SoftnessPoint], lab: Lab
+    ) -> Generator[int, None, str]:
+        """Each object ends once it has enough sets for the order."""
+        ranking = plan.basis
 
-    def evaluate(self, points: Sequence[SoftnessPoint], lab: Lab) -> SoftnessResult:
+        def full(step: TouchStep, _own: Sequence[SoftnessPoint]) -> bool:
+            return ranking is not None and ranking.has_enough(step.object, points)
+
+        return until_full(plan.steps, points, lambda step: step.object, full)
+
+    def evaluate(
+        self, points: Sequence[SoftnessPoint], plan: Plan[TouchStep, Ranking | None], lab: Lab
+    ) -> SoftnessResult:
         question = self.model_question(lab.design)
         found = evaluate(points, lab.design, question, lab.references, lab.same_films)
-        if self.risk is None or not found.softness_order:
+        if plan.basis is None or not found.softness_order:
             return found
-        ranked = self.ranking(lab.target, self.risk).ranked(points)
+        ranked = plan.basis.ranked(points)
         return replace(found, alike=[each.objects for each in ranked.not_told], ranked=ranked)
 
     def model_question(self, design: Design) -> Question:
@@ -167,12 +172,6 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         from palpate.procedures.measurements.softness.report import plot_softness, print_softness
 
         return Report(partial(print_softness, result), partial(plot_softness, result, lab.bench.simulated))
-
-
-@functools.lru_cache(maxsize=8)
-def _ranking(*asked: Any) -> Ranking:
-    """A ranking, which is asked before each step."""
-    return Ranking(*asked)
 
 
 def _ratio(design: Design, each: Sample, question: Question | None) -> float:

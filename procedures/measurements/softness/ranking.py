@@ -91,7 +91,7 @@ class Ranking:
         )
         return Costs(0.0, first - later, later - self.dwell, self.mounts.person)
 
-    def skips(self, name: str, points: Sequence[SoftnessPoint]) -> bool:
+    def has_enough(self, name: str, points: Sequence[SoftnessPoint]) -> bool:
         """Whether an object has enough sets: it is told from those before it, and has what those after it need."""
         ratios = ratios_of(points)
         return len(ratios.get(name, ())) >= self._least(name) and is_told(self.family, ratios, name)

@@ -128,10 +128,10 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
         found = expected_change(target.design, ratio, self.load, self.dwell, steps_of(self.temperatures))
         return Plan(self.name, steps, predicted(steps, found))
 
-    def begin(self, lab: Lab, record: Recorder) -> Sweeping:
+    def begin(self, plan: Plan[TemperatureStep], lab: Lab, record: Recorder) -> Sweeping:
         return Sweeping(lab, record, self)
 
-    def evaluate(self, points: Sequence[TemperaturePoint], lab: Lab) -> TemperatureResult:
+    def evaluate(self, points: Sequence[TemperaturePoint], plan: Plan[TemperatureStep], lab: Lab) -> TemperatureResult:
         return evaluate(points, lab.design)
 
     def report(self, result: TemperatureResult, lab: Lab) -> Report:
