@@ -154,7 +154,10 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
 
 
 def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
-    """The settings of a procedure, in the order of its fields. Raises ConfigError: one cannot be given as text."""
+    """The settings of a procedure, in the order in which its class takes them.
+
+    Raises ConfigError: one cannot be given as text.
+    """
     who = f"procedure {kind.name!r} ({kind.__module__}.{kind.__qualname__})"
     try:
         hints = get_type_hints(kind, include_extras=True)
@@ -162,7 +165,7 @@ def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
         raise ConfigError(
             f"{who}: its annotations cannot be read ({error}); import what they name at the top of its module"
         ) from error
-    named = {each.name: each for each in fields(kind)}
+    named = {each.name: each for each in sorted(fields(kind), key=lambda each: bool(each.kw_only))}
     for name, hint in hints.items():
         if name not in named and get_origin(hint) is not ClassVar and hint is not ClassVar:
             raise ConfigError(

@@ -268,7 +268,7 @@ def test_a_broken_package_and_two_of_one_name_are_told_and_hinder_no_other(
 def test_every_setting_of_ours_is_an_option_that_says_what_it_is_and_a_text_for_its_default(name: str) -> None:
     own = {each.name: each for each in fields(procedure_class(name))}
     asked = asked_of(procedure_class(name))
-    assert [each.name for each in asked] == list(own)
+    assert {each.name for each in asked} == own.keys()
     for each in asked:
         assert each.setting.help.endswith(".")
         if each.default and each.kind is not bool:

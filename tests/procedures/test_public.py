@@ -65,7 +65,7 @@ SIGNATURES = {
     "ObjectModulus": ("object tolerance time relative_to_model model load frequency mountings mounting_scatter"),
     "Plan": "procedure steps likely basis",
     "Predicted": "seconds u told lines",
-    "PositionSweep": "positions sample load dwell frequency extrapolate tolerance time",
+    "PositionSweep": "positions sample load dwell frequency tolerance time extrapolate",
     "Procedure": "",
     "Recorder": "folder header",
     "Reference": "name modulus u source digest sample simulated scene",
