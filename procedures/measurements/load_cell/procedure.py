@@ -122,8 +122,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
         loads = self.loads
         if bad := [load for load in loads if not 0 < load <= target.force_limit]:
             raise RangeError(
-                f"load {bad[0]:g} N is not above 0 and at most {target.force_limit:g} N, the bench's force limit; take other "
-                "weights"
+                f"load {bad[0]:g} N is not above 0 and at most {target.force_limit:g} N, the bench's force limit; take "
+                "other weights"
             )
         if any(later <= load for load, later in pairwise(loads)):
             raise RangeError(f"loads {quoted(loads)} N must increase, and none may repeat; put them in order")
