@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from palpate.procedures.commands import options, texts
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, make_folder, option, output_options
+from palpate.procedures.commands.settings import SettingsCommand
 
 ANY_TIME = 1000.0  # s; each point of the front has a time of its own
 
 
 @click.command(
-    cls=Command,
+    cls=SettingsCommand,
+    procedure="measure-modulus",
+    without=("object", "tolerance", "time", "relative_to_model", "mountings"),
     epilog="Examples:\n\n  palpate accuracy modulus\n\n  palpate accuracy modulus --modulus '48 kPa' --out prices"
     "\n\n  palpate accuracy modulus --sample 2 --mounting-scatter '1 %' --json"
     "\n\n  palpate accuracy modulus --bench lab.toml --modulus '20 kPa' --model surface",
@@ -24,14 +28,6 @@ ANY_TIME = 1000.0  # s; each point of the front has a time of its own
 @options.thickness_option
 @option("--scene", metavar="NAME|FILE", help="Scene of a simulated bench (default: thesis_single).")
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench; nothing is sent to it.")
-@option("--model", metavar="NAME", default="auto", help="Sensor model that turns the ratio into the modulus.")
-@option("--load", callback=texts.quantity("N"), help="Load, peak to peak (default: each plan chooses it).")
-@options.frequency_option
-@option(
-    "--mounting-scatter",
-    callback=texts.quantity("", "1 %"),
-    help="Relative standard deviation of the ratio from mounting to mounting, if it is known.",
-)
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot modulus.png (default: no plot).")
 @output_options
 def modulus_command(
@@ -40,10 +36,7 @@ def modulus_command(
     thickness: float | None,
     scene: str | None,
     bench: Path | None,
-    model: str,
-    load: float | None,
-    frequency: float,
-    mounting_scatter: float | None,
+    settings: Mapping[str, object],
     out: Path | None,
     as_json: bool,
     quiet: bool,
@@ -54,8 +47,10 @@ def modulus_command(
     scale the uncertainty is that of statistics, meshes and films; the absolute one holds the model's validation error,
     too. Nothing is measured.
     """
+    from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
     from palpate.procedures.commands.measure_modulus import object_to_touch
+    from palpate.procedures.engine.settings import made
     from palpate.procedures.lab.chosen import choose
     from palpate.procedures.lab.probable import with_films
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
@@ -66,10 +61,9 @@ def modulus_command(
         with_films(choose(bench, scene).target), model=None
     )  # nothing is simulated: no model must answer for a truth
     known = "4" if sample is None and modulus is None else sample
-    object_ = object_to_touch(target.design, known, modulus, thickness, real=False)
-    asked = ObjectModulus(
-        object_, time=ANY_TIME, model=model, load=load, frequency=frequency, mounting_scatter=mounting_scatter
-    )
+    touched = None if known is None else get_sample(known)
+    object_ = object_to_touch(target.design, touched, modulus, thickness, real=False)
+    asked = made(ObjectModulus, {**settings, "object": object_, "time": ANY_TIME})
     with output.prices():
         asked.check(target)
         question, references = asked.model_question(target.design), asked.references_on(target)

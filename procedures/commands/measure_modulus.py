@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, cast
 
 import click
 
 from palpate.procedures.commands import options, texts
 from palpate.procedures.commands.options import option
+from palpate.procedures.commands.settings import SettingsCommand
 
 if TYPE_CHECKING:
     from palpate.instrument.sensor.design import Design
@@ -16,45 +18,26 @@ if TYPE_CHECKING:
 
 @click.command(
     "modulus",
-    cls=options.Command,
+    cls=SettingsCommand,
+    procedure="measure-modulus",
+    optional=("object",),
     epilog="Examples:\n\n  palpate measure modulus --sample 4 --tolerance '5 %' --relative-to-model"
     "\n\n  palpate measure modulus --modulus '60 kPa' --time '2 min' --json"
     "\n\n  palpate measure modulus --bench lab.toml --tolerance '20 %' --dry-run",
 )
-@option("--tolerance", callback=texts.share, help="Relative standard uncertainty of the modulus, absolute.")
-@option("--time", callback=texts.bench_time("2 min"), help="Bench time that is not exceeded, mountings included.")
-@option("--relative-to-model", is_flag=True, help="The tolerance is about the model's scale, not absolute.")
-@option("--sample", help="Rubber sample.")
 @option(
     "--modulus",
     callback=texts.quantity("Pa", positive=True),
     help="Young modulus of an unknown object; on a real bench a guess.",
 )
 @options.thickness_option
-@option("--model", metavar="NAME", default="auto", help="Sensor model that turns the ratio into the modulus.")
-@option("--load", callback=texts.quantity("N"), help="Load, peak to peak (default: the plan chooses it).")
-@options.frequency_option
-@option("--mountings", type=click.INT, help="How often the object is mounted (default: the plan chooses it).")
-@option(
-    "--mounting-scatter",
-    callback=texts.quantity("", "1 %"),
-    help="Relative standard deviation of the ratio from mounting to mounting, if it is known.",
-)
 @options.DRY_RUN
 @options.bench_options
 @options.budget_option
 def modulus(
-    tolerance: float | None,
-    time: float | None,
-    relative_to_model: bool,
-    sample: str | None,
     modulus: float | None,
     thickness: float | None,
-    model: str,
-    load: float | None,
-    frequency: float,
-    mountings: int | None,
-    mounting_scatter: float | None,
+    settings: Mapping[str, object],
     dry_run: bool,
     choice: options.Choice,
     output: options.Output,
@@ -68,26 +51,24 @@ def modulus(
     from palpate.instrument.additions import check_ours
     from palpate.procedures.commands.procedures import chosen_by, measure, plan
     from palpate.procedures.engine.known import GROUP, WHAT
+    from palpate.procedures.engine.settings import made
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 
     check_ours(GROUP, WHAT, ["modulus"])  # the command's name is reserved
     design = chosen_by(choice).target.design
+    sample = cast("Sample | None", settings.get("object"))
     touched = object_to_touch(design, sample, modulus, thickness, real=choice.bench is not None)
-    procedure = ObjectModulus(
-        touched, tolerance, time, relative_to_model, model, load, frequency, mountings, mounting_scatter
-    )
-    (plan if dry_run else measure)(procedure, choice, output)
+    (plan if dry_run else measure)(made(ObjectModulus, {**settings, "object": touched}), choice, output)
 
 
 def object_to_touch(
-    design: Design, sample: str | None, modulus: float | None, thickness: float | None, real: bool
+    design: Design, sample: Sample | None, modulus: float | None, thickness: float | None, real: bool
 ) -> Sample:
     """The object to mount.
 
     Raises UsageError: sample and modulus are both given, or neither for a simulated bench; or a sample and a thickness.
     """
     from palpate.instrument.errors import UsageError
-    from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.measurements.object_modulus.procedure import UNKNOWN
     from palpate.procedures.measurements.softness.procedure import unknown_object
 
@@ -95,7 +76,7 @@ def object_to_touch(
         raise UsageError("--sample and --modulus: give either a sample or the modulus of an unknown object, not both")
     thick = options.unknown_thickness(thickness, sample)
     if sample is not None:
-        return get_sample(sample)
+        return sample
     if modulus is None and not real:
         raise UsageError("--sample or --modulus is missing: name the object that the simulated bench touches")
     return unknown_object(design, thick, UNKNOWN if modulus is None else modulus, "unknown" if real else None)

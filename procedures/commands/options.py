@@ -14,7 +14,7 @@ from typing import TypeVar, cast
 import click
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.commands.texts import loads, quantity, share
+from palpate.procedures.commands.texts import quantity, share
 from palpate.procedures.console.progress import Progress, shown, silent
 from palpate.procedures.console.terminal import say
 
@@ -79,14 +79,10 @@ DRY_RUN = option(
     help="Print what would be done, how long it takes and how uncertain results are; send nothing.",
 )
 
-# Options for a point; each value is a text.
-sample_option = option("--sample", default="1", help="Rubber sample.")
-load_option = option("--load", callback=quantity("N"), default="2 N", help="Load, peak to peak.")
 dwell_option = option("--dwell", callback=quantity("s"), default="1 s", help="Time over which each point is averaged.")
 thickness_option = option(
     "--thickness", callback=quantity("m", positive=True), help="Thickness of an unknown object (default: 3 mm)."
 )
-frequency_option = option("--frequency", callback=quantity("Hz"), default="10 Hz", help="Frequency of the load.")
 
 
 def unknown_thickness(given: float | None, samples: object) -> float:
@@ -99,20 +95,6 @@ def unknown_thickness(given: float | None, samples: object) -> float:
             "--thickness is that of an unknown object, and a sample has its own; leave it out, or give --modulus"
         )
     return UNKNOWN_THICKNESS if given is None else given
-
-
-def loads_option(default: str | None) -> Callable[[F], F]:
-    """The option --loads of a procedure that makes a load set of each load, also of a repeated one."""
-    text = "first:last:step or a list; peak to peak. A load may be repeated."
-    if default is None:
-        text += " Default: those of the thesis' tables of this sensor."
-    return option("--loads", callback=loads, default=default, help=text)
-
-
-def extrapolate_option(command: F) -> F:
-    """Add the option --extrapolate, which the command gets as `extrapolate`."""
-    text = "Allow loads outside the load cell's calibrated range."
-    return option("--extrapolate", is_flag=True, help=text)(command)
 
 
 assume_option = option(

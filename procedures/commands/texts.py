@@ -7,14 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import click
 
 from palpate.instrument.errors import PalpateError, UsageError
-
-if TYPE_CHECKING:
-    from palpate.procedures.measurements.references.reference import Reference
 
 T = TypeVar("T")
 Callback = Callable[[click.Context, click.Parameter, str | None], T | None]
@@ -49,17 +46,6 @@ def quantity(unit: str, example: str = "", *, positive: bool = False) -> Callbac
         if positive:
             _check_positive([text], [value])
         return value
-
-    return _callback(read)
-
-
-def bench_time(example: str) -> Callback[float]:
-    """A time [s] that messages quote as it was typed, such as "2 min"."""
-
-    def read(text: str) -> float:
-        from palpate.instrument.quantity import Typed, parse
-
-        return Typed(parse(text, "s", example), text.strip())
 
     return _callback(read)
 
@@ -112,32 +98,3 @@ def samples(text: str) -> tuple[str, ...]:
     from palpate.instrument.sensor.sample import parse_samples
 
     return parse_samples(text)
-
-
-@_callback
-def loads(text: str) -> tuple[float, ...]:
-    from palpate.procedures.steps.checks import parse_loads
-
-    return parse_loads(text)
-
-
-def references(_context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> tuple[Reference, ...]:
-    """Objects of known modulus, one for each time that the option is given."""
-    from palpate.procedures.measurements.references.reference import read_reference
-
-    read = _callback(read_reference)
-    return tuple(found for text in given if (found := read(_context, option, text)) is not None)
-
-
-@_callback
-def positions(text: str) -> tuple[float, ...]:
-    from palpate.procedures.steps.checks import parse_steps
-
-    return parse_steps(text, "m", "positions", "0 mm:24 mm:2 mm")
-
-
-@_callback
-def frequencies(text: str) -> tuple[float, ...]:
-    from palpate.procedures.measurements.frequency.procedure import parse_frequencies
-
-    return parse_frequencies(text)

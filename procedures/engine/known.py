@@ -1,4 +1,7 @@
-"""All known procedures by name: palpate's own, and those that installed packages add."""
+"""All known procedures by name: palpate's own, and those that installed packages add.
+
+Their names are known at once; a class is imported, with all that a procedure needs, when it is asked for.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.additions import Addition, addition, additions, check_ours, load_addition, unusable
 from palpate.instrument.errors import UnknownName, UsageError
-from palpate.procedures.engine.plan import Step
-from palpate.procedures.engine.procedure import P, Procedure, R, S
-from palpate.procedures.engine.result import Result
-from palpate.procedures.records.run import Run
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+
+    from palpate.procedures.engine.plan import Step
+    from palpate.procedures.engine.procedure import P, Procedure, R, S
+    from palpate.procedures.engine.result import Result
+    from palpate.procedures.records.run import Run
 
 GROUP, WHAT = "palpate.procedures", "procedure"
 SHIPPED = {
@@ -44,6 +48,8 @@ def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result
         UnknownName: there is no procedure of that name.
         ConfigError: the package that adds it cannot be used.
     """
+    from palpate.procedures.engine.procedure import Procedure
+
     if name in SHIPPED:
         check_ours(GROUP, WHAT, [name])  # so that a package cannot replace it
         added: Addition | None = Addition(name, SHIPPED[name], "palpate", "")
@@ -79,6 +85,8 @@ def class_before(run: Run, kind: type[Procedure[Any, Any, Any]]) -> type[Procedu
 
     A script may have defined it: then it is known as soon as the script has. Raises as `class_of` does.
     """
+    from palpate.procedures.engine.procedure import Procedure
+
     defined: list[type[Procedure[Any, Any, Any]]] = [kind, *reversed(Procedure.__subclasses__())]
     for each in defined:
         if getattr(each, "name", None) == run.procedure and run.procedure not in names():

@@ -17,8 +17,8 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
      enough: `plan` then lists the most steps, and its `basis` is what `course` and `evaluate` judge them by;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
-5. If the fields do not suffice as options, a command of its own makes the procedure of its options; the decorator
-   `commands.conducts.conducts` carries it out.
+5. A shorter name, a longer help and a scene of its own are said in `commands/` by `commands.settings.conducting`; its
+   options come from the fields. Where these do not suffice, a command of class `SettingsCommand` adds options.
 
 The engine does the rest (`engine/conduct.py`): it stores each point before it shows it, pauses, resumes and replays.
 A procedure never changes; the work holds the state from step to step.

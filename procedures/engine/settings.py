@@ -2,16 +2,19 @@
 
 load: Annotated[float, Setting("N", "Load, peak to peak.")] = 2.0
 
-In a script and in a record a setting is a number in this unit; on the command line it is a text, such as "200 gf".
+In a script and in a record a setting is a number in this unit; on the command line it is a text, such as "200 gf". Its
+option is made from its field alone (`commands/settings.py`).
 """
 
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields
+from itertools import pairwise
 from types import UnionType
-from typing import Annotated, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -23,7 +26,10 @@ from palpate.procedures.steps.checks import parse_steps
 
 SHOWN = 6  # greatest number of values of a default in a help text
 EXAMPLE = "1 {0}:3 {0}:0.5 {0}"
+PLAIN = {float: "NUMBER", int: "INTEGER"}
 KINDS = "a float, int, bool, str, Literal of texts, a tuple[..., ...] of one of them, or one of them or None"
+
+T = TypeVar("T", bound="Procedure[Any, Any, Any]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +39,26 @@ class Setting:
     Attributes:
         unit: unit of its numbers; empty: plain numbers.
         help: a sentence that describes it, for people.
-        read: makes its value from a text; needed for values that are no text, number or bool.
+        read: makes from a text what is annotated: in `Annotated[tuple[X, ...], Setting(...)]` the whole list, in
+            `tuple[Annotated[X, Setting(...)], ...]` each of its values. Needed for values that are no text, number or
+            bool.
+        option: its option, where that is not named as the field, such as "--class"; empty: "--" and the field's name.
+        metavar: what stands for its text in help; empty: its unit or kind.
+        default: its default as people write it; empty: made from its value.
+        example: a text that would be right, for messages; empty: its default, or any of that unit.
+        repeated: whether each value of a list is given by an option of its own; False: with commas, in one option.
+        determines: the field that it determines, which can then not be given as text beside it; empty: none.
     """
 
     unit: str = ""
     help: str = ""
     read: Callable[[str], object] | None = None
+    option: str = ""
+    metavar: str = ""
+    default: str = ""
+    example: str = ""
+    repeated: bool = False
+    determines: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +67,10 @@ class Asked:
 
     Attributes:
         name: name of the field.
+        option: its option.
         kind: type of its value, or of each value of a list; `str` if the setting reads it.
-        many: whether it is a list.
+        many: whether the texts of several values are read one by one.
+        metavar: what stands for its text in help.
         choices: the allowed texts; empty: any.
         setting: its unit and description.
         default: its default as a text for people; empty: it has none.
@@ -56,15 +78,30 @@ class Asked:
     """
 
     name: str
+    option: str
     kind: type[float] | type[int] | type[str] | type[bool]
     many: bool
+    metavar: str
     choices: tuple[str, ...]
     setting: Setting
     default: str
     required: bool
 
-    def value(self, text: str) -> object:
-        """The value that a text stands for. Raises UsageError: the text is not allowed."""
+    def value(self, given: str | bool | tuple[str, ...]) -> object:
+        """The value that a text stands for; of a repeated option, its texts; of a flag, whether it is given.
+
+        Raises UsageError, which names the option: a text is not allowed.
+        """
+        if isinstance(given, bool):
+            return given
+        try:
+            if isinstance(given, tuple):
+                return tuple(self._one(text) for text in given)
+            return self._read(given)
+        except PalpateError as error:
+            raise error if self.option in str(error) else UsageError(f"{self.option}: {error}") from None
+
+    def _read(self, text: str) -> object:
         if not self.many:
             return self._one(text)
         if self.kind is float and ":" in text:
@@ -80,7 +117,7 @@ class Asked:
             except (TypeError, ValueError) as error:  # a package's own function need not know palpate's errors
                 raise UsageError(f"{text[:100]!r}: {error}") from error
         if self.kind is float:
-            return parse(text, self.setting.unit, "" if self.many else self.default)
+            return parse(text, self.setting.unit, self.setting.example or ("" if self.many else self.default))
         if self.kind is int:
             try:
                 return int(text)
@@ -117,7 +154,10 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
 
 
 def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
-    """The settings of a procedure, in the order of its fields. Raises ConfigError: one cannot be given as text."""
+    """The settings of a procedure, in the order in which its class takes them.
+
+    Raises ConfigError: one cannot be given as text.
+    """
     who = f"procedure {kind.name!r} ({kind.__module__}.{kind.__qualname__})"
     try:
         hints = get_type_hints(kind, include_extras=True)
@@ -125,7 +165,7 @@ def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
         raise ConfigError(
             f"{who}: its annotations cannot be read ({error}); import what they name at the top of its module"
         ) from error
-    named = {each.name: each for each in fields(kind)}
+    named = {each.name: each for each in sorted(fields(kind), key=lambda each: bool(each.kw_only))}
     for name, hint in hints.items():
         if name not in named and get_origin(hint) is not ClassVar and hint is not ClassVar:
             raise ConfigError(
@@ -134,9 +174,9 @@ def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
     return tuple(_asked(each, hints[name], who) for name, each in named.items() if each.init)
 
 
-def made(kind: type[Procedure[S, P, R]], values: Mapping[str, object]) -> Procedure[S, P, R]:
+def made(kind: type[T], values: Mapping[str, object]) -> T:
     """A procedure with these settings, and defaults for the others. Raises UsageError: it refuses them."""
-    make: Callable[..., Procedure[S, P, R]] = kind
+    make: Callable[..., T] = kind
     try:
         return make(**values)
     except PalpateError:
@@ -148,8 +188,9 @@ def made(kind: type[Procedure[S, P, R]], values: Mapping[str, object]) -> Proced
 def _asked(field: Field[object], hint: object, who: str) -> Asked:
     where = f"{who}: field {field.name!r}"
     bare, setting = _unwrapped(hint)
-    many = get_origin(bare) is tuple
-    if many:
+    listed = get_origin(bare) is tuple
+    many = listed and (setting is None or setting.read is None)  # else it reads the whole list
+    if listed:
         each, *rest = get_args(bare)
         bare, own = _unwrapped(each) if rest == [...] else (None, None)
         setting = setting or own
@@ -167,14 +208,25 @@ def _asked(field: Field[object], hint: object, who: str) -> Asked:
             " plain number"
         )
     setting = setting or Setting()
-    if setting.unit and kind is not float:
+    if setting.unit and bare is not float:
         raise ConfigError(f"{where} is of kind {kind.__name__} and has the unit {setting.unit!r}; make it a float")
     try:
         default = _default(field)
     except Exception as error:  # whatever a package does there
         raise ConfigError(f"{where} has no default: its factory fails ({type(error).__name__}: {error})") from error
     required = default is MISSING
-    return Asked(field.name, kind, many, choices, setting, "" if required else _shown(default, setting.unit), required)
+    one = "|".join(choices) or (f"<{setting.unit}>" if setting.unit else PLAIN.get(kind, "TEXT"))
+    return Asked(
+        field.name,
+        setting.option or "--" + field.name.strip("_").replace("_", "-"),
+        kind,
+        many,
+        setting.metavar or (f"{one},..." if listed and not setting.repeated else one),
+        choices,
+        setting,
+        "" if required else setting.default or _shown(default, setting.unit),
+        required,
+    )
 
 
 def _default(field: Field[object]) -> object:
@@ -201,6 +253,13 @@ def _shown(value: object, unit: str) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, tuple):
+        if unit and len(value) > 2 and _evenly(value):
+            return ":".join(f"{each:.9g} {unit}" for each in (value[0], value[-1], value[1] - value[0]))
         texts = [_shown(each, unit) for each in value]
         return ", ".join(texts if len(texts) <= SHOWN else [*texts[: SHOWN - 2], "...", texts[-1]])
     return show(value, unit) if isinstance(value, float) or (unit and isinstance(value, int)) else str(value)
+
+
+def _evenly(values: tuple[float, ...]) -> bool:
+    steps = [after - before for before, after in pairwise(values)]
+    return steps[0] > 0 and all(math.isclose(step, steps[0]) for step in steps)

@@ -1,16 +1,35 @@
-"""Settings that several procedures have."""
+"""Settings that several procedures have: what each means is said here, for scripts and for the command line."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
+from palpate.instrument.quantity import parse_tolerance
 from palpate.procedures.engine.settings import Setting
+from palpate.procedures.steps.checks import parse_bench_time
 
 SampleName = Annotated[str, Setting(help="Rubber sample.")]
 PeakLoad = Annotated[float, Setting("N", "Load, peak to peak.")]
-PeakLoads = Annotated[tuple[float, ...], Setting("N", "Loads, peak to peak.")]
-LoadSets = Annotated[tuple[float, ...], Setting("N", "Loads, peak to peak; a repeated one is a set of its own.")]
+PeakLoads = Annotated[tuple[float, ...], Setting("N", "Loads, peak to peak: first:last:step or a list.")]
+LoadSets = Annotated[
+    tuple[float, ...], Setting("N", "Loads, peak to peak: first:last:step or a list. A load may be repeated.")
+]
 DwellTime = Annotated[float, Setting("s", "Time over which each point is averaged.")]
 Frequency = Annotated[float, Setting("Hz", "Frequency of the load.")]
-Extrapolate = Annotated[bool, Setting(help="Let loads pass that lie outside the calibrated range.")]
+Extrapolate = Annotated[bool, Setting(help="Allow loads outside the load cell's calibrated range.")]
 ValidDays = Annotated[int, Setting(help="Days until the calibration expires.")]
+
+
+def share(text: str, determines: str = "") -> Setting:
+    """A share, such as "5 %", that is above 0 and at most 0.5. `text` describes it; `determines` is as of `Setting`."""
+    return Setting(help=text, read=parse_tolerance, metavar="SHARE", determines=determines)
+
+
+def bench_time(text: str, determines: str = "") -> Setting:
+    """A bench time [s]. `text` describes it; `determines` is as of `Setting`."""
+    return Setting("s", text, parse_bench_time, determines=determines)
+
+
+def model_name(text: str) -> Setting:
+    """The name of a sensor model. `text` describes it."""
+    return Setting(help=text, metavar="NAME")

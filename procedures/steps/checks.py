@@ -9,7 +9,7 @@ from typing import Protocol
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import MOST_QUOTED, RangeError, UnreachableError, quoted
-from palpate.instrument.quantity import as_typed, parse, parse_list, show
+from palpate.instrument.quantity import Typed, as_typed, parse, parse_list, show
 from palpate.instrument.sensor.load import check_force as check_felt
 from palpate.instrument.signals.dwell import LONGEST, check_dwell
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
@@ -66,6 +66,11 @@ def parse_steps(text: str, unit: str, name: str, example: str, repeated: bool = 
 
 
 _ORDER = {False: "must be increasing and distinct", True: "must not decrease; a repeated one is a load set of its own"}
+
+
+def parse_bench_time(text: str) -> float:
+    """A bench time [s] that messages quote as it was typed, such as "2 min". Raises QuantityError: it is no time."""
+    return Typed(parse(text, "s", "30 min"), text.strip())
 
 
 def check_bench_time(time: float | None, example: str) -> None:

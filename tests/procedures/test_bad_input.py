@@ -28,12 +28,8 @@ def nothing_in_runs() -> bool:
     [
         (("model", "modulus", "--force-ratio", "x"), "'x' is not a quantity; write for example '0.3'"),
         (("test", "modulus", "--sample", "1", "--strain", "x"), "quantity; write for example '30 %'"),
-        (("measure", "test-modulus", "--sample", "1", "--strain", "x"), "quantity; write for example '0.3'"),
         (("sweep", "frequency", "--frequencies", "1 Hz:9 Hz:x"), "quantity; write for example '16'"),
-        (
-            ("measure", "calibrate-load-cell", "--positions", "x"),
-            "--positions: 'x' is not a quantity; give a plain number",
-        ),
+        (("calibrate", "load-cell", "--positions", "x"), "--positions: 'x' is not a quantity; write for example '120'"),
     ],
 )
 def test_the_example_of_a_plain_number_is_one_of_use(words: tuple[str, ...], remedy: str, palpate: Palpate) -> None:
@@ -51,8 +47,8 @@ def test_the_example_of_a_plain_number_is_one_of_use(words: tuple[str, ...], rem
         ("--loads", "nan N", "'nan N'"),
         ("--loads", "inf N", "'inf N'"),
         ("--loads", "1e400 N", "'1e400 N' is not finite"),
-        ("--loads", "-1 N", "loads must be above zero"),
-        ("--loads", "0 N", "loads must be above zero"),
+        ("--loads", "-1 N", "load -1 N peak to peak is not above zero"),
+        ("--loads", "0 N", "load 0 N peak to peak is not above zero"),
         ("--loads", "2 N,1 N", "must not decrease"),
         ("--loads", "1 N,,2 N", "'' is not a quantity"),
         ("--loads", "1.5 N:4 N", "give first:last:step"),

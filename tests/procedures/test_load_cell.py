@@ -188,9 +188,9 @@ def test_creep_comes_with_its_time_constant_and_goes_with_the_weight() -> None:
     [
         (("--loads", "140 gf, 240 gf"), "2 loads cannot give a curve of degree 1 and its uncertainty; use at least 3"),
         (("--loads", "1 N, 2 N, 3 N", "--degree", "2"), "3 loads cannot give a curve of degree 2"),
-        (("--loads", "0 gf:300 gf:100 gf"), "loads must be above zero"),
+        (("--loads", "0 gf:300 gf:100 gf"), "load 0 N is not above 0 and at most 10 N"),
         (("--loads", "1 N, 2 N, 2 N"), "none may repeat"),
-        (("--loads", "1 N, 2 N, 30 N"), "load 30 N is outside 0 to 10 N, the bench's force limit"),
+        (("--loads", "1 N, 2 N, 30 N"), "load 30 N is not above 0 and at most 10 N, the bench's force limit"),
         (("--runs", "0"), "0 runs give no reading"),
         (("--positions", "0,120,0"), "must be distinct, from 0 to below 360 degrees"),
         (("--positions", "0,north"), "'north' is not a quantity"),

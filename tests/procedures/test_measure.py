@@ -8,14 +8,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import ClassVar
 
 import pytest
 from click.testing import CliRunner
 
-from palpate.procedures.commands.measure import command_of
 from palpate.procedures.commands.root import palpate as root
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import SHIPPED, procedure_class
@@ -93,6 +92,25 @@ def test_json_has_numbers_of_numpy_and_null_for_nan_as_the_record_has(install: I
     found = palpate(*RELAX, "--readings", "1", "--out", "run", "--json").object
     assert (found["points"][0]["load_N"], found["relaxed"]) == (None, None)
     assert [point["load_N"] for point in Run.open(Path("run")).points()] == [None]
+
+
+SHARED = """
+@dataclass(frozen=True, kw_only=True)
+class Resting(Relaxation):
+    rest: Annotated[float, palpate.Setting("s", "Rest before each reading.")] = 0.0
+class First(Resting):
+    name = "first"
+class Second(Resting):
+    name = "second"
+"""
+
+
+def test_a_setting_of_a_base_class_is_an_option_of_all_its_procedures(install: Install, palpate: Palpate) -> None:
+    names = {"first": "acme_shared:First", "second": "acme_shared:Second"}
+    install("acme-lab", GROUP, names, acme_shared=RELAXATION + SHARED)
+    for name in names:
+        assert "--rest <s>" in palpate("measure", name, "--help").out
+        assert "--rest: '1 N' is in N where s belongs" in palpate("measure", name, "--rest", "1 N").complaint
 
 
 MORE = """
@@ -247,32 +265,51 @@ def test_a_broken_package_and_two_of_one_name_are_told_and_hinder_no_other(
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_setting_of_ours_is_an_option_that_says_what_it_is(name: str) -> None:
+def test_every_setting_of_ours_is_an_option_that_says_what_it_is_and_a_text_for_its_default(name: str) -> None:
+    own = {each.name: each for each in fields(procedure_class(name))}
     asked = asked_of(procedure_class(name))
-    assert [each.name for each in asked] == [each.name for each in fields(procedure_class(name))]
-    assert all(each.setting.help.endswith(".") for each in asked)
-    assert command_of(name).help
-
-
-def test_ours_do_by_measure_what_they_do_by_their_own_command(palpate: Palpate) -> None:
-    settings = ("--samples", "1,3", "--loads", "2 N:3 N:0.5 N", "--tolerance", "5 %", "--dry-run", "--json")
-    own, found = (palpate(*words, *settings).object for words in (("sweep", "loads"), ("measure", "sweep-loads")))
-    assert len(found["points"]) == 6
-    assert found == own
+    assert {each.name for each in asked} == own.keys()
+    for each in asked:
+        assert each.setting.help.endswith(".")
+        if each.default and each.kind is not bool:
+            field = own[each.name]
+            default = field.default if field.default_factory is MISSING else field.default_factory()
+            assert each.value(each.default) == default
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("sweep-loads", "--samples", "1, 1"), "samples ['1', '1']: one is named twice"),
+        (
+            ("sweep", "loads", "--dwell", "1 s", "--tolerance", "3 %"),
+            "--dwell and --tolerance: the tolerance determines",
+        ),
+        (("calibrate", "load-cell", "--degree", "3"), "--degree: unknown degree '3'; valid: 1, 2, auto"),
+        (("calibrate", "model", "--reference", "A: 48 kPa"), "--reference: 'A: 48 kPa' lacks the unit or the standard"),
+        (("softness", "--samples", "9"), "--samples: unknown sample '9'"),
+    ],
+)
+def test_our_commands_refuse_a_text_by_the_name_of_its_option(
+    palpate: Palpate, benches: Benches, words: tuple[str, ...], message: str
+) -> None:
+    assert message in refused(palpate(*words), benches)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("sweep-loads", "--samples", "1, 1"), "--samples: sample '1' is named twice in '1, 1'"),
         (("sweep-loads", "--loads", "3 N, 2 N"), "loads 3 N, 2 N must not decrease"),
         (
             ("calibrate-films", "--loads", "2 N, 2 N, 3 N"),
             "2 loads cannot show linearity and scatter",
         ),
         (("characterise", "--loads", "3 N, 2 N, 4 N"), "loads 3 N, 2 N, 4 N must be increasing"),
-        (("softness", "--objects", "1", "--loads", "3 N, 2 N"), "loads 3 N, 2 N must not decrease"),
-        (("sweep-frequency", "--frequencies", "2 Hz, 1 Hz, 3 Hz"), "frequencies 2 Hz, 1 Hz, 3 Hz must be increasing"),
+        (("softness", "--samples", "1", "--loads", "3 N, 2 N"), "loads 3 N, 2 N must not decrease"),
+        (
+            ("sweep-frequency", "--frequencies", "2 Hz, 1 Hz, 3 Hz"),
+            "frequencies '2 Hz, 1 Hz, 3 Hz': they must increase",
+        ),
         (
             ("sweep-position", "--scene", "thesis_common_base", "--positions", "9 mm, 6 mm"),
             "positions 9 mm, 6 mm must be increasing",

@@ -69,7 +69,10 @@ def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can()
         (("--time", "0 s"), "--time 0 s is not above 0"),
         (("--time", "300 h"), "holds 46104 load sets at each of 13 positions, above the limit of 10000"),
         (("--time", "1e300 s"), "a bench time of"),
-        (("--dwell", "1 s", "--time", "1 h"), "these determine the dwell; leave --dwell out"),
+        (
+            ("--dwell", "1 s", "--time", "1 h"),
+            "--dwell and --time: the time determines the dwell; give only one of them",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_before_a_bench_starts(

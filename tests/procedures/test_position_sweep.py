@@ -35,7 +35,7 @@ def test_a_load_between_the_teeth_is_found_with_its_size(palpate: Palpate) -> No
     ("arguments", "message"),
     [
         (("--positions", "12 mm"), "1 position cannot make a sweep; give 2 or more"),
-        (("--positions", "12 mm, 6 mm"), "positions must be increasing and distinct"),
+        (("--positions", "12 mm, 6 mm"), "positions 12 mm, 6 mm must be increasing and distinct"),
         (("--positions", "0 mm:26 mm:2 mm"), "position 26 mm is off the sensor, which reaches from 0 to 24 mm"),
         (("--positions", "1 N, 2 N"), "'1 N' is in N where m belongs"),
         (("--scene", "thesis_single"), "point loads are known for design 'common_base'"),

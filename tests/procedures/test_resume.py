@@ -118,7 +118,7 @@ def test_every_procedure_is_found_by_the_name_in_its_header() -> None:
     assert [procedure.name for procedure in found.values()] == list(found)
     on_real_benches = {name for name, procedure in found.items() if procedure.resumable_on_real_bench}
     assert on_real_benches == {"sweep-loads", "sweep-frequency", "measure-modulus"}
-    loads = LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, None, True)
+    loads = LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, extrapolate=True)
     assert settings_from(LoadSweep, loads) == loads
     unknown = SoftnessTest((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment")
     assert settings_from(SoftnessTest, unknown) == unknown

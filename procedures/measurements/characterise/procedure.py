@@ -32,7 +32,7 @@ from palpate.procedures.measurements.characterise.result import (
 )
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.prospects import expected_ratio
-from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName
+from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName, bench_time, share
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
@@ -68,13 +68,18 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
     loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5)
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
-    drift_time: Annotated[float, Setting("s", "Time for which the middle load is held.")] = 300.0
+    drift_time: Annotated[float, Setting("s", "How long the middle load is held to see drift.", default="5 min")] = (
+        300.0
+    )
     tolerance: Annotated[
         float | None,
-        Setting(help="Relative standard uncertainty of each film's force sensitivity: loads up are repeated."),
+        share(
+            "Relative standard uncertainty of each film's force sensitivity: the loads up are repeated until all have"
+            " it."
+        ),
     ] = None
     time: Annotated[
-        float | None, Setting("s", "Bench time, which is filled with repeated loads up and not exceeded.")
+        float | None, bench_time("Bench time, which is filled with repeated loads up and not exceeded.")
     ] = None
 
     def check(self, target: Target) -> None:

@@ -32,7 +32,7 @@ from palpate.procedures.measurements.films.repeats import FilmRepeats
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.prospects import load_cell_of
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, share
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.films import check_nodes
@@ -60,15 +60,13 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
     manual_work = "stands the pin on the teeth"
 
     loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
-    frequencies: Annotated[tuple[float, ...], Setting("Hz", "Frequencies of the load.")] = (10.0,)
+    frequencies: Annotated[tuple[float, ...], Setting("Hz", "Frequencies of the load, with commas.")] = (10.0,)
     dwell: DwellTime = 1.0
     valid_days: ValidDays = 365
     extrapolate: Extrapolate = False
     tolerance: Annotated[
         float | None,
-        Setting(
-            help="Relative standard uncertainty of each film's sensitivity: the loads are repeated until it is reached."
-        ),
+        share("Relative standard uncertainty of each film's sensitivity: --loads are repeated until it is reached."),
     ] = None
 
     def check(self, target: Target) -> None:

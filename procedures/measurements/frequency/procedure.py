@@ -16,11 +16,10 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.frequency_response import TACTILE, phase_lead
 from palpate.procedures.engine.plan import Plan, Step, first_steps, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.frequency.expected import expected_corners
 from palpate.procedures.measurements.frequency.result import (
     FEWEST,
@@ -30,7 +29,8 @@ from palpate.procedures.measurements.frequency.result import (
     evaluate,
 )
 from palpate.procedures.measurements.prospects import expected_ratio, load_cell_of
-from palpate.procedures.measurements.settings import Extrapolate, PeakLoad, SampleName
+from palpate.procedures.measurements.settings import PeakLoad, SampleName
+from palpate.procedures.measurements.sweep import Sweep, SweepWork
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import (
     check_end,
@@ -58,21 +58,25 @@ class FrequencyStep(Step):
 
 
 @dataclass(frozen=True)
-class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
+class FrequencySweep(Sweep[FrequencyStep, FrequencyPoint, FrequencyResult]):
     """Find gain and phase of each film over frequency, the charge amplifiers' corner, and a resonance."""
 
     name = "sweep-frequency"
     point = FrequencyPoint
     resumable_on_real_bench = True
-    pausable = True
 
-    frequencies: Annotated[tuple[float, ...], Setting("Hz", "Increasing frequencies of the load.")] = field(
-        default_factory=lambda: parse_frequencies(DEFAULT)
-    )
+    frequencies: Annotated[
+        tuple[float, ...],
+        Setting(
+            "Hz",
+            "Frequencies of the load: first:last:count, logarithmic, or a list.",
+            parse_frequencies,
+            default=DEFAULT,
+        ),
+    ] = field(default_factory=lambda: parse_frequencies(DEFAULT))
     sample: SampleName = "1"
     load: PeakLoad = 2.0
-    dwell: Annotated[float, Setting("s", "Shortest time at a point; three cycles at least.")] = 1.0
-    extrapolate: Extrapolate = False
+    dwell: Annotated[float, Setting("s", "Shortest time at a point; at least three cycles.")] = 1.0
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
@@ -123,13 +127,13 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(DynamicLoadWork):
+class Sweeping(SweepWork):
     """The bench work: one load on one sample, set again at each frequency."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: FrequencySweep) -> None:
         for frequency in sweep.frequencies:
             lab.bench.check_frequency(frequency)
-        super().__init__(lab, record, (sweep.load,), sweep.frequencies[0], (sweep.sample,), sweep.extrapolate)
+        super().__init__(lab, record, sweep, (sweep.load,), sweep.frequencies[0], (sweep.sample,))
         self._sweep = sweep
         self._preloaded = 0.0
 

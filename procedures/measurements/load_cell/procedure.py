@@ -42,11 +42,19 @@ from palpate.procedures.measurements.load_cell.result import (
     runs_of,
 )
 from palpate.procedures.measurements.load_cell.work import RECOVERY, Weighing, WeightStep
-from palpate.procedures.measurements.settings import ValidDays
+from palpate.procedures.measurements.settings import ValidDays, share
 from palpate.procedures.records.record import Recorder
 
-LOADS = tuple(1e-3 * m * STANDARD_GRAVITY for m in range(140, 741, 100))  # N, Table 5.1
+LOADS = tuple(round(1e-3 * m * STANDARD_GRAVITY, 12) for m in range(140, 741, 100))  # N, Table 5.1
+DEGREES = {"auto": None, "1": 1, "2": 2}
 LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
+
+
+def parse_degree(text: str) -> int | None:
+    """Degree of a curve, "1" or "2"; None for "auto". Raises UnknownName."""
+    if text not in DEGREES:
+        raise UnknownName("degree", text, DEGREES)
+    return DEGREES[text]
 
 
 @dataclass(frozen=True)
@@ -60,21 +68,44 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
     manual_work = "places the weights"
     constants = MappingProxyType({"repeats": REPEATS})
 
-    loads: Annotated[tuple[float, ...], Setting("N", "Increasing weights.")] = LOADS
+    loads: Annotated[
+        tuple[float, ...],
+        Setting("N", "Weights: first:last:step or a list, increasing.", default="140 gf:740 gf:100 gf"),
+    ] = LOADS
     runs: Annotated[int, Setting(help="Runs up and down in each position; 2 give repeatability.")] = 1
-    positions: Annotated[tuple[float, ...], Setting(help="Positions of the cell about its axis, in degrees.")] = (0.0,)
+    positions: Annotated[
+        tuple[float, ...], Setting(help="Degrees about the cell's axis; ISO 376 has 0,120,240.", example="120")
+    ] = (0.0,)
     degree: Annotated[
-        int | None, Setting(help="Degree of the curve, 1 or 2 (default: 2 if an F-test finds it better).")
+        int | None,
+        Setting(
+            help="Degree of the curve; auto: 2 if an F-test finds it better.",
+            read=parse_degree,
+            metavar="auto|1|2",
+            default="auto",
+        ),
     ] = None
-    creep: Annotated[bool, Setting(help="Watch the greatest load for 300 s.")] = False
+    creep: Annotated[bool, Setting(help="Measure the creep under the greatest load for 300 s.")] = False
     valid_days: ValidDays = 365
-    iso_class: Annotated[str | None, Setting(help="Class of ISO 376 that shall be reached: 00, 0.5, 1 or 2.")] = None
+    iso_class: Annotated[
+        str | None,
+        Setting(
+            help="Class of ISO 376 that shall be reached, 00, 0.5, 1 or 2; if it is not, the exit status is 1.",
+            option="--class",
+            metavar="CLASS",
+        ),
+    ] = None
     tolerance: Annotated[
         float | None,
-        Setting(help="Relative standard uncertainty of the sensitivity: weights and runs are chosen for it."),
+        share("Relative standard uncertainty of the sensitivity: the series is planned for it, of --loads at hand."),
     ] = None
     loads_u: Annotated[
-        float, Setting(help="Relative standard uncertainty of all loads together: weights and local gravity.")
+        float,
+        Setting(
+            help="Relative standard uncertainty of all loads together, weights and local gravity; 0: exact.",
+            metavar="SHARE",
+            example="0.02 %",
+        ),
     ] = 0.0
 
     def check(self, target: Target) -> None:
@@ -91,8 +122,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
         loads = self.loads
         if bad := [load for load in loads if not 0 < load <= target.force_limit]:
             raise RangeError(
-                f"load {bad[0]:g} N is outside 0 to {target.force_limit:g} N, the bench's force limit; take other "
-                "weights"
+                f"load {bad[0]:g} N is not above 0 and at most {target.force_limit:g} N, the bench's force limit; take "
+                "other weights"
             )
         if any(later <= load for load, later in pairwise(loads)):
             raise RangeError(f"loads {quoted(loads)} N must increase, and none may repeat; put them in order")

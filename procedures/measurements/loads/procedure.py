@@ -13,19 +13,19 @@ from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import THESIS_LOADS, Design
-from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.sensor.sample import get_sample, parse_samples
 from palpate.instrument.signals.dwell import STEP, Dwell, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
+from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.loads.repeats import Repeats, floor_of, one_set_suffices
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, ratio_of, valid_ratios
 from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency
+from palpate.procedures.measurements.settings import DwellTime, Frequency, share
+from palpate.procedures.measurements.sweep import Sweep, SweepWork
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.dwells import Dwells
@@ -42,32 +42,34 @@ class LoadStep(Step):
 
 
 @dataclass(frozen=True)
-class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult, Repeats | None]):
+class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
     """Load each sample with each load set and measure the force ratio."""
 
     name = "sweep-loads"
     point = LoadPoint
     resumable_on_real_bench = True
-    pausable = True
 
-    samples: Annotated[tuple[str, ...], Setting(help="Rubber samples, in order.")] = ("1", "2", "3", "4", "5", "6")
+    samples: Annotated[
+        tuple[str, ...], Setting(help="Rubber samples, in order.", read=parse_samples, default="1-6")
+    ] = ("1", "2", "3", "4", "5", "6")
     loads: Annotated[
         tuple[float, ...] | None,
         Setting(
             "N",
-            "Loads, peak to peak; a repeated one is a set of its own. None: those that the thesis has for the sensor.",
+            "Loads, peak to peak: first:last:step or a list. A load may be repeated. Default: those of the thesis'"
+            " tables of this sensor.",
         ),
     ] = None
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     tolerance: Annotated[
         float | None,
-        Setting(
-            help="Relative standard uncertainty, such as 5 %: of each point, whose dwell is chosen by it; where no load"
-            " set has it, of the mean of each sample, whose loads are repeated."
+        share(
+            "Instead of --dwell: relative standard uncertainty of each point; where no load set can have it, of the"
+            " mean of each sample: its loads are then repeated.",
+            determines="dwell",
         ),
     ] = None
-    extrapolate: Extrapolate = False
 
     @property
     def sets(self) -> tuple[float, ...]:
@@ -189,12 +191,12 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(DynamicLoadWork):
+class Sweeping(SweepWork):
     """The bench work: one load after the other on each sample."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep, by_point: bool) -> None:
         """`by_point`: whether the tolerance is that of each point, whose dwell is chosen by its noise."""
-        super().__init__(lab, record, sweep.sets, sweep.frequency, sweep.samples, sweep.extrapolate)
+        super().__init__(lab, record, sweep, sweep.sets, sweep.frequency, sweep.samples)
         self._chosen: DwellChoice | None = None
         if by_point and sweep.tolerance is not None:
             self._chosen = _chosen(lab.design, sweep.tolerance)

@@ -66,8 +66,8 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
     manual_work = "lays the sample on the support"
 
     sample: SampleName
-    strain: Annotated[float, Setting(help="Largest strain, such as 30 %.")] = 0.3
-    steps: Annotated[int, Setting(help="Number of equal steps of strain, up and back.")] = 10
+    strain: Annotated[float, Setting(help="Largest strain.", metavar="SHARE", default="30 %")] = 0.3
+    steps: Annotated[int, Setting(help="Number of equal steps up to it, and back.")] = 10
     extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:

@@ -41,7 +41,7 @@ from palpate.procedures.measurements.object_modulus.result import (
 from palpate.procedures.measurements.object_modulus.telling import missed_by, planned_lines, scatter_told
 from palpate.procedures.measurements.object_modulus.work import Measuring
 from palpate.procedures.measurements.object_modulus.worth import alternatives, worth_lines
-from palpate.procedures.measurements.settings import Frequency
+from palpate.procedures.measurements.settings import Frequency, bench_time, model_name, share
 from palpate.procedures.measurements.softness.procedure import check_simulated
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_time
@@ -64,23 +64,23 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
     resumable_on_real_bench = True
     pausable = True
 
-    object: Annotated[Sample, Setting(help="Rubber sample.", read=get_sample)]
-    tolerance: Annotated[float | None, Setting(help="Relative standard uncertainty of the modulus, such as '5 %'.")] = (
-        None
-    )
-    time: Annotated[float | None, Setting("s", "Bench time that is not exceeded, the person's part included.")] = None
-    relative_to_model: Annotated[
-        bool, Setting(help="Leave the model's validation error out of the tolerance: on the model's scale.")
-    ] = False
-    model: Annotated[str, Setting(help="Sensor model that turns the force ratio into the modulus.")] = "auto"
-    load: Annotated[float | None, Setting("N", "Load, peak to peak; chosen by the plan if it is not given.")] = None
+    object: Annotated[Sample, Setting(help="Rubber sample.", read=get_sample, option="--sample")]
+    tolerance: Annotated[float | None, share("Relative standard uncertainty of the modulus, absolute.")] = None
+    time: Annotated[float | None, bench_time("Bench time that is not exceeded, mountings included.")] = None
+    relative_to_model: Annotated[bool, Setting(help="The tolerance is about the model's scale, not absolute.")] = False
+    model: Annotated[str, model_name("Sensor model that turns the ratio into the modulus.")] = "auto"
+    load: Annotated[float | None, Setting("N", "Load, peak to peak (default: the plan chooses it).")] = None
     frequency: Frequency = 10.0
     mountings: Annotated[
-        int | None, Setting(help="Number of times that the object is mounted; chosen by the plan if not given.")
+        int | None, Setting(help="How often the object is mounted (default: the plan chooses it).")
     ] = None
     mounting_scatter: Annotated[
         float | None,
-        Setting(help="Relative standard deviation of the ratio from mounting to mounting, by earlier measurements."),
+        Setting(
+            help="Relative standard deviation of the ratio from mounting to mounting, if it is known.",
+            metavar="SHARE",
+            example="1 %",
+        ),
     ] = None
 
     def check(self, target: Target) -> None:

@@ -15,16 +15,16 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
+from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.position.expected import ONCE, expected_places, place_seconds
 from palpate.procedures.measurements.position.refusal import FEWEST, mm
 from palpate.procedures.measurements.position.repeats import PlaceRepeats
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
+from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName, bench_time
+from palpate.procedures.measurements.sweep import Sweep, SweepWork
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
@@ -45,29 +45,37 @@ class PositionStep(Step):
 
 
 @dataclass(frozen=True)
-class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult, PlaceRepeats | None]):
+class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, PlaceRepeats | None]):
     """Move a point load along the base of two teeth; find its place and size by the films."""
 
     name = "sweep-position"
     point = PositionPoint
-    pausable = True
     manual_work = "sets the point probe"
     automated_by = "probe_stage"
 
-    positions: Annotated[tuple[float, ...], Setting("m", "Increasing positions along the centre line.")] = tuple(
-        round(2e-3 * number, 12) for number in range(13)
-    )
+    positions: Annotated[
+        tuple[float, ...],
+        Setting("m", "Positions along x: first:last:step or a list, increasing.", default="0 mm:24 mm:2 mm"),
+    ] = tuple(round(2e-3 * number, 12) for number in range(13))
     sample: SampleName = "1"
     load: PeakLoad = 2.0
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
-    extrapolate: Extrapolate = False
     tolerance: Annotated[
         float | None,
-        Setting("m", "Standard uncertainty of each found place: load sets are repeated, with a dwell that is chosen."),
+        Setting(
+            "m",
+            "Instead of --dwell: standard uncertainty of each found place; load sets are repeated until it is reached.",
+            example="0.1 mm",
+            determines="dwell",
+        ),
     ] = None
     time: Annotated[
-        float | None, Setting("s", "Bench time of the sweep, which is filled with repeated load sets and not exceeded.")
+        float | None,
+        bench_time(
+            "Instead of --dwell: bench time of the sweep, which is filled with load sets and not exceeded.",
+            determines="dwell",
+        ),
     ] = None
 
     def check(self, target: Target) -> None:
@@ -166,12 +174,12 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult, Place
         return Report(partial(print_sweep, result, lab.design), plot)
 
 
-class Sweeping(DynamicLoadWork):
+class Sweeping(SweepWork):
     """A position sweep on the bench: the point probe presses at one place after the other."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: PositionSweep) -> None:
         self._laps = Laps(lab.bench.clock, sweep.time is not None)
-        super().__init__(lab, record, (sweep.load,), sweep.frequency, (sweep.sample,), sweep.extrapolate)
+        super().__init__(lab, record, sweep, (sweep.load,), sweep.frequency, (sweep.sample,))
         self._sweep, self._sample = sweep, get_sample(sweep.sample)
         self._pressed: float | None = None  # position on which the probe presses [mm]
 

@@ -28,15 +28,11 @@ from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.references.expected import expected_constant
 from palpate.procedures.measurements.references.reference import Reference, read_reference
 from palpate.procedures.measurements.references.result import MODULUS, ReferencesResult, check_range, evaluate
-from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, ValidDays
+from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, ValidDays, model_name
 from palpate.procedures.measurements.softness.procedure import SLOW, SoftnessTest, Touching, TouchStep
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.dwells import Dwells
-
-HELP = (
-    "Objects of known modulus, each as 'A: 48 kPa ± 2 %' (standard uncertainty), or 'A: RUN' of palpate test modulus."
-)
 
 
 @dataclass(frozen=True)
@@ -47,12 +43,25 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
     point = SoftnessPoint
     calibrates = True
 
-    references: Annotated[tuple[Reference, ...], Setting(help=HELP, read=read_reference)]
+    references: tuple[
+        Annotated[
+            Reference,
+            Setting(
+                help="Object of known modulus with its standard uncertainty, or 'NAME: RUN' of palpate test modulus;"
+                " repeatable.",
+                read=read_reference,
+                option="--reference",
+                metavar="'NAME: MODULUS ± U'",
+                repeated=True,
+            ),
+        ],
+        ...,
+    ]
     loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
-    model: Annotated[str, Setting(help="Sensor model that is calibrated.")] = "auto"
-    parameters: Annotated[str, Setting(help="Parameter set of the model.")] = "physical"
+    model: Annotated[str, model_name("Sensor model that is calibrated.")] = "auto"
+    parameters: Annotated[str, Setting(help="Its parameter set: thesis, physical, identified or capped.")] = "physical"
     thickness: Annotated[float, Setting("m", "Thickness of the references.")] = 3e-3
     valid_days: ValidDays = 365
 

@@ -16,7 +16,7 @@ from palpate.instrument.models.springs import force_ratio
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.sensor.sample import Sample, get_sample, parse_samples
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import RESULTS, Expected, greatest, predicted
@@ -24,7 +24,7 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.probable import references_on
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets
+from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, model_name, share
 from palpate.procedures.measurements.softness.expected import expected_moduli
 from palpate.procedures.measurements.softness.ranking import MOST, Ranking
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
@@ -45,6 +45,10 @@ class TouchStep(Step):
     load_N: float
 
 
+def _samples(text: str) -> tuple[Sample, ...]:
+    return tuple(get_sample(name) for name in parse_samples(text))
+
+
 @dataclass(frozen=True)
 class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking | None]):
     """Find the Young modulus of unknown objects from the force ratio, and their order from hard to soft."""
@@ -52,18 +56,18 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
     name = "softness"
     point = SoftnessPoint
 
-    objects: Annotated[tuple[Sample, ...], Setting(help="Rubber samples, in order.", read=get_sample)]
+    objects: Annotated[tuple[Sample, ...], Setting(help="Rubber samples, in order.", read=_samples, option="--samples")]
     loads: LoadSets = (2.0, 3.0, 4.0)
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
-    model: Annotated[str, Setting(help="Sensor model that turns force ratios into moduli.")] = "experiment"
+    model: Annotated[
+        str, model_name("Sensor model that turns force ratios into moduli, such as experiment, auto or column.")
+    ] = "experiment"
     risk: Annotated[
         float | None,
-        Setting(help="Risk of a wrong pair in the order, such as '5 %': the test ends as soon as the order is known."),
+        share("Risk of a wrong pair in the order, such as 5%: the test ends as soon as the order is known."),
     ] = None
-    sets: Annotated[int, Setting(help="With a risk: most load sets of each object, which take the loads in turn.")] = (
-        MOST
-    )
+    sets: Annotated[int, Setting(help="With --risk: most load sets of each object, which take --loads in turn.")] = MOST
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.

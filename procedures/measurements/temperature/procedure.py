@@ -20,13 +20,13 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimators import boxcar, rms
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.prospects import expected_ratio
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
+from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName
+from palpate.procedures.measurements.sweep import Sweep, SweepWork
 from palpate.procedures.measurements.temperature.expected import expected_change
 from palpate.procedures.measurements.temperature.result import (
     FEWEST,
@@ -58,12 +58,11 @@ class TemperatureStep(Step):
 
 
 @dataclass(frozen=True)
-class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureResult]):
+class TemperatureSweep(Sweep[TemperatureStep, TemperaturePoint, TemperatureResult]):
     """Find what warming films add to their signals, and what the fitted trend takes away of it."""
 
     name = "sweep-temperature"
     point = TemperaturePoint
-    pausable = True
     manual_work = "warms the sensor"
     automated_by = "chamber"
 
@@ -78,9 +77,9 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
     dwell: DwellTime = 1.0
     frequency: Frequency = 10.0
     soak: Annotated[
-        float, Setting("s", "Wait before each change; the films reach the temperature that was set before.")
+        float,
+        Setting("s", "Wait before each change; the films reach the temperature that was set before.", default="30 min"),
     ] = 1800.0
-    extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.
@@ -140,11 +139,11 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(DynamicLoadWork):
+class Sweeping(SweepWork):
     """The bench work: one load on one sample, measured as soon as each temperature is set."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: TemperatureSweep) -> None:
-        super().__init__(lab, record, (sweep.load,), sweep.frequency, (sweep.sample,), sweep.extrapolate)
+        super().__init__(lab, record, sweep, (sweep.load,), sweep.frequency, (sweep.sample,))
         self._sweep = sweep
 
     def arrange(self, step: TemperatureStep) -> None:
