@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 ON_TCP = ("signal_generator", "shaker_amplifier", "sample_changer")  # each section was a link and the device on it
-OF_LINK = ("host", "port", "timeout")  # keys of such a section that belong to the link
+MOVED = ("host", "port", "timeout")  # keys of such a section that belong to the link
 ON_LINE = {"strain_indicator": 1, "positioner": 2}  # both were on [line], with these units if the file gave none
 SECTIONS = (*ON_TCP, "line", *ON_LINE, "can")
 
@@ -25,7 +25,7 @@ def renewed(data: Mapping[str, Any]) -> dict[str, Any]:
     for name in ON_TCP:
         if name in found:
             section = found[name]
-            link = {"kind": "modbus-tcp", **{key: section.pop(key) for key in OF_LINK if key in section}}
+            link = {"kind": "modbus-tcp", **{key: section.pop(key) for key in MOVED if key in section}}
             at = names.setdefault(f"{link.get('host')}:{link.get('port', 502)}".lower(), name)
             links.setdefault(at, link)
             devices[name] = {"kind": name, "link": at, "unit": 1, **section}

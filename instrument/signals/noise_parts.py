@@ -27,7 +27,7 @@ from palpate.instrument.uncertainty.budget import COVERAGE
 Floats = npt.NDArray[np.float64]
 
 LONGEST = 240  # greatest number of samples; a longer record has a spectrum to fit, and the time here grows as the cube
-FEWEST = 6  # least number of residuals; fewer do not show how well their variance is known
+FEWEST_RESIDUALS = 6  # least number of residuals; fewer do not show how well their variance is known
 SHARES = np.sin((np.arange(16) + 0.5) * np.pi / 32) ** 2  # shares of 1/f noise at the drive; equally likely by Jeffreys
 BEYOND_LAW = 1.15  # factor on the power of 1/f noise at the drive: amplifiers follow the 1/f law to about a tenth
 LEANING = 8.0  # cycles: this over the record's cycles is the exponent of the share in the leaning prior; by trial
@@ -51,7 +51,7 @@ def short_noise(basis: SineColumns, residuals: Floats, step: float) -> Noise | N
     if basis.kept.modes is None:
         basis.kept.modes = _modes(basis, step)
     directions, relative = basis.kept.modes
-    if len(relative) < FEWEST:
+    if len(relative) < FEWEST_RESIDUALS:
         return None
     seen = residuals @ directions
     shape = 1 - SHARES[:, np.newaxis] + SHARES[:, np.newaxis] * relative  # (shares, residuals)

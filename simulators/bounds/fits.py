@@ -53,7 +53,7 @@ def largest_within(case: Case) -> float:
 def _largest(frequency: float, dwell: float, rate: float) -> float:
     # The sum of |weights| along a direction is convex, so around the circle it is below that at a polygon's corners.
     angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    seen = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ _weights(frequency, dwell, rate)
+    seen = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ _fit_weights(frequency, dwell, rate)
     return float(np.abs(seen).sum(axis=1).max()) / math.cos(np.pi / 2 / DIRECTIONS)
 
 
@@ -66,7 +66,7 @@ def largest_tone(case: Case, frequency: float) -> float:
 
 def weights(case: Case) -> Floats:
     """Weights (2, n) of the samples of a dwell in the fitted cosine and sine. Raises EstimateError."""
-    return _weights(case.frequency, case.dwell, case.rate)
+    return _fit_weights(case.frequency, case.dwell, case.rate)
 
 
 def columns(case: Case) -> SineColumns:
@@ -75,7 +75,7 @@ def columns(case: Case) -> SineColumns:
 
 
 @functools.lru_cache(maxsize=8)
-def _weights(frequency: float, dwell: float, rate: float) -> Floats:
+def _fit_weights(frequency: float, dwell: float, rate: float) -> Floats:
     return _columns(frequency, dwell, rate).weights()
 
 

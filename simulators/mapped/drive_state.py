@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x40, 0x21, 0x23, 0x27, 0x07, 0x08
+DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOPPING, FAULT = 0x40, 0x21, 0x23, 0x27, 0x07, 0x08
 OF_THE_STATE = 0x6F  # bits of the statusword that tell the state
 RESET = 0x80  # bit of the controlword
 STAYING = 5  # the least option code of a quick stop (605Ah) with which a drive stays in that state
@@ -39,9 +39,9 @@ class DriveState:
         elif not word & 0x02:  # disable voltage
             self.bits = DISABLED
         elif not word & 0x04:  # quick stop
-            self.bits = QUICK_STOP if self.enabled and quick_stop >= STAYING else DISABLED
+            self.bits = QUICK_STOPPING if self.enabled and quick_stop >= STAYING else DISABLED
         elif word & 0x0F == 0x06:  # shutdown
-            self.bits = READY if self.bits != QUICK_STOP else self.bits
+            self.bits = READY if self.bits != QUICK_STOPPING else self.bits
         elif word & 0x0F == 0x07 and self.bits in (READY, ENABLED):  # switch on, disable operation
             self.bits = SWITCHED_ON
         elif word & 0x0F == 0x0F and self.bits in (READY, SWITCHED_ON):  # enable operation

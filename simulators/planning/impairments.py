@@ -15,7 +15,7 @@ from palpate.simulators.planning.samples import sampled
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
-SETTLED, LOOKED_AT = 2.0, 1.0  # s after the drive was set when films are looked at, and how long
+FILMS_SETTLED, FILMS_LOOKED_AT = 2.0, 1.0  # s after the drive was set when films are looked at, and how long
 SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
 
 
@@ -30,7 +30,7 @@ def impairments(scene: Scene, rig: Rig, pressed: Sample, load: float, rate: floa
         rate: samples per second.
     """
     period_ns = round(1e9 / rate)
-    time_ns = period_ns * np.arange(round(SETTLED * rate), round((SETTLED + LOOKED_AT) * rate))
+    time_ns = period_ns * np.arange(round(FILMS_SETTLED * rate), round((FILMS_SETTLED + FILMS_LOOKED_AT) * rate))
     _, saturated = sampled(scene, rig, time_ns, period_ns)
     return [*_clipped(scene.design, saturated), *_in_steps(scene, pressed, load, rate)]
 

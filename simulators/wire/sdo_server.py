@@ -15,7 +15,7 @@ from canopen.sdo.server import SdoServer as CanopenSdoServer
 EXPEDITED, SIZED, SUBCOMMAND = 2, 1, 3  # bits of a command byte
 NOT_TOGGLED, UNKNOWN_COMMAND = 0x0503_0000, 0x0504_0001
 NOT_WRITABLE = 0x0601_0002
-TOO_LONG, TOO_SHORT = 0x0607_0012, 0x0607_0013
+DATA_TOO_LONG, DATA_TOO_SHORT = 0x0607_0012, 0x0607_0013
 WORDS = struct.Struct("<BHB")  # command, index, subindex
 ANY = 4  # most data bytes of an expedited transfer
 LONGEST_TEXT = 1000  # bytes
@@ -56,14 +56,14 @@ class SdoServer(CanopenSdoServer):
         elif command & SIZED and not command & EXPEDITED:
             (announced,) = struct.unpack_from("<L", request, 4)
             if not least <= announced <= most:
-                raise SdoAbortedError(TOO_LONG if announced > most else TOO_SHORT)
+                raise SdoAbortedError(DATA_TOO_LONG if announced > most else DATA_TOO_SHORT)
         super().init_download(request)  # type: ignore[no-untyped-call]
         self._begun, self._most = "" if command & EXPEDITED else "download", most
 
     def segmented_download(self, command: int, request: bytearray) -> None:
         self._check_segment("download", command)
         if len(self._buffer or b"") + 7 - (command >> 1 & 7) > self._most:
-            raise SdoAbortedError(TOO_LONG)
+            raise SdoAbortedError(DATA_TOO_LONG)
         super().segmented_download(command, request)  # type: ignore[no-untyped-call]
         self._begun = "" if command & 1 else "download"
 
