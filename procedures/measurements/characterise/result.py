@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.quantity import counted, show
+from palpate.instrument.quantity import counted, show, show_with_u
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
@@ -34,6 +34,7 @@ from palpate.procedures.measurements.characterise.uncertainty import (
     factor,
     noise_component,
 )
+from palpate.procedures.records.columns import Column
 from palpate.procedures.steps.flags import reasons
 
 SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
@@ -42,28 +43,44 @@ LEAST_DRIFT_POINTS = 3
 Floats = npt.NDArray[np.float64]
 
 
+def owner(row: Characteristic) -> str:
+    """Whose figure a row has, for a table."""
+    return row.film or "sensor"
+
+
+def shown(row: Characteristic) -> str:
+    """The value of a row, for a table."""
+    return _shown(row)[0]
+
+
+def shown_u(row: Characteristic) -> str:
+    """The uncertainty of a row, for a table."""
+    return _shown(row)[1]
+
+
+def _shown(row: Characteristic) -> tuple[str, str]:
+    match row.unit:
+        case "":
+            return f"{100 * row.value:z.2f} %", f"{100 * row.u:z.2f} %"
+        case "1/min":
+            return f"{100 * row.value:+z.4f} %/min", f"{100 * row.u:z.4f} %/min"
+        case "dB":
+            return f"{row.value:z.1f} dB", f"{row.u:z.1f} dB"
+    return show_with_u(row.value, row.u, row.unit)
+
+
 @dataclass(frozen=True, slots=True)
 class Characteristic:
-    """A figure of merit.
+    """A figure of merit."""
 
-    Attributes:
-        film: name of the film; "" for the whole sensor.
-        quantity: name of the figure.
-        value, u: its value and standard uncertainty.
-        unit: their unit; "" for a ratio.
-        definition: its equation.
-        thesis: the thesis' section, and what that says.
-        how: what the definition leaves open: at which load, over how many points.
-    """
-
-    film: str
-    quantity: str
-    value: float
-    u: float
-    unit: str
-    definition: str
-    thesis: str
-    how: str
+    film: Annotated[str, Column('name of the film; "" for the whole sensor', head="film", cell=owner)]
+    quantity: Annotated[str, Column("name of the figure", head="quantity")]
+    value: Annotated[float, Column("its value", head="value", cell=shown, u="u")]
+    u: Annotated[float, Column(head="u", cell=shown_u)]
+    unit: Annotated[str, Column('their unit; "" for a ratio')]
+    definition: Annotated[str, Column("its equation")]
+    thesis: Annotated[str, Column("the thesis' section, and what that says", head="thesis")]
+    how: Annotated[str, Column("what the definition leaves open: at which load, over how many points", head="how")]
 
 
 @dataclass(frozen=True, slots=True)
