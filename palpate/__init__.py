@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.designs import get_design
     from palpate.instrument.sensor.load import Load
     from palpate.instrument.sensor.sample import get_sample
+    from palpate.procedures.engine.dataset import as_dataset
     from palpate.procedures.engine.plan import Plan, Predicted, Step
     from palpate.procedures.engine.procedure import (
         Finished,
@@ -70,7 +71,7 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
     from palpate.procedures.measurements.static_load import StaticLoadWork
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
-    from palpate.procedures.records.export import as_dataset
+    from palpate.procedures.records.columns import Column, gathered
     from palpate.procedures.records.record import Recorder
     from palpate.procedures.records.run import Run, read
 
@@ -86,6 +87,7 @@ _PLACES = {
     "instrument.sensor.designs": "get_design",
     "instrument.sensor.load": "Load",
     "instrument.sensor.sample": "get_sample",
+    "procedures.engine.dataset": "as_dataset",
     "procedures.engine.plan": "Plan Predicted Step",
     "procedures.engine.procedure": "Finished Measurement Procedure Report RequiredLoads Work",
     "procedures.engine.replay": "replay",
@@ -109,7 +111,7 @@ _PLACES = {
     "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
     "procedures.measurements.static_load": "StaticLoadWork",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
-    "procedures.records.export": "as_dataset",
+    "procedures.records.columns": "Column gathered",
     "procedures.records.record": "Recorder",
     "procedures.records.run": "Run read",
 }
@@ -117,6 +119,7 @@ _PLACES = {
 __all__ = [
     "BenchError",
     "Characterisation",
+    "Column",
     "ConfigError",
     "DynamicLoadWork",
     "EstimateError",
@@ -159,6 +162,7 @@ __all__ = [
     "UsageError",
     "Work",
     "as_dataset",
+    "gathered",
     "get_design",
     "get_sample",
     "open_bench",

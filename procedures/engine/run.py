@@ -24,6 +24,7 @@ from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import OpenBench, one_run, opened
 from palpate.procedures.lab.session import Promise, places, recording
 from palpate.procedures.lab.store import result_folder
+from palpate.procedures.records.columns import columns_of
 from palpate.procedures.records.resumed import UNSTORED, Resumed
 from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
 
@@ -35,6 +36,7 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
     checks raise.
     """
     check_settings(procedure)
+    columns_of(procedure.point)
     if procedure.name in SHIPPED:
         check_ours(GROUP, WHAT, [procedure.name])
     procedure.check(target)

@@ -73,7 +73,8 @@ def print_moduli(
         row = SimpleNamespace(**p)
         table.add_row(
             f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", short(p["model_error"]),
-            *(cell_of(name, column, row) for name, column in moduli.COLUMNS.items()), number(p["sensitivity"]), p["note"],
+            *(cell_of(name, column, row) for name, column in moduli.COLUMNS.items()),
+            number(p["sensitivity"]), p["note"],
         )  # fmt: skip
     print_all(
         table,

@@ -40,7 +40,7 @@ def _in_order(columns: Mapping[str, Column]) -> list[str]:
     names = [name for name, column in columns.items() if not column.after]
     for name, column in columns.items():
         if column.after and column.after != LAST:
-            names.insert(names.index(column.after) + 1, name)
+            names.insert(names.index(column.after) + 1 if column.after in names else len(names), name)
     return names + [name for name, column in columns.items() if column.after == LAST]
 
 

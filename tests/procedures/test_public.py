@@ -36,6 +36,7 @@ decimals = 2
 """
 SIGNATURES = {
     "Characterisation": "sample loads dwell frequency drift_time tolerance time",
+    "Column": "doc unit head cell scale u after each",
     "DynamicLoadWork": "lab record loads frequency samples extrapolate",
     "FilmCalibration": (
         "accepted device scene simulated source created expires design films covariance crosstalk crosstalk_u "
@@ -86,6 +87,7 @@ SIGNATURES = {
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
     "as_dataset": "run",
+    "gathered": "kind sources own",
     "get_design": "name",
     "get_sample": "name",
     "open_bench": "scene bench seed model log operator assume_mounted",
