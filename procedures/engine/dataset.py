@@ -38,7 +38,7 @@ def as_dataset(run: Run) -> xr.Dataset:
     plain = [name for name in table if not table[name].map(lambda value: isinstance(value, tuple)).any()]
     about = _attributes(run)
     columns: dict[str, tuple[object, ...]] = {
-        str(name): ("point", table[name].to_numpy(), about.get(name, {})) for name in plain if name != "simulated"
+        str(name): ("point", table[name].to_numpy(), about.get(str(name), {})) for name in plain if name != "simulated"
     }
     waveforms = list(run.waveforms())
     shape = (len(table), max((waveform.samples.size for waveform in waveforms), default=0))

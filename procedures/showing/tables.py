@@ -46,8 +46,8 @@ def _in_order(columns: Mapping[str, Column]) -> list[str]:
 
 def _parts(name: str, column: Column, rows: Sequence[Any]) -> Iterator[tuple[str, Callable[[Any], str]]]:
     """Headings and cells of a field: one, or those of each row that it holds."""
-    if column.each:
-        for number, inner in enumerate(getattr(rows[0], name) if rows else ()):
+    if column.each and rows:
+        for number, inner in enumerate(getattr(rows[0], name)):
             for own, part in columns_of(type(inner)).items():
                 if part.head:
                     yield f"{getattr(inner, column.each)}\n{part.head}", partial(_inner_cell, name, number, own, part)
@@ -63,11 +63,13 @@ def cell_of(name: str, column: Column, row: Any) -> str:
     if value is None:
         return NOTHING
     try:
+        if "{" in column.cell:
+            return column.cell.format(row)
         return format(value if column.scale == 1.0 else column.scale * value, column.cell)
-    except (TypeError, ValueError) as error:
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise ConfigError(
-            f"{type(row).__name__}.{name}: {value!r} cannot be printed in the format {column.cell!r} ({error});"
-            " give its column another cell"
+            f"{type(row).__name__}.{name}: {value!r} cannot be printed as {column.cell!r} ({error}); give its column"
+            " another cell"
         ) from None
 
 

@@ -107,7 +107,7 @@ def test_a_value_that_its_format_cannot_print_is_told_with_its_field(install: In
     installed(install, '"z.4f"', '"d"')
     said = palpate("measure", "waiting", "--scene", "ideal", "--out", "run").complaint
     assert "WaitPoint.force_ratio: 0.3" in said
-    assert "cannot be printed in the format 'd'" in said
+    assert "cannot be printed as 'd'" in said
 
 
 @dataclass(frozen=True)

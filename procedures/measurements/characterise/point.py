@@ -11,16 +11,7 @@ import numpy as np
 
 from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.uncertainty.budget import Component
-from palpate.procedures.measurements.columns import (
-    AskedLoad,
-    Attempts,
-    Flags,
-    Incidents,
-    LapSeconds,
-    MeasuredLoad,
-    Valid,
-    Volts,
-)
+from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column
 
 LEAST_LOADS = 3  # for a line with its scatter
@@ -33,21 +24,21 @@ class FilmsPoint:
 
     direction: Annotated[str, Column('"loading", "unloading" or "holding"')]
     time_s: Annotated[float, Column("time since the load is held; 0 before that", "s")]
-    load_N: AskedLoad
-    load_measured_N: MeasuredLoad
+    load_N: columns.AskedLoad
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    voltages_V: Volts
+    voltages_V: columns.Volts
     voltages_u: tuple[float, ...]
     noise_V: Annotated[tuple[float, ...], Column("rms of each film's noise", "V", u="noise_u")]
     noise_u: tuple[float, ...]
     noise_freedom: Annotated[float, Column("degrees of freedom of `noise_u`")]
     noise_peak_V: Annotated[tuple[float, ...], Column("greatest value of each film's noise", "V")]
     samples: Annotated[int, Column("number of samples in the record")]
-    valid: Valid
-    flags: Flags
-    attempts: Attempts = 1
-    incidents: Incidents = 0
-    seconds: LapSeconds = None
+    valid: columns.Valid
+    flags: columns.Flags
+    attempts: columns.Attempts = 1
+    incidents: columns.Incidents = 0
+    seconds: columns.LapSeconds = None
 
 
 @dataclass(frozen=True, slots=True)

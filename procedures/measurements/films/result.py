@@ -8,15 +8,7 @@ from typing import Annotated, Any
 
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.measurements.columns import (
-    AskedLoad,
-    Extrapolated,
-    Flags,
-    Indicator,
-    MeasuredLoad,
-    Valid,
-    Volts,
-)
+from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column
 
 
@@ -26,15 +18,15 @@ class PressedPoint:
 
     tooth: Annotated[int, Column("number of the tooth, from 1")]
     frequency_Hz: Annotated[float, Column("frequency of the load", "Hz")]
-    load_N: AskedLoad
-    indicator_mV: Indicator
-    load_measured_N: MeasuredLoad
+    load_N: columns.AskedLoad
+    indicator_mV: columns.Indicator
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    extrapolated: Extrapolated
-    voltages_V: Volts
+    extrapolated: columns.Extrapolated
+    voltages_V: columns.Volts
     voltages_u: tuple[float, ...]
-    valid: Valid
-    flags: Flags
+    valid: columns.Valid
+    flags: columns.Flags
 
 
 @dataclass(frozen=True, slots=True)

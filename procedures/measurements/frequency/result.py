@@ -14,7 +14,7 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.frequency_response import Corner, Resonance, fit_corner, fit_resonance
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.measurements.columns import Attempts, Dwell, Flags, PrintedLoad, Settling, Valid
+from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column
 
 FEWEST = 3  # least number of points for a corner
@@ -47,17 +47,17 @@ class FrequencyPoint:
 
     frequency_Hz: Annotated[float, Column("the frequency", "Hz", "Hz", "g")]
     tactile: Annotated[bool, Column("whether it lies within the band of touch", head="touch", cell=in_touch)]
-    load_measured_N: PrintedLoad
+    load_measured_N: columns.PrintedLoad
     load_measured_u: float
     response_N_per_V: Annotated[
         float, Column("the measured load over the exciter's voltage", "N/V", "load/drive\nN/V", "z.3f")
     ]
     films: Annotated[tuple[FilmResponse, ...], Column("the response of each film", each="film")]
-    valid: Valid
-    dwell_s: Dwell
-    settling_s: Settling
-    attempts: Attempts
-    flags: Flags
+    valid: columns.Valid
+    dwell_s: columns.Dwell
+    settling_s: columns.Settling
+    attempts: columns.Attempts
+    flags: columns.Flags
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from palpate.instrument.calibration.classification import Run
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.measurements.columns import READING, Incidents, Readings
+from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column
 
 FILTER = 0.1  # s, time constant of the indicator's filter
@@ -32,23 +32,20 @@ TOLD = (
 """What of a calibration its result tells under the same name."""
 
 
-def turned(point: LoadCellPoint) -> str:
-    """The position of the cell, for its row in a table."""
-    return f"{point.position_deg:g}°"
-
-
 @dataclass(frozen=True, slots=True)
 class LoadCellPoint:
     """The readings under one weight."""
 
-    position_deg: Annotated[float, Column("position of the cell about its axis", "°", "position", turned)]
+    position_deg: Annotated[
+        float, Column("position of the cell about its axis", "°", "position", "{0.position_deg:g}°")
+    ]
     run: Annotated[int, Column("number of the run, from 1", head="run")]
     direction: Annotated[str, Column('"loading", "unloading", "zero_before", "zero_after", or "creep_..._s"')]
     load_gf: Annotated[float, Column("the load", "gf", "load gf", "g")]
     load_N: Annotated[float, Column("the load", "N", "load N", "z.4f")]
-    reading_mV: Annotated[float, replace(READING, head="loading mV", cell="z.2f")]
-    readings_mV: Readings
-    incidents: Incidents = 0
+    reading_mV: Annotated[float, replace(columns.READING, head="loading mV", cell="z.2f")]
+    readings_mV: columns.Readings
+    incidents: columns.Incidents = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,24 +12,7 @@ from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.measurements.columns import (
-    ASKED,
-    FREEDOM,
-    SETTLING,
-    Attempts,
-    CalibrationU,
-    Extrapolated,
-    Flags,
-    ForceRatio,
-    ForceRatioU,
-    Incidents,
-    Indicator,
-    MeasuredLoad,
-    NoiseU,
-    PickupU,
-    SampleOf,
-    Valid,
-)
+from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import LAST, Column
 from palpate.procedures.showing.marks import OUTSIDE
 
@@ -43,20 +26,20 @@ def marked_load(point: LoadPoint) -> str:
 class LoadPoint:
     """One load on one sample. Forces and voltages are peak to peak."""
 
-    sample: SampleOf
-    load_N: Annotated[float, replace(ASKED, cell=marked_load)]
-    indicator_mV: Indicator
-    load_measured_N: MeasuredLoad
+    sample: columns.SampleOf
+    load_N: Annotated[float, replace(columns.ASKED, cell=marked_load)]
+    indicator_mV: columns.Indicator
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
     voltage_rigid_V: Annotated[float, Column("sum of the rigid films' voltages", "V", "rigid\nmV", "z.3f", 1e3)]
     voltage_total_V: Annotated[float, Column("sum of the base films' voltages", "V", "total\nmV", "z.2f", 1e3)]
     force_rigid_N: Annotated[float, Column("sum of forces on the teeth", "N", "rigid\nN", "z.3f", u="force_rigid_u")]
     force_total_N: Annotated[float, Column("sum of forces on the bases", "N", "total\nN", "z.3f", u="force_total_u")]
-    force_ratio: ForceRatio
-    force_ratio_u: ForceRatioU
-    noise_u: NoiseU
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    noise_u: columns.NoiseU
     condition: Annotated[float, Column("condition number of the fit")]
-    valid: Valid
+    valid: columns.Valid
     dwell_s: Annotated[float | None, Column("the dwell", "s", "dwell\ns", "z.4g")] = None
     relative_u: Annotated[
         float | None,
@@ -68,24 +51,24 @@ class LoadPoint:
             "the `relative_u` for which the dwell was chosen; null: the dwell was given", "", "u to be\n%", "z.2f", 100
         ),
     ] = None
-    settling_s: Annotated[float | None, SETTLING] = None
-    attempts: Attempts = 1
-    flags: Flags = ()
-    incidents: Incidents = 0
+    settling_s: Annotated[float | None, columns.SETTLING] = None
+    attempts: columns.Attempts = 1
+    flags: columns.Flags = ()
+    incidents: columns.Incidents = 0
     teeth: Annotated[tuple[ToothPoint, ...], Column("forces and ratio of each tooth, if there are several")] = ()
-    extrapolated: Extrapolated = False
-    calibration_u: CalibrationU = 0.0
+    extrapolated: columns.Extrapolated = False
+    calibration_u: columns.CalibrationU = 0.0
     force_rigid_u: float | None = None
     force_total_u: float | None = None
-    pickup_u: PickupU = 0.0
-    degrees_of_freedom: Annotated[float | None, FREEDOM] = None
+    pickup_u: columns.PickupU = 0.0
+    degrees_of_freedom: Annotated[float | None, columns.FREEDOM] = None
 
 
 @dataclass(frozen=True, slots=True)
 class SampleMean:
     """The mean force ratio of one sample over its valid points."""
 
-    sample: SampleOf
+    sample: columns.SampleOf
     force_ratio: Annotated[
         float | None, Column("the mean; null: no point is valid", head="ours", cell="z.4f", u="force_ratio_u")
     ]

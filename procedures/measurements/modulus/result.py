@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from palpate.instrument.findings.compression import Compression, CompressionPoint
 from palpate.instrument.sensor.sample import Sample
 from palpate.instrument.uncertainty.propagation import Propagated
-from palpate.procedures.measurements.columns import READING, Incidents, Readings
+from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column
 
 NAMES = (
@@ -24,9 +24,9 @@ class DisplaysPoint:
 
     series: Annotated[str, Column('"bare", "loading" or "unloading"')]
     position_m: Annotated[float, Column("position of the positioner", "m")]
-    reading_mV: Annotated[float, READING]
-    readings_mV: Readings
-    incidents: Incidents
+    reading_mV: Annotated[float, columns.READING]
+    readings_mV: columns.Readings
+    incidents: columns.Incidents
 
 
 @dataclass(frozen=True, slots=True)

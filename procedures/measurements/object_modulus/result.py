@@ -13,21 +13,7 @@ from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.groups import Between, between_groups
-from palpate.procedures.measurements.columns import (
-    FREEDOM,
-    AskedLoad,
-    Attempts,
-    CalibrationU,
-    Dwell,
-    Flags,
-    ForceRatio,
-    ForceRatioU,
-    Incidents,
-    MeasuredLoad,
-    NoiseU,
-    PickupU,
-    Valid,
-)
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.object_modulus.lines import CURVE, EDGE, VALIDATION, Expected, Wanted
 from palpate.procedures.measurements.object_modulus.prospect import Prospect
 from palpate.procedures.records.columns import Column
@@ -40,21 +26,21 @@ class ModulusPoint:
     """One load set. The load is peak to peak."""
 
     mounting: Annotated[int, Column("number of the mounting, from 1")]
-    load_N: AskedLoad
-    load_measured_N: MeasuredLoad
+    load_N: columns.AskedLoad
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    force_ratio: ForceRatio
-    force_ratio_u: ForceRatioU
-    noise_u: NoiseU
-    calibration_u: CalibrationU
-    pickup_u: PickupU
-    degrees_of_freedom: Annotated[float, FREEDOM]
-    dwell_s: Dwell
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    noise_u: columns.NoiseU
+    calibration_u: columns.CalibrationU
+    pickup_u: columns.PickupU
+    degrees_of_freedom: Annotated[float, columns.FREEDOM]
+    dwell_s: columns.Dwell
     seconds: Annotated[float, Column("bench time since the set before, with all that came before this one", "s")]
-    valid: Valid
-    flags: Flags
-    attempts: Attempts
-    incidents: Incidents
+    valid: columns.Valid
+    flags: columns.Flags
+    attempts: columns.Attempts
+    incidents: columns.Incidents
     free_m: Annotated[float, Column("lowest position of the probe in this mounting that did not touch yet", "m")]
 
 

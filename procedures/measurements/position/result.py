@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.measurements.columns import Attempts, Flags, LapSeconds, PrintedLoad, Settling, Valid
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.position.expected import name_of
 from palpate.procedures.records.columns import Column
 
@@ -18,18 +18,12 @@ DOUBT = (
 )
 
 
-ShareU = Annotated[float, Column(head="u", cell="z.3f")]
+MODEL = Column("the share by the table of the solid model", "", "model", "z.3f")
+THESIS = Column("the share in Table A2.7; null: it does not have this place", "", "thesis", "z.3f")
 FOUND = Column("place that the films alone find", "mm", "found\nmm", "z.2f", u="found_u")
-
-
-def interval(point: PositionPoint) -> str:
-    """The 95 % interval of the place of one load."""
-    return f"{point.found_low_mm:z.1f} to {point.found_high_mm:z.1f}"
-
-
-def finer_interval(place: FoundPlace) -> str:
-    """The 95 % interval of the place of several loads."""
-    return f"{place.found_low_mm:z.2f} to {place.found_high_mm:z.2f}"
+LOW = Column("lower end of its 95 % interval", "mm", "95 %\nmm", "{0.found_low_mm:z.1f} to {0.found_high_mm:z.1f}")
+HIGH = Column("upper end of its 95 % interval", "mm")
+PLUS_MINUS = Column(head="u", cell="z.3f")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,38 +31,29 @@ class PositionPoint:
     """A load at a place: forces peak to peak, shares of the whole force, place and size found by the films alone."""
 
     position_mm: Annotated[float, Column("place of the load", "mm", "x\nmm", "g")]
-    load_measured_N: PrintedLoad
+    load_measured_N: columns.PrintedLoad
     load_measured_u: float
     force_left_N: Annotated[float, Column("force on the left tooth", "N")]
     force_right_N: Annotated[float, Column("force on the right tooth", "N")]
     share_left: Annotated[float, Column("share of the left tooth", "", "left", "z.3f", u="share_left_u")]
-    share_left_u: ShareU
+    share_left_u: Annotated[float, PLUS_MINUS]
     share_right: Annotated[float, Column("share of the right tooth", "", "right", "z.3f", u="share_right_u")]
-    share_right_u: ShareU
-    model_share_left: Annotated[
-        float, Column("the share by the table of the solid model", "", "model", "z.3f", after="share_left_u")
-    ]
-    model_share_right: Annotated[float, Column("the share by the table of the solid model", "", "model", "z.3f")]
-    thesis_share_left: Annotated[
-        float | None,
-        Column(
-            "the share in Table A2.7; null: it does not have this place", "", "thesis", "z.3f", after="model_share_left"
-        ),
-    ]
-    thesis_share_right: Annotated[
-        float | None, Column("the share in Table A2.7; null: it does not have this place", "", "thesis", "z.3f")
-    ]
+    share_right_u: Annotated[float, PLUS_MINUS]
+    model_share_left: Annotated[float, replace(MODEL, after="share_left_u")]
+    model_share_right: Annotated[float, MODEL]
+    thesis_share_left: Annotated[float | None, replace(THESIS, after="model_share_left")]
+    thesis_share_right: Annotated[float | None, THESIS]
     found_mm: Annotated[float, FOUND]
     found_u: Annotated[float, Column(head="u", cell="z.2f")]
-    found_low_mm: Annotated[float, Column("lower end of its 95 % interval", "mm", "95 %\nmm", interval)]
-    found_high_mm: Annotated[float, Column("upper end of its 95 % interval", "mm")]
+    found_low_mm: Annotated[float, LOW]
+    found_high_mm: Annotated[float, HIGH]
     found_force_N: Annotated[float, Column("force by the base film", "N", "found\nN", "z.2f", u="found_force_u")]
     found_force_u: Annotated[float, Column(head="u", cell="z.2f")]
-    valid: Valid
-    settling_s: Settling
-    attempts: Attempts
-    flags: Flags
-    seconds: LapSeconds = None
+    valid: columns.Valid
+    settling_s: columns.Settling
+    attempts: columns.Attempts
+    flags: columns.Flags
+    seconds: columns.LapSeconds = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +62,9 @@ class FoundPlace:
 
     position_mm: Annotated[float, Column("where the load was set", "mm", "x\nmm", "g")]
     found_mm: Annotated[float, FOUND]
-    found_u: Annotated[float, Column(head="u", cell="z.3f")]
-    found_low_mm: Annotated[float, Column("lower end of its 95 % interval", "mm", "95 %\nmm", finer_interval)]
-    found_high_mm: Annotated[float, Column("upper end of its 95 % interval", "mm")]
+    found_u: Annotated[float, PLUS_MINUS]
+    found_low_mm: Annotated[float, replace(LOW, cell="{0.found_low_mm:z.2f} to {0.found_high_mm:z.2f}")]
+    found_high_mm: Annotated[float, HIGH]
     sets: Annotated[int, Column("number of valid load sets", head="load\nsets", after="position_mm")]
 
 

@@ -16,18 +16,7 @@ from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.measurements.columns import (
-    FREEDOM,
-    AskedLoad,
-    CalibrationU,
-    Flags,
-    ForceRatio,
-    ForceRatioU,
-    MeasuredLoad,
-    NoiseU,
-    PickupU,
-    Valid,
-)
+from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import LAST, Column
 from palpate.procedures.steps.flags import CLIPPED
 
@@ -39,17 +28,17 @@ class SoftnessPoint:
     """One load on one object. Loads are peak to peak."""
 
     object: Annotated[str, OBJECT]
-    load_N: AskedLoad
-    load_measured_N: MeasuredLoad
+    load_N: columns.AskedLoad
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    force_ratio: ForceRatio
-    force_ratio_u: ForceRatioU
-    noise_u: NoiseU
-    valid: Valid
-    flags: Flags
-    calibration_u: CalibrationU = 0.0
-    pickup_u: PickupU = 0.0
-    degrees_of_freedom: Annotated[float | None, FREEDOM] = None
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    noise_u: columns.NoiseU
+    valid: columns.Valid
+    flags: columns.Flags
+    calibration_u: columns.CalibrationU = 0.0
+    pickup_u: columns.PickupU = 0.0
+    degrees_of_freedom: Annotated[float | None, columns.FREEDOM] = None
 
 
 @dataclass(frozen=True, slots=True)

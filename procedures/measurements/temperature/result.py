@@ -12,15 +12,7 @@ import numpy as np
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
-from palpate.procedures.measurements.columns import (
-    Attempts,
-    Flags,
-    ForceRatio,
-    ForceRatioU,
-    MeasuredLoad,
-    Settling,
-    Valid,
-)
+from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column
 
 FEWEST = 3  # least number of different changes for a slope
@@ -52,10 +44,10 @@ class TemperaturePoint:
     temperature_K: Annotated[float, Column("temperature relative to the start", "K", "K", "g")]
     step_K: Annotated[float, Column("its change from the one before", "K", "change\nK", "+g")]
     offset_after_s: Annotated[float, Column("time from the change until the films' offsets were taken", "s")]
-    load_measured_N: MeasuredLoad
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    force_ratio: ForceRatio
-    force_ratio_u: ForceRatioU
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
     error_lock_in: Annotated[
         float,
         Column("relative error of the ratio by a lock-in amplifier", "", "lock-in\nerror %", "+z.3f", 100),
@@ -64,10 +56,10 @@ class TemperaturePoint:
         float, Column("relative error of the ratio by a voltmeter", "", "voltmeter\nerror %", "+z.2f", 100)
     ]
     films: Annotated[tuple[FilmWarming, ...], Column("each film", after="step_K", each="film")]
-    valid: Valid
-    settling_s: Settling
-    attempts: Attempts
-    flags: Flags
+    valid: columns.Valid
+    settling_s: columns.Settling
+    attempts: columns.Attempts
+    flags: columns.Flags
 
 
 @dataclass(frozen=True, slots=True)
