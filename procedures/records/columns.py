@@ -35,7 +35,7 @@ class Column:
         unit: unit of its value; empty: it has none. That of a `u` is the unit of its value, if it says no other.
         head: heading in the printed table; empty: the field is not printed.
         cell: how it is printed: a format of its value times `scale`, where None is "-", such as "z.3f"; a text in which
-            fields of the row stand in braces, such as "{0.low:z.1f} to {0.high:z.1f}"; or a function of the row.
+            attributes of the row stand in braces, such as "{0.low:z.1f} to {0.high:z.1f}"; or a function of the row.
         scale: factor of the printed value.
         u: field that holds its standard uncertainty.
         after: field that it follows in the printed table, or LAST; empty: it follows the field before it.

@@ -43,44 +43,35 @@ LEAST_DRIFT_POINTS = 3
 Floats = npt.NDArray[np.float64]
 
 
-def owner(row: Characteristic) -> str:
-    """Whose figure a row has, for a table."""
-    return row.film or "sensor"
-
-
-def shown(row: Characteristic) -> str:
-    """The value of a row, for a table."""
-    return _shown(row)[0]
-
-
-def shown_u(row: Characteristic) -> str:
-    """The uncertainty of a row, for a table."""
-    return _shown(row)[1]
-
-
-def _shown(row: Characteristic) -> tuple[str, str]:
-    match row.unit:
-        case "":
-            return f"{100 * row.value:z.2f} %", f"{100 * row.u:z.2f} %"
-        case "1/min":
-            return f"{100 * row.value:+z.4f} %/min", f"{100 * row.u:z.4f} %/min"
-        case "dB":
-            return f"{row.value:z.1f} dB", f"{row.u:z.1f} dB"
-    return show_with_u(row.value, row.u, row.unit)
-
-
 @dataclass(frozen=True, slots=True)
 class Characteristic:
     """A figure of merit."""
 
-    film: Annotated[str, Column('name of the film; "" for the whole sensor', head="film", cell=owner)]
+    film: Annotated[str, Column('name of the film; "" for the whole sensor', head="film", cell="{0.owner}")]
     quantity: Annotated[str, Column("name of the figure", head="quantity")]
-    value: Annotated[float, Column("its value", head="value", cell=shown, u="u")]
-    u: Annotated[float, Column(head="u", cell=shown_u)]
+    value: Annotated[float, Column("its value", head="value", cell="{0.shown[0]}", u="u")]
+    u: Annotated[float, Column(head="u", cell="{0.shown[1]}")]
     unit: Annotated[str, Column('their unit; "" for a ratio')]
     definition: Annotated[str, Column("its equation")]
     thesis: Annotated[str, Column("the thesis' section, and what that says", head="thesis")]
     how: Annotated[str, Column("what the definition leaves open: at which load, over how many points", head="how")]
+
+    @property
+    def owner(self) -> str:
+        """What the figure is of, for a table."""
+        return self.film or "sensor"
+
+    @property
+    def shown(self) -> tuple[str, str]:
+        """The value and its uncertainty, for a table."""
+        match self.unit:
+            case "":
+                return f"{100 * self.value:z.2f} %", f"{100 * self.u:z.2f} %"
+            case "1/min":
+                return f"{100 * self.value:+z.4f} %/min", f"{100 * self.u:z.4f} %/min"
+            case "dB":
+                return f"{self.value:z.1f} dB", f"{self.u:z.1f} dB"
+        return show_with_u(self.value, self.u, self.unit)
 
 
 @dataclass(frozen=True, slots=True)
