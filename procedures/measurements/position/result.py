@@ -17,7 +17,6 @@ DOUBT = (
     " load beside a tooth, which an elastic object's does: it is shown beside, not to be met"
 )
 
-
 MODEL = Column("the share by the table of the solid model", "", "model", "z.3f")
 THESIS = Column("the share in Table A2.7; null: it does not have this place", "", "thesis", "z.3f")
 FOUND = Column("place that the films alone find", "mm", "found\nmm", "z.2f", u="found_u")
