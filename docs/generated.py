@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 import click
 from pydantic import BaseModel
@@ -23,6 +23,8 @@ from palpate.instrument.quantity import Unit, show
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents
+from palpate.procedures.engine.known import SHIPPED, procedure_class
+from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.study.description import StudyFile
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
@@ -128,6 +130,24 @@ def thesis_contents() -> str:
     return _table(("number", "shows", "in Palpate", "in print"), rows)
 
 
+def points() -> str:
+    """What a point of each procedure has."""
+    parts = []
+    for name in SHIPPED:
+        rows = [(f"`{field}`", column.unit, column.doc) for field, column in _columns(procedure_class(name).point)]
+        parts += [f"### `{name}`", _table(("name", "unit", "what it is"), rows)]
+    return "\n\n".join(parts)
+
+
+def _columns(kind: type[Any]) -> Iterator[tuple[str, Column]]:
+    """The columns of a class, and of each class of rows that it holds."""
+    types = get_type_hints(kind)
+    for name, column in columns_of(kind).items():
+        yield name, column
+        if column.each:
+            yield from ((f"{name}.{inner}", each) for inner, each in columns_of(get_args(types[name])[0]).items())
+
+
 def errors() -> str:
     """The tree of errors, as their module draws it."""
     tree = inspect.cleandoc(palpate_errors.__doc__ or "").split("\n\n")[1]
@@ -147,6 +167,7 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "kinds": kinds,
     "links": links,
     "thesis_contents": thesis_contents,
+    "points": points,
     "errors": errors,
 }
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.designs import get_design
     from palpate.instrument.sensor.load import Load
     from palpate.instrument.sensor.sample import get_sample
+    from palpate.procedures.engine.dataset import as_dataset
     from palpate.procedures.engine.procedure import Finished
     from palpate.procedures.engine.replay import replay
     from palpate.procedures.engine.resume import resume
@@ -55,7 +56,6 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.references.reference import Reference, read_reference
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
-    from palpate.procedures.records.export import as_dataset
     from palpate.procedures.records.run import Run, read
 
 _PLACES = {
@@ -66,6 +66,7 @@ _PLACES = {
     "instrument.sensor.designs": "get_design",
     "instrument.sensor.load": "Load",
     "instrument.sensor.sample": "get_sample",
+    "procedures.engine.dataset": "as_dataset",
     "procedures.engine.procedure": "Finished",
     "procedures.engine.replay": "replay",
     "procedures.engine.resume": "resume",
@@ -83,7 +84,6 @@ _PLACES = {
     "procedures.measurements.references.reference": "Reference read_reference",
     "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
-    "procedures.records.export": "as_dataset",
     "procedures.records.run": "Run read",
 }
 

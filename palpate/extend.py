@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.open import OpenBench
     from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
     from palpate.procedures.measurements.static_load import StaticLoadWork
+    from palpate.procedures.records.columns import Column, gathered
     from palpate.procedures.records.record import Recorder
     from palpate.procedures.steps.checks import preload_for
     from palpate.procedures.steps.films import Films
@@ -110,6 +111,7 @@ _PLACES = {
     "procedures.lab.open": "OpenBench",
     "procedures.measurements.dynamic_load": "DynamicLoadWork",
     "procedures.measurements.static_load": "StaticLoadWork",
+    "procedures.records.columns": "Column gathered",
     "procedures.records.record": "Recorder",
     "procedures.steps.checks": "preload_for",
     "procedures.steps.films": "Films",
@@ -142,6 +144,7 @@ __all__ = [
     "CellEffect",
     "Chamber",
     "Clock",
+    "Column",
     "Contract",
     "ConverterEffect",
     "Design",
@@ -209,6 +212,7 @@ __all__ = [
     "Work",
     "driven",
     "film_forces",
+    "gathered",
     "place",
     "predicted",
     "preload_for",

@@ -95,7 +95,7 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> No
         rows, summary = [asdict(point) for point in done.result.points], done.result.summary()
         report = procedure.report(done.result, done.session.lab)
         found = {**outcome, "points": rows, **summary}
-        show = partial(print_points, rows, summary, outcome)
+        show = partial(print_points, done.result.points, summary, outcome)
         if report is not None:
             plot = report.draw(done.folder)
             found["plot"] = str(plot)

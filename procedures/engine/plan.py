@@ -30,20 +30,22 @@ class Step:
     Attributes:
         dwell_s: dwell; None: it is chosen at the point, by its noise.
         seconds: expected time on hardware, with the set-up before it.
-        force_ratio_u: expected relative standard uncertainty of the force ratio; None: it has none, or it is unknown.
+        ratio_u_expected: expected relative standard uncertainty of the force ratio, `force_ratio_u` in JSON; None: it
+            has none, or it is unknown.
         what: what is measured, for people.
         group: what is set up once for all successive steps of this group, for people.
     """
 
     dwell_s: float | None
     seconds: float
-    force_ratio_u: float | None
+    ratio_u_expected: float | None
     what: str = field(default="", kw_only=True)
     group: str = field(default="", kw_only=True)
 
     def summary(self) -> dict[str, Any]:
         """The step for JSON."""
-        return {name: value for name, value in asdict(self).items() if name not in ("what", "group")}
+        names = {"ratio_u_expected": "force_ratio_u"}
+        return {names.get(name, name): value for name, value in asdict(self).items() if name not in ("what", "group")}
 
 
 S = TypeVar("S", bound=Step, default=Step)

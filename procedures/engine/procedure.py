@@ -2,8 +2,9 @@
 
 A procedure is written as follows, with the load sweep (`measurements/loads/`) as the example:
 
-1. `result.py`: the point, a frozen dataclass whose fields are the names in the record; the result, which has `points`,
-   `budgets` and `summary()`; and `evaluate`, a function of the points. It imports only from `instrument`.
+1. `result.py`: the point, a frozen dataclass whose fields are the names in the record, each with a `Column`
+   (`records/columns.py`) that says what it is and how it is printed; the result, which has `points`, `budgets` and
+   `summary()`; and `evaluate`, a function of the points.
 2. `report.py`: a function that prints the result, and one that draws it into a folder.
 3. `procedure.py`:
    - the procedure, a frozen dataclass whose fields are the settings, in the order of the record. A `Setting`

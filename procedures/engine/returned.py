@@ -11,6 +11,7 @@ from palpate.procedures.engine.procedure import Finished, Measurement, P, Proced
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept, reserved
+from palpate.procedures.records.columns import columns_of
 from palpate.procedures.records.record import Recorder
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def planned(procedure: Procedure[S, P, R], target: Target) -> tuple[Procedure[S,
     Raises what the checks raise; UsageError: there is no step; ConfigError: it is no plan of steps.
     """
     check_settings(procedure)
+    columns_of(procedure.point)
     procedure = _filled(procedure, target)
     procedure.check(target)
     plan = procedure.plan(target)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from palpate.procedures.steps.flags import FLAGS
+from palpate.procedures.steps.flags import FLAGS, Judged
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -21,9 +21,9 @@ MARKS: dict[str, str] = {
 NO_VALUE: dict[str, str] = {"-": "no value: there is none, or the model does not give it"}
 
 
-def verdict(valid: bool, flags: tuple[str, ...] | list[str]) -> str:
+def verdict(point: Judged) -> str:
     """Whether a point is used, and its flags, for its row in a table."""
-    return " ".join(("yes" if valid else INVALID, *flags))
+    return " ".join(("yes" if point.valid else INVALID, *point.flags))
 
 
 def legend(*tables: Table, marks: Mapping[str, str] = MARKS) -> list[str]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.quantity import show
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.marks import NO_VALUE, legend
+from palpate.procedures.showing.tables import cell_of
 from palpate.procedures.showing.text import new_table, number, print_all, short, stamped
 from palpate.procedures.showing.validation import brief, lines
 
@@ -65,15 +67,14 @@ def print_moduli(
     models = ", ".join(dict.fromkeys(p["model"] for p in points))
     table = new_table(
         stamped(simulated, f"{design}, model {models}: Young modulus"),
-        "force ratio", "u", "model error", *moduli.COLUMNS, "dlnE/dlnR", "",
+        "force ratio", "u", "model error", *(column.head for column in moduli.COLUMNS.values()), "dlnE/dlnR", "",
     )  # fmt: skip
     for p in points:
-        scale = p["kind"], p["scale_low_Pa"], p["scale_high_Pa"]
-        absolute = p["absolute_kind"], p["absolute_low_Pa"], p["absolute_high_Pa"]
+        row = SimpleNamespace(**p)
         table.add_row(
             f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", short(p["model_error"]),
-            *moduli.cells(p["modulus_Pa"], p["scale_u"], scale, p["absolute_u"], absolute), number(p["sensitivity"]),
-            p["note"],
+            *(cell_of(name, column, row) for name, column in moduli.COLUMNS.items()),
+            number(p["sensitivity"]), p["note"],
         )  # fmt: skip
     print_all(
         table,

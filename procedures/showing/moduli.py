@@ -3,32 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from palpate.instrument.findings.modulus_of_ratio import AT_LEAST, AT_MOST, INTERVAL
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import show
+from palpate.procedures.records.columns import Column
+from palpate.procedures.showing.tables import NOTHING
 from palpate.procedures.showing.text import percent
 
 NOT_KNOWN = "not known"
-COLUMNS = ("modulus", "scale u %", "95 % on the scale", "absolute u %", "95 % absolute")
 
 
-def cells(
-    modulus: float | None,
-    scale_u: float | None,
-    scale: tuple[str | None, float | None, float | None],
-    absolute_u: float | None,
-    absolute: tuple[str | None, float | None, float | None],
-) -> list[str]:
-    """The cells of COLUMNS: modulus [Pa], relative uncertainties, and intervals as kind and ends [Pa]."""
-    unknown = scale[0] is not None and absolute[0] is None
-    return [
-        "-" if modulus is None else show(modulus, "Pa", 4),
-        percent(scale_u),
-        between(*scale),
-        NOT_KNOWN if unknown else percent(absolute_u),
-        NOT_KNOWN if unknown else between(*absolute),
-    ]
+def _modulus(row: Any) -> str:
+    return NOTHING if row.modulus_Pa is None else show(row.modulus_Pa, "Pa", 4)
+
+
+def _scale(row: Any) -> str:
+    return between(row.kind, row.scale_low_Pa, row.scale_high_Pa)
+
+
+def _absolute_u(row: Any) -> str:
+    return NOT_KNOWN if _only_scale(row) else percent(row.absolute_u)
+
+
+def _absolute(row: Any) -> str:
+    return NOT_KNOWN if _only_scale(row) else between(row.absolute_kind, row.absolute_low_Pa, row.absolute_high_Pa)
+
+
+def _only_scale(row: Any) -> bool:
+    return row.kind is not None and row.absolute_kind is None
+
+
+COLUMNS = {  # of what `instrument.findings.object_modulus.estimate` finds
+    "modulus_Pa": Column(head="modulus", cell=_modulus),
+    "scale_u": Column(head="scale u %", cell="z.2f", scale=100),
+    "scale_low_Pa": Column(head="95 % on the scale", cell=_scale),
+    "absolute_u": Column(head="absolute u %", cell=_absolute_u),
+    "absolute_low_Pa": Column(head="95 % absolute", cell=_absolute),
+}
 
 
 def between(kind: str | None, low: float | None, high: float | None) -> str:

@@ -8,7 +8,7 @@ from palpate.procedures.engine.plan import Plan, S, Step
 from palpate.procedures.engine.promise import RELATIVE, expected_of
 from palpate.procedures.showing.text import new_table, number, print_all
 
-OWN = tuple(Step.__dataclass_fields__)
+OWN = tuple(Step(None, 0.0, None).summary())
 
 
 def print_plan(plan: Plan[S]) -> None:

@@ -56,26 +56,27 @@ class FilmPoint:
     """The films under one load, by the last attempt.
 
     Attributes:
-        load_N, load_u: load by the load cell after the dwell, peak to peak, and its standard uncertainty.
+        load_measured_N, load_measured_u: load by the load cell after the dwell, peak to peak, and its standard
+            uncertainty.
         indicator_mV: reading of the indicator for this load.
         fit: fit of all films in the design's order, by the good samples if there are enough.
         record: the samples of all films.
-        dwell: length of the record [s].
-        predicted_u: relative standard uncertainty for which the dwell was chosen; None: it was given.
-        settling: time that the films took to settle [s].
+        dwell_s: length of the record.
+        relative_u_predicted: relative standard uncertainty for which the dwell was chosen; None: it was given.
+        settling_s: time that the films took to settle.
         attempts: number of attempts.
         flags: why the point is not used, or what its record cannot tell (`flags.USED`).
         incidents: how many failures of the bench were made good since the point before.
     """
 
-    load_N: float
-    load_u: float
+    load_measured_N: float
+    load_measured_u: float
     indicator_mV: float
     fit: SineFit
     record: FilmRecord
-    dwell: float
-    predicted_u: float | None
-    settling: float
+    dwell_s: float
+    relative_u_predicted: float | None
+    settling_s: float
     attempts: int
     flags: tuple[str, ...]
     incidents: int = 0
@@ -191,14 +192,14 @@ def _attempt(
     if not flags:
         flags = _marks(films.design, fit)
     return FilmPoint(
-        load_N=measured,
-        load_u=measured_u,
+        load_measured_N=measured,
+        load_measured_u=measured_u,
         indicator_mV=reading.reading_mV,
         fit=fit,
         record=record,
-        dwell=duration,
-        predicted_u=predicted_u,
-        settling=settling,
+        dwell_s=duration,
+        relative_u_predicted=predicted_u,
+        settling_s=settling,
         attempts=attempt,
         flags=tuple(flags),
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.records.export import as_dataset
+from palpate.procedures.engine.dataset import as_dataset
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER

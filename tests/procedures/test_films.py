@@ -157,7 +157,7 @@ def test_a_good_point_is_measured_once(signals: Signals, tmp_path: Path) -> None
     assert (point.valid, point.flags, point.attempts, events) == (True, (), 1, [])
     assert signals.lengths == [0.2, 0.2, 1.0]
     assert point.fit.amplitude == pytest.approx(TRUE)
-    assert point.load_N == pytest.approx(3.0)
+    assert point.load_measured_N == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize(("value", "flag"), [(np.nan, "not finite"), (0.1, "clipped")])
@@ -214,8 +214,10 @@ def test_a_longer_dwell_is_chosen_by_a_pilot_that_counts_where_it_is_long_enough
     point, _ = measured(signals, Held(), tmp_path / "run", lambda fit: Dwell(asked, asked, fit.amplitude_u[1]))
     assert signals.lengths == [0.2, 0.2, *lengths]
     assert sum(lengths) == pytest.approx(recording_seconds(asked, 10.0))
-    assert (point.dwell, point.fit.samples, point.record.voltage.shape) == (asked, asked * RATE, (2, asked * RATE))
-    assert point.predicted_u is not None and point.predicted_u < 20e-6 * np.sqrt(3 / (RATE * lengths[0]))
+    assert (point.dwell_s, point.fit.samples, point.record.voltage.shape) == (asked, asked * RATE, (2, asked * RATE))
+    assert point.relative_u_predicted is not None and point.relative_u_predicted < 20e-6 * np.sqrt(
+        3 / (RATE * lengths[0])
+    )
 
 
 # --- hum ------------------------------------------------------------------------------------------------

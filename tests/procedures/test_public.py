@@ -39,6 +39,7 @@ decimals = 2
 """
 SIGNATURES = {
     "Characterisation": "sample loads dwell frequency drift_time tolerance time",
+    "Column": "doc unit head cell scale u after each",
     "DynamicLoadWork": "lab record loads frequency samples extrapolate",
     "FilmCalibration": (
         "accepted device scene simulated source created expires design films covariance crosstalk crosstalk_u "
@@ -81,7 +82,7 @@ SIGNATURES = {
     "SimpleResult": "points values budgets",
     "SoftnessTest": "objects loads dwell frequency model risk sets",
     "StaticLoadWork": "lab sample force",
-    "Step": "dwell_s seconds force_ratio_u what group",
+    "Step": "dwell_s seconds ratio_u_expected what group",
     "Target": (
         "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene "
         "mountings mounts"
@@ -89,6 +90,7 @@ SIGNATURES = {
     "TemperatureSweep": "temperatures sample load dwell frequency soak extrapolate",
     "Work": "args kwargs",
     "as_dataset": "run",
+    "gathered": "kind sources own",
     "get_design": "name",
     "get_sample": "name",
     "open_bench": "scene bench seed model log operator assume_mounted",

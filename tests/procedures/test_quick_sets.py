@@ -54,7 +54,7 @@ def test_a_set_made_again_is_a_new_one_and_takes_half_a_second_beside_its_dwell(
     for _ in range(4):
         point = first.work.again(LOAD, "again", 0.1)
         assert point.valid
-        assert point.load_N == pytest.approx(LOAD, abs=0.1)
+        assert point.load_measured_N == pytest.approx(LOAD, abs=0.1)
         sets.append(first.sim.rig._set_at_ns)
     assert len(set(sets)) == 4
     assert first.work.servo.amplitude == amplitude
@@ -84,7 +84,7 @@ def test_a_load_that_has_drifted_is_set_by_the_load_cell_anew(first: Set) -> Non
     stiffen(first.sim, 1.3)
     point = first.work.again(LOAD, "again", 0.1)
     assert (point.attempts, point.valid) == (2, True)
-    assert point.load_N == pytest.approx(LOAD, abs=0.1)
+    assert point.load_measured_N == pytest.approx(LOAD, abs=0.1)
 
 
 def test_an_open_bridge_stops_a_set_that_is_made_again(first: Set, monkeypatch: pytest.MonkeyPatch) -> None:

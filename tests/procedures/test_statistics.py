@@ -376,7 +376,8 @@ def test_the_greatest_of_normal_noise_scatters_as_its_order_statistics_say(sampl
 def test_the_gain_of_a_film_at_a_frequency_is_as_uncertain_as_its_parts() -> None:
     fit = fitted(SINGLE, [0.5, 1.6], noise=5e-3)
     point = SimpleNamespace(
-        fit=fit, load_N=1.6, load_u=0.03, valid=True, dwell=1.0, settling=0.0, attempts=1, flags=()
+        fit=fit, load_measured_N=1.6, load_measured_u=0.03, valid=True, dwell_s=1.0, settling_s=0.0, attempts=1,
+        flags=(),
     )  # fmt: skip
     found = frequency._point(SINGLE, FREQUENCY, point, 0.2)  # type: ignore[arg-type]
     load = gtc.ureal(1.6, 0.03)

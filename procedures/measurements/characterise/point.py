@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.uncertainty.budget import Component
+from palpate.procedures.measurements import columns
+from palpate.procedures.records.columns import Column
 
 LEAST_LOADS = 3  # for a line with its scatter
 LOADING, UNLOADING, HOLDING = "loading", "unloading", "holding"
@@ -17,43 +20,25 @@ LOADING, UNLOADING, HOLDING = "loading", "unloading", "holding"
 
 @dataclass(frozen=True, slots=True)
 class FilmsPoint:
-    """All films under one load. Loads and voltages are peak to peak; names with `_u` are standard uncertainties.
+    """All films under one load. Loads and voltages are peak to peak."""
 
-    Attributes:
-        direction: LOADING, UNLOADING or HOLDING.
-        time_s: time since the load is held; 0 before that.
-        load_N: the load that was asked for.
-        load_measured_N, load_measured_u: the measured load.
-        voltages_V, voltages_u: voltage of each film, in the design's order.
-        noise_V: rms of each film's noise.
-        noise_u: standard uncertainty of `noise_V` [V], with `noise_freedom` degrees of freedom.
-        noise_freedom: degrees of freedom of `noise_u`.
-        noise_peak_V: greatest value of each film's noise.
-        samples: number of samples in the record.
-        valid: whether the point is used.
-        flags: why the point is not used, or what to know about it.
-        attempts: number of attempts.
-        incidents: number of failures of the bench that were made good since the point before.
-        seconds: bench time since the point before, or since the beginning [s]; None: the run has no time to keep.
-    """
-
-    direction: str
-    time_s: float
-    load_N: float
-    load_measured_N: float
+    direction: Annotated[str, Column('"loading", "unloading" or "holding"')]
+    time_s: Annotated[float, Column("time since the load is held; 0 before that", "s")]
+    load_N: columns.AskedLoad
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    voltages_V: tuple[float, ...]
+    voltages_V: columns.Volts
     voltages_u: tuple[float, ...]
-    noise_V: tuple[float, ...]
+    noise_V: Annotated[tuple[float, ...], Column("rms of each film's noise", "V", u="noise_u")]
     noise_u: tuple[float, ...]
-    noise_freedom: float
-    noise_peak_V: tuple[float, ...]
-    samples: int
-    valid: bool
-    flags: tuple[str, ...]
-    attempts: int = 1
-    incidents: int = 0
-    seconds: float | None = None
+    noise_freedom: Annotated[float, Column("degrees of freedom of `noise_u`")]
+    noise_peak_V: Annotated[tuple[float, ...], Column("greatest value of each film's noise", "V")]
+    samples: Annotated[int, Column("number of samples in the record")]
+    valid: columns.Valid
+    flags: columns.Flags
+    attempts: columns.Attempts = 1
+    incidents: columns.Incidents = 0
+    seconds: columns.LapSeconds = None
 
 
 @dataclass(frozen=True, slots=True)

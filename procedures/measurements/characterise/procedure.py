@@ -33,6 +33,7 @@ from palpate.procedures.measurements.characterise.result import (
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName, bench_time, share
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
@@ -228,18 +229,15 @@ class Characterising(DynamicLoadWork):
             clock.wait(STANDING)
         measured = self.held(step.load_N, step.what, self._asked.dwell, compare=False)
         time = 0.0 if self._held_ns is None else 1e-9 * (clock.now_ns() - self._held_ns)
-        point = replace(_point(step, time, measured), seconds=self._laps.seconds())
+        point = _point(step, time, self._laps.seconds(), measured)
         return Measurement(point, measured.waveforms(self.lab.design))
 
 
-def _point(step: CharacteriseStep, time: float, measured: FilmPoint) -> FilmsPoint:
+def _point(step: CharacteriseStep, time: float, seconds: float | None, measured: FilmPoint) -> FilmsPoint:
     fit = measured.fit
-    return FilmsPoint(
-        direction=step.direction,
+    return gathered(
+        FilmsPoint, step, measured,
         time_s=time,
-        load_N=step.load_N,
-        load_measured_N=measured.load_N,
-        load_measured_u=measured.load_u,
         voltages_V=tuple(float(v) for v in 2 * fit.amplitude),
         voltages_u=tuple(float(u) for u in 2 * fit.amplitude_u),
         noise_V=tuple(float(v) for v in fit.rapid.rms),
@@ -247,11 +245,8 @@ def _point(step: CharacteriseStep, time: float, measured: FilmPoint) -> FilmsPoi
         noise_freedom=float(fit.rapid.degrees_of_freedom),
         noise_peak_V=tuple(float(v) for v in fit.rapid.greatest),
         samples=fit.samples,
-        valid=measured.valid,
-        flags=measured.flags,
-        attempts=measured.attempts,
-        incidents=measured.incidents,
-    )
+        seconds=seconds,
+    )  # fmt: skip
 
 
 def _cell(target: Target) -> LoadCellCalibration | None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.quantity import counted, show_with_u
+from palpate.instrument.quantity import counted
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
 from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING
 from palpate.procedures.measurements.characterise.result import CharacteriseResult, Characteristic
+from palpate.procedures.records.columns import columns_of
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import new_table, percent, print_all, stamped, taken, where
 
 if TYPE_CHECKING:
@@ -21,14 +23,12 @@ MOST_NAMED = 6  # films that a legend has room for
 
 def print_characteristics(result: CharacteriseResult, outcome: Outcome, plot: Path) -> None:
     """Print each figure of merit with its uncertainty and how it was measured, then the definitions."""
-    table = new_table(
-        stamped(outcome["simulated"], f"Sensor {outcome['design']}"), "film", "quantity", "value", "u", "thesis", "how"
+    table = table_of(
+        stamped(outcome["simulated"], f"Sensor {outcome['design']}"), result.rows, columns_of(Characteristic)
     )
     for column in (0, 1, 4, 5):
         table.columns[column].justify = "left"
     table.columns[5].no_wrap = False
-    for row in result.rows:
-        table.add_row(row.film or "sensor", row.quantity, *_shown(row), row.thesis, row.how)
     said = []
     if result.stopped:
         sets = counted(sum(point.direction == LOADING for point in result.points), "load set")
@@ -78,14 +78,3 @@ def plot_characteristics(result: CharacteriseResult, simulated: bool, folder: Pa
         left.legend(fontsize=8)
         right.legend(fontsize=8)
     return save(figure, folder)
-
-
-def _shown(row: Characteristic) -> tuple[str, str]:
-    match row.unit:
-        case "":
-            return f"{100 * row.value:z.2f} %", f"{100 * row.u:z.2f} %"
-        case "1/min":
-            return f"{100 * row.value:+z.4f} %/min", f"{100 * row.u:z.4f} %/min"
-        case "dB":
-            return f"{row.value:z.1f} dB", f"{row.u:z.1f} dB"
-    return show_with_u(row.value, row.u, row.unit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.quantity import counted, show
+from palpate.instrument.quantity import counted, show, show_with_u
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
@@ -34,6 +34,7 @@ from palpate.procedures.measurements.characterise.uncertainty import (
     factor,
     noise_component,
 )
+from palpate.procedures.records.columns import Column
 from palpate.procedures.steps.flags import reasons
 
 SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
@@ -44,26 +45,33 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Characteristic:
-    """A figure of merit.
+    """A figure of merit."""
 
-    Attributes:
-        film: name of the film; "" for the whole sensor.
-        quantity: name of the figure.
-        value, u: its value and standard uncertainty.
-        unit: their unit; "" for a ratio.
-        definition: its equation.
-        thesis: the thesis' section, and what that says.
-        how: what the definition leaves open: at which load, over how many points.
-    """
+    film: Annotated[str, Column('name of the film; "" for the whole sensor', head="film", cell="{0.owner}")]
+    quantity: Annotated[str, Column("name of the figure", head="quantity")]
+    value: Annotated[float, Column("its value", head="value", cell="{0.shown[0]}", u="u")]
+    u: Annotated[float, Column(head="u", cell="{0.shown[1]}")]
+    unit: Annotated[str, Column('their unit; "" for a ratio')]
+    definition: Annotated[str, Column("its equation")]
+    thesis: Annotated[str, Column("the thesis' section, and what that says", head="thesis")]
+    how: Annotated[str, Column("what the definition leaves open: at which load, over how many points", head="how")]
 
-    film: str
-    quantity: str
-    value: float
-    u: float
-    unit: str
-    definition: str
-    thesis: str
-    how: str
+    @property
+    def owner(self) -> str:
+        """What the figure is of, for a table."""
+        return self.film or "sensor"
+
+    @property
+    def shown(self) -> tuple[str, str]:
+        """The value and its uncertainty, for a table."""
+        match self.unit:
+            case "":
+                return f"{100 * self.value:z.2f} %", f"{100 * self.u:z.2f} %"
+            case "1/min":
+                return f"{100 * self.value:+z.4f} %/min", f"{100 * self.u:z.4f} %/min"
+            case "dB":
+                return f"{self.value:z.1f} dB", f"{self.u:z.1f} dB"
+        return show_with_u(self.value, self.u, self.unit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,7 @@ from palpate.procedures.measurements.films.result import FilmResult, PressedPoin
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.prospects import load_cell_of
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, share
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.films import check_nodes
@@ -188,19 +189,12 @@ class Pressing(DynamicLoadWork):
             self.hold(self._preloaded)
         design = self.lab.design
         measured = self.load_set(step.load_N, step.what, self._dwell, compare=False)
-        point = PressedPoint(
-            tooth=step.tooth,
-            frequency_Hz=step.frequency_Hz,
-            load_N=step.load_N,
-            indicator_mV=measured.indicator_mV,
-            load_measured_N=measured.load_N,
-            load_measured_u=measured.load_u,
+        point = gathered(
+            PressedPoint, step, measured,
             extrapolated=not self.lab.calibration.covers(step.load_N),
             voltages_V=tuple(_voltages(design, step.tooth - 1, measured.fit).tolist()),
             voltages_u=tuple((2 * measured.fit.amplitude_u).tolist()),
-            valid=measured.valid,
-            flags=measured.flags,
-        )
+        )  # fmt: skip
         why = f"{step.what}: the point is not valid, and a calibration needs each. {causes(measured.flags)}"
         return Measurement(point, measured.waveforms(design), None if measured.valid else DeviceError(why))
 

@@ -4,39 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.measurements import columns
+from palpate.procedures.records.columns import Column
 
 
 @dataclass(frozen=True, slots=True)
 class PressedPoint:
-    """One tooth pressed alone. Loads and voltages are peak to peak; names with `_u` are standard uncertainties.
+    """One tooth pressed alone. Loads and voltages are peak to peak."""
 
-    Attributes:
-        tooth: number of the tooth, from 1.
-        frequency_Hz: frequency of the load.
-        load_N: the asked load.
-        indicator_mV: reading of the indicator.
-        load_measured_N, load_measured_u: the measured load.
-        extrapolated: whether the load lies outside the load cell's calibrated range.
-        voltages_V, voltages_u: voltage of each film.
-        valid: whether the point is used.
-        flags: why it is not used, or what to know about it.
-    """
-
-    tooth: int
-    frequency_Hz: float
-    load_N: float
-    indicator_mV: float
-    load_measured_N: float
+    tooth: Annotated[int, Column("number of the tooth, from 1")]
+    frequency_Hz: Annotated[float, Column("frequency of the load", "Hz")]
+    load_N: columns.AskedLoad
+    indicator_mV: columns.Indicator
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    extrapolated: bool
-    voltages_V: tuple[float, ...]
+    extrapolated: columns.Extrapolated
+    voltages_V: columns.Volts
     voltages_u: tuple[float, ...]
-    valid: bool
-    flags: tuple[str, ...]
+    valid: columns.Valid
+    flags: columns.Flags
 
 
 @dataclass(frozen=True, slots=True)

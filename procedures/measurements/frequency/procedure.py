@@ -31,6 +31,7 @@ from palpate.procedures.measurements.frequency.result import (
 from palpate.procedures.measurements.prospects import expected_ratio, load_cell_of
 from palpate.procedures.measurements.settings import PeakLoad, SampleName
 from palpate.procedures.measurements.sweep import Sweep, SweepWork
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import (
     check_end,
@@ -194,20 +195,15 @@ def _point(design: Design, frequency: float, measured: FilmPoint, amplitude: flo
     relative_u = fit.amplitude_u / np.where(fit.amplitude > 0, fit.amplitude, np.nan)
     films = []
     for i, film in enumerate(design.films):
-        gain = 2 * float(fit.amplitude[i]) / measured.load_N
+        gain = 2 * float(fit.amplitude[i]) / measured.load_measured_N
         phase, phase_u = phase_lead(fit, i, reference)
-        relative = math.hypot(film.scatter, float(relative_u[i]), measured.load_u / measured.load_N)
+        load_u = measured.load_measured_u / measured.load_measured_N
+        relative = math.hypot(film.scatter, float(relative_u[i]), load_u)
         films.append(FilmResponse(film.name, gain, gain * relative, math.degrees(phase), math.degrees(phase_u)))
-    return FrequencyPoint(
+    return gathered(
+        FrequencyPoint, measured,
         frequency_Hz=frequency,
         tactile=frequency <= TACTILE,
-        load_measured_N=measured.load_N,
-        load_measured_u=measured.load_u,
-        response_N_per_V=measured.load_N / (2 * amplitude),
+        response_N_per_V=measured.load_measured_N / (2 * amplitude),
         films=tuple(films),
-        valid=measured.valid,
-        dwell_s=measured.dwell,
-        settling_s=measured.settling,
-        attempts=measured.attempts,
-        flags=measured.flags,
-    )
+    )  # fmt: skip

@@ -8,27 +8,18 @@ from pathlib import Path
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.frequency_response import TACTILE
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.frequency.result import FrequencyResult
+from palpate.procedures.measurements.frequency.result import FrequencyPoint, FrequencyResult
+from palpate.procedures.records.columns import columns_of
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
-from palpate.procedures.showing.marks import legend, verdict
+from palpate.procedures.showing.marks import legend
+from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 
 def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Print gains and phases, the corner of each film, and the resonance."""
-    names = [film.name for film in design.films]
-    points = new_table(
-        stamped(outcome["simulated"], "Gain (mV/N) and phase (degrees, before the first base film)"),
-        "Hz", "touch", "load\nN", "load/drive\nN/V", *itertools.chain(*((f"{n}\nmV/N", f"{n}\n°") for n in names)),
-        "valid",
-    )  # fmt: skip
-    for p in result.points:
-        cells = ((f"{1e3 * f.gain_V_per_N:.3g}", f"{f.phase_deg:+z.2f}") for f in p.films)
-        points.add_row(
-            f"{p.frequency_Hz:g}", "yes" if p.tactile else "", f"{p.load_measured_N:z.2f}",
-            f"{p.response_N_per_V:z.3f}",
-            *itertools.chain(*cells), verdict(p.valid, p.flags),
-        )  # fmt: skip
+    title = "Gain (mV/N) and phase (degrees, before the first base film)"
+    points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(FrequencyPoint))
     corners = new_table(
         stamped(outcome["simulated"], "Charge amplifiers: corner of each film"),
         "film", "corner\nHz", "u", "time constant\ns", "gain above it\nmV/N", "u",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -14,57 +14,50 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.frequency_response import Corner, Resonance, fit_corner, fit_resonance
 from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.procedures.measurements import columns
+from palpate.procedures.records.columns import Column
 
 FEWEST = 3  # least number of points for a corner
 
 
+def in_touch(point: FrequencyPoint) -> str:
+    """Whether a point lies within the band of touch, for its row in a table."""
+    return "yes" if point.tactile else ""
+
+
 @dataclass(frozen=True, slots=True)
 class FilmResponse:
-    """Response of one film. Names with `_u` are standard uncertainties.
+    """Response of one film.
 
     The exciter and the nodes have no common clock, so the phase relative to the drive is unknown.
-
-    Attributes:
-        film: name of the film.
-        gain_V_per_N, gain_u: voltage over load.
-        phase_deg, phase_u: phase lead over the first base film, and its standard uncertainty by noise and hum.
     """
 
-    film: str
-    gain_V_per_N: float
+    film: Annotated[str, Column("name of the film")]
+    gain_V_per_N: Annotated[float, Column("voltage over load", "V/N", "mV/N", ".3g", 1e3, u="gain_u")]
     gain_u: float
-    phase_deg: float
+    phase_deg: Annotated[
+        float, Column("phase lead over the first base film; `phase_u` by noise and hum", "°", "°", "+z.2f", u="phase_u")
+    ]
     phase_u: float
 
 
 @dataclass(frozen=True, slots=True)
 class FrequencyPoint:
-    """One frequency. Loads are peak to peak; names with `_u` are standard uncertainties.
+    """One frequency. Loads are peak to peak."""
 
-    Attributes:
-        frequency_Hz: the frequency.
-        tactile: whether it lies within the band of touch.
-        load_measured_N, load_measured_u: the measured load.
-        response_N_per_V: the measured load over the exciter's voltage, both peak to peak.
-        films: the response of each film.
-        valid: whether the point is used.
-        dwell_s: the dwell.
-        settling_s: how long the films took to settle.
-        attempts: number of attempts.
-        flags: why the point is not used, or what to know about it.
-    """
-
-    frequency_Hz: float
-    tactile: bool
-    load_measured_N: float
+    frequency_Hz: Annotated[float, Column("the frequency", "Hz", "Hz", "g")]
+    tactile: Annotated[bool, Column("whether it lies within the band of touch", head="touch", cell=in_touch)]
+    load_measured_N: columns.PrintedLoad
     load_measured_u: float
-    response_N_per_V: float
-    films: tuple[FilmResponse, ...]
-    valid: bool
-    dwell_s: float
-    settling_s: float
-    attempts: int
-    flags: tuple[str, ...]
+    response_N_per_V: Annotated[
+        float, Column("the measured load over the exciter's voltage", "N/V", "load/drive\nN/V", "z.3f")
+    ]
+    films: Annotated[tuple[FilmResponse, ...], Column("the response of each film", each="film")]
+    valid: columns.Valid
+    dwell_s: columns.Dwell
+    settling_s: columns.Settling
+    attempts: columns.Attempts
+    flags: columns.Flags
 
 
 @dataclass(frozen=True, slots=True)

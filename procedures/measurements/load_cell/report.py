@@ -7,29 +7,24 @@ from pathlib import Path
 from palpate.instrument.calibration.classification import Classification, iso_376_class_of
 from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
+from palpate.procedures.measurements.load_cell.result import LOADING, UNLOADING, LoadCellPoint, LoadCellResult
+from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.plan import duration
+from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 
 def print_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome, plot: Path) -> None:
     """Print the readings, the curve, its figures of merit and its classes."""
-    readings = new_table(
-        stamped(outcome["simulated"], "Load-cell calibration"),
-        "position", "run", "load gf", "load N", "loading mV", "unloading mV",
-    )  # fmt: skip
-    down = {_place(p): p.reading_mV for p in result.points if p.direction == "unloading"}
-    for p in result.points:
-        if p.direction == "loading":
-            readings.add_row(
-                f"{p.position_deg:g}°",
-                f"{p.run}",
-                f"{p.load_gf:g}",
-                f"{p.load_N:z.4f}",
-                f"{p.reading_mV:z.2f}",
-                f"{down[_place(p)]:z.2f}",
-            )
+    down = {_place(p): p.reading_mV for p in result.points if p.direction == UNLOADING}
+
+    def unloading(point: LoadCellPoint) -> str:
+        return f"{down[_place(point)]:z.2f}"
+
+    columns = columns_of(LoadCellPoint) | {"unloading": Column(head="unloading mV", cell=unloading)}
+    up = [p for p in result.points if p.direction == LOADING]
+    readings = table_of(stamped(outcome["simulated"], "Load-cell calibration"), up, columns)
     c = result.calibration
     quantities = new_table(None, "", "greatest of\nall loads", "ISO 376 class")
     for name, value in (

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from palpate.instrument.calibration.classification import Run
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.measurements import columns
+from palpate.procedures.records.columns import Column
 
 FILTER = 0.1  # s, time constant of the indicator's filter
 SETTLING = 1.0  # s between placing a weight and reading it
@@ -32,26 +34,18 @@ TOLD = (
 
 @dataclass(frozen=True, slots=True)
 class LoadCellPoint:
-    """The readings under one weight.
+    """The readings under one weight."""
 
-    Attributes:
-        position_deg: position of the cell about its axis.
-        run: number of the run, from 1.
-        direction: "loading", "unloading", "zero_before", "zero_after", or "creep_..._s".
-        load_gf, load_N: the load.
-        reading_mV: mean of the readings.
-        readings_mV: the readings.
-        incidents: number of incidents since the point before.
-    """
-
-    position_deg: float
-    run: int
-    direction: str
-    load_gf: float
-    load_N: float
-    reading_mV: float
-    readings_mV: tuple[float, ...]
-    incidents: int = 0
+    position_deg: Annotated[
+        float, Column("position of the cell about its axis", "°", "position", "{0.position_deg:g}°")
+    ]
+    run: Annotated[int, Column("number of the run, from 1", head="run")]
+    direction: Annotated[str, Column('"loading", "unloading", "zero_before", "zero_after", or "creep_..._s"')]
+    load_gf: Annotated[float, Column("the load", "gf", "load gf", "g")]
+    load_N: Annotated[float, Column("the load", "N", "load N", "z.4f")]
+    reading_mV: Annotated[float, replace(columns.READING, head="loading mV", cell="z.2f")]
+    readings_mV: columns.Readings
+    incidents: columns.Incidents = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from palpate.procedures.measurements.load_cell.result import (
     ZERO_BEFORE,
     LoadCellPoint,
 )
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.steps.indicator import steady
 from palpate.procedures.steps.policy import carry_out
 
@@ -107,16 +108,13 @@ class Weighing:
         what = f"{step.direction}, {show(step.load_N, 'N')}"
         again = partial(self._bench.clock.wait, SETTLING)
         values = carry_out(self._bench, what, partial(_displays, self._bench), again=again)
-        return LoadCellPoint(
-            position_deg=step.position_deg,
-            run=step.run,
-            direction=step.direction,
+        return gathered(
+            LoadCellPoint, step,
             load_gf=round(1e3 * step.load_N / STANDARD_GRAVITY, 6),
-            load_N=step.load_N,
             reading_mV=sum(values) / len(values),
             readings_mV=tuple(values),
             incidents=self._bench.incidents.new(),
-        )
+        )  # fmt: skip
 
     def _drift(self, before: float, after: float, span: float) -> DeviceError | None:
         """An error if the zero has moved too far from before to after a run [mV]; else None."""

@@ -26,6 +26,7 @@ from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult,
 from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Frequency, share
 from palpate.procedures.measurements.sweep import Sweep, SweepWork
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.dwells import Dwells
@@ -125,7 +126,7 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         ]
         likely = predicted(steps, [self._expected(target.design, name) for name in self.samples])
         if self.tolerance is not None:
-            worst = max(step.force_ratio_u or 0.0 for step in steps)
+            worst = max(step.ratio_u_expected or 0.0 for step in steps)
             likely = replace(likely, u=worst, told={**likely.told, "tolerance_of": "point"})
         return Plan(self.name, steps, likely)
 
@@ -223,33 +224,11 @@ def _chosen(design: Design, target: float) -> DwellChoice:
 
 def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, measured: FilmPoint) -> LoadPoint:
     forces = measured.forces(design)
-    return LoadPoint(
-        sample=step.sample,
-        load_N=step.load_N,
-        indicator_mV=measured.indicator_mV,
-        load_measured_N=measured.load_N,
-        load_measured_u=measured.load_u,
-        voltage_rigid_V=forces.voltage_rigid_V,
-        voltage_total_V=forces.voltage_total_V,
-        force_rigid_N=forces.force_rigid_N,
-        force_total_N=forces.force_total_N,
-        force_ratio=forces.force_ratio,
-        force_ratio_u=forces.force_ratio_u,
-        noise_u=forces.noise_u,
+    return gathered(
+        LoadPoint, step, measured, forces,
         condition=measured.fit.condition,
-        valid=measured.valid,
-        dwell_s=measured.dwell,
+        dwell_s=measured.dwell_s,
         relative_u=forces.force_ratio_u / forces.force_ratio if forces.force_ratio else None,
-        relative_u_predicted=measured.predicted_u,
-        settling_s=measured.settling,
-        attempts=measured.attempts,
-        flags=measured.flags,
-        incidents=measured.incidents,
         teeth=forces.teeth if len(forces.teeth) > 1 else (),
         extrapolated=not calibration.covers(step.load_N),
-        calibration_u=forces.calibration_u,
-        force_rigid_u=forces.force_rigid_u,
-        force_total_u=forces.force_total_u,
-        pickup_u=forces.pickup_u,
-        degrees_of_freedom=forces.degrees_of_freedom,
-    )
+    )  # fmt: skip

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult
+from palpate.procedures.measurements.loads.result import LoadPoint, SampleMean, SweepResult
+from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import new_figure, plot_over_loads, save
-from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import new_table, number, percent, print_all, stamped, where
+from palpate.procedures.showing.marks import legend
+from palpate.procedures.showing.tables import NOTHING, table_of
+from palpate.procedures.showing.text import new_table, percent, print_all, stamped, where
 
 ROUNDING = 1e-6  # of a tolerance
+OF_CHOSEN = ("dwell_s", "relative_u_predicted", "relative_u")  # columns of points whose dwell was chosen
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -23,36 +27,16 @@ if TYPE_CHECKING:
 
 def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Print the points, the means beside the thesis' means, the softness order, and where the files are."""
-    chosen = any(p.relative_u_predicted is not None for p in result.points)
-    points = new_table(
-        stamped(outcome["simulated"], "Load sets (forces and voltages peak to peak)"),
-        "sample", "load\nN", "meter\nmV", "rigid\nmV", "total\nmV", "rigid\nN", "total\nN", "force\nratio", "u",
-        *(("dwell\ns", "u to be\n%", "u\n%") if chosen else ()), "valid",
-    )  # fmt: skip
-    for p in result.points:
-        points.add_row(
-            p.sample, f"{p.load_N:g}{'*' * p.extrapolated}", f"{p.indicator_mV:z.1f}",
-            f"{1e3 * p.voltage_rigid_V:z.3f}", f"{1e3 * p.voltage_total_V:z.2f}", f"{p.force_rigid_N:z.3f}",
-            f"{p.force_total_N:z.3f}", f"{p.force_ratio:z.4f}", f"{p.force_ratio_u:z.4f}",
-            *((number(p.dwell_s), percent(p.relative_u_predicted), percent(p.relative_u)) if chosen else ()),
-            verdict(p.valid, p.flags),
-        )  # fmt: skip
+    columns = columns_of(LoadPoint)
+    if all(p.relative_u_predicted is None for p in result.points):
+        columns = {name: column for name, column in columns.items() if name not in OF_CHOSEN}
+    title = "Load sets (forces and voltages peak to peak)"
+    points = table_of(stamped(outcome["simulated"], title), result.points, columns)
     worth = outcome["evidence"] if design.thesis_force_ratio else None
-    means = new_table(
-        stamped(outcome["simulated"], "Mean force ratio"),
-        "sample", "ours", "u", "thesis", "difference", *(["evidence"] if worth else []), "valid points",
-    )  # fmt: skip
-    for s in result.samples:
-        if s.force_ratio is None or s.force_ratio_u is None:
-            means.add_row(s.sample, "-", "-", number(s.thesis_force_ratio), "-", *(["-"] if worth else []), "0")
-            continue
-        difference = (
-            "-" if s.thesis_force_ratio is None else f"{100 * (s.force_ratio / s.thesis_force_ratio - 1):+z.1f} %"
-        )
-        means.add_row(
-            s.sample, f"{s.force_ratio:z.4f}", f"{s.force_ratio_u:z.4f}", number(s.thesis_force_ratio), difference,
-            *([worth] if worth else []), str(s.valid_points),
-        )  # fmt: skip
+    columns = columns_of(SampleMean) | {"difference": Column(head="difference", cell=_difference)}
+    if worth:
+        columns["evidence"] = Column(head="evidence", cell=partial(_evidence, worth))
+    means = table_of(stamped(outcome["simulated"], "Mean force ratio"), result.samples, columns)
     compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
     repeated = sum(p.attempts - 1 for p in result.points)
     print_all(
@@ -67,6 +51,18 @@ def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Pat
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),
     )
+
+
+def _difference(mean: SampleMean) -> str:
+    """The mean over the thesis' mean, less one."""
+    if mean.force_ratio is None or mean.thesis_force_ratio is None:
+        return NOTHING
+    return f"{100 * (mean.force_ratio / mean.thesis_force_ratio - 1):+z.1f} %"
+
+
+def _evidence(worth: str, mean: SampleMean) -> str:
+    """What agreement of a mean with the thesis is worth."""
+    return NOTHING if mean.force_ratio is None else worth
 
 
 def _tolerance(tolerance: float, result: SweepResult, outcome: Outcome) -> str:

@@ -5,92 +5,79 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 from palpate.instrument.allocation.stopping import Answer
 from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.measurements import columns
+from palpate.procedures.records.columns import LAST, Column
+from palpate.procedures.showing.marks import OUTSIDE
+
+
+def marked_load(point: LoadPoint) -> str:
+    """The load that was asked for, with a mark where it lies outside the calibrated range."""
+    return f"{point.load_N:g}{OUTSIDE * point.extrapolated}"
 
 
 @dataclass(frozen=True, slots=True)
 class LoadPoint:
-    """One load on one sample. Forces and voltages are peak to peak; names with `_u` are standard uncertainties.
+    """One load on one sample. Forces and voltages are peak to peak."""
 
-    Attributes:
-        sample: name of the sample.
-        load_N: the load that was asked for.
-        indicator_mV: reading of the load indicator.
-        load_measured_N, load_measured_u: the measured load.
-        voltage_rigid_V, voltage_total_V: sums of the voltages of the rigid films and of the base films.
-        force_rigid_N, force_total_N: sums of the forces on the teeth and on the bases.
-        force_ratio, force_ratio_u: force ratio of the sensor, as `film_forces` finds it.
-        noise_u: part of `force_ratio_u` that comes from noise.
-        condition: condition number of the fit.
-        valid: whether the point is used.
-        dwell_s: the dwell.
-        relative_u: `force_ratio_u` over `force_ratio`.
-        relative_u_predicted: the value of `relative_u` for which the dwell was chosen; None: the dwell was given.
-        settling_s: how long the films took to settle.
-        attempts: number of attempts.
-        flags: why the point is not used, or what to know about it.
-        incidents: number of failures of the bench that were made good since the point before; events describe them.
-        teeth: forces and ratio of each tooth, if there are several.
-        extrapolated: whether the load lies outside the calibrated range.
-        calibration_u, pickup_u: parts of `force_ratio_u` that come from the films' calibration and the cables' pick-up.
-        force_rigid_u, force_total_u: standard uncertainties of these forces.
-        degrees_of_freedom: degrees of freedom of `noise_u`; None: infinitely many.
-    """
-
-    sample: str
-    load_N: float
-    indicator_mV: float
-    load_measured_N: float
+    sample: columns.SampleOf
+    load_N: Annotated[float, replace(columns.ASKED, cell=marked_load)]
+    indicator_mV: columns.Indicator
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    voltage_rigid_V: float
-    voltage_total_V: float
-    force_rigid_N: float
-    force_total_N: float
-    force_ratio: float
-    force_ratio_u: float
-    noise_u: float
-    condition: float
-    valid: bool
-    dwell_s: float | None = None
-    relative_u: float | None = None
-    relative_u_predicted: float | None = None
-    settling_s: float | None = None
-    attempts: int = 1
-    flags: tuple[str, ...] = ()
-    incidents: int = 0
-    teeth: tuple[ToothPoint, ...] = ()
-    extrapolated: bool = False
-    calibration_u: float = 0.0
+    voltage_rigid_V: Annotated[float, Column("sum of the rigid films' voltages", "V", "rigid\nmV", "z.3f", 1e3)]
+    voltage_total_V: Annotated[float, Column("sum of the base films' voltages", "V", "total\nmV", "z.2f", 1e3)]
+    force_rigid_N: Annotated[float, Column("sum of forces on the teeth", "N", "rigid\nN", "z.3f", u="force_rigid_u")]
+    force_total_N: Annotated[float, Column("sum of forces on the bases", "N", "total\nN", "z.3f", u="force_total_u")]
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    noise_u: columns.NoiseU
+    condition: Annotated[float, Column("condition number of the fit")]
+    valid: columns.Valid
+    dwell_s: Annotated[float | None, Column("the dwell", "s", "dwell\ns", "z.4g")] = None
+    relative_u: Annotated[
+        float | None,
+        Column("`force_ratio_u` over `force_ratio`", "", "u\n%", "z.2f", 100, after="relative_u_predicted"),
+    ] = None
+    relative_u_predicted: Annotated[
+        float | None,
+        Column(
+            "the `relative_u` for which the dwell was chosen; null: the dwell was given", "", "u to be\n%", "z.2f", 100
+        ),
+    ] = None
+    settling_s: Annotated[float | None, columns.SETTLING] = None
+    attempts: columns.Attempts = 1
+    flags: columns.Flags = ()
+    incidents: columns.Incidents = 0
+    teeth: Annotated[tuple[ToothPoint, ...], Column("forces and ratio of each tooth, if there are several")] = ()
+    extrapolated: columns.Extrapolated = False
+    calibration_u: columns.CalibrationU = 0.0
     force_rigid_u: float | None = None
     force_total_u: float | None = None
-    pickup_u: float = 0.0
-    degrees_of_freedom: float | None = None
+    pickup_u: columns.PickupU = 0.0
+    degrees_of_freedom: Annotated[float | None, columns.FREEDOM] = None
 
 
 @dataclass(frozen=True, slots=True)
 class SampleMean:
-    """The mean force ratio of one sample over its valid points.
+    """The mean force ratio of one sample over its valid points."""
 
-    Attributes:
-        sample: name of the sample.
-        force_ratio, force_ratio_u: the mean and its standard uncertainty; None: no point is valid.
-        valid_points: number of valid points.
-        thesis_force_ratio: the thesis' mean; None: it has none.
-        teeth: mean ratio of each tooth to its base, if there are several teeth.
-    """
-
-    sample: str
-    force_ratio: float | None
-    force_ratio_u: float | None
-    valid_points: int
-    thesis_force_ratio: float | None
-    teeth: tuple[float, ...] = ()
+    sample: columns.SampleOf
+    force_ratio: Annotated[
+        float | None, Column("the mean; null: no point is valid", head="ours", cell="z.4f", u="force_ratio_u")
+    ]
+    force_ratio_u: Annotated[float | None, Column(head="u", cell="z.4f")]
+    valid_points: Annotated[int, Column("number of valid points", head="valid points", after=LAST)]
+    thesis_force_ratio: Annotated[
+        float | None, Column("the thesis' mean; null: it has none", head="thesis", cell="z.4g")
+    ]
+    teeth: Annotated[tuple[float, ...], Column("mean ratio of each tooth to its base, if there are several")] = ()
 
     @property
     def relative_u(self) -> float | None:

@@ -5,33 +5,46 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.instrument.findings.compression import CompressionPoint
 from palpate.instrument.quantity import show, show_with_u
 from palpate.instrument.thesis import COMPRESSION_TABLES, Table, read_table
 from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.modulus.result import ModulusResult
+from palpate.procedures.records.columns import Column
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, OUTSIDE, legend
+from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import new_table, print_all, stamped, where
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 
+def _calibrated(point: CompressionPoint) -> str:
+    return "no" if point.extrapolated else "yes"
+
+
+COMPRESSED = {  # what is printed of a `CompressionPoint`
+    "direction": Column(head="direction"),
+    "position_m": Column(head="position\nmm", cell="z.3f", scale=1e3),
+    "reading_mV": Column(head="meter\nmV", cell="z.1f"),
+    "load_N": Column(head="load\nN", cell="z.3f"),
+    "extrapolated": Column(head="calibrated", cell=_calibrated),
+    "strain": Column(head="strain", cell="z.4f"),
+    "strain_u": Column(head="u", cell="z.4f"),
+    "stress_Pa": Column(head="stress\nkPa", cell="z.2f", scale=1e-3),
+    "stress_u": Column(head="u", cell="z.2f", scale=1e-3),
+    "secant_modulus_Pa": Column(head="secant modulus\nkPa", cell="z.1f", scale=1e-3),
+    "secant_modulus_u": Column(head="u", cell="z.1f", scale=1e-3),
+}
+
+
 def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
     """Print the steps, the moduli with the thesis' values, and the bench's compliance."""
     sample, c = result.sample, result.compression
-    steps = new_table(
-        stamped(outcome["simulated"], f"Compression of sample {sample.name} ({sample.material})"),
-        "direction", "position\nmm", "meter\nmV", "load\nN", "calibrated", "strain", "u", "stress\nkPa", "u",
-        "secant modulus\nkPa", "u",
-    )  # fmt: skip
-    for p in c.points:
-        steps.add_row(
-            p.direction, f"{1e3 * p.position_m:z.3f}", f"{p.reading_mV:z.1f}", f"{p.load_N:z.3f}",
-            "no" if p.extrapolated else "yes", f"{p.strain:z.4f}", f"{p.strain_u:z.4f}", f"{1e-3 * p.stress_Pa:z.2f}",
-            f"{1e-3 * p.stress_u:z.2f}", f"{1e-3 * p.secant_modulus_Pa:z.1f}", f"{1e-3 * p.secant_modulus_u:z.1f}",
-        )  # fmt: skip
+    title = f"Compression of sample {sample.name} ({sample.material})"
+    steps = table_of(stamped(outcome["simulated"], title), c.points, COMPRESSED)
     thesis, loss = _thesis(sample.name), c.energy_loss
     print_all(
         steps,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from palpate.instrument.findings.compression import Compression, CompressionPoint
 from palpate.instrument.sensor.sample import Sample
 from palpate.instrument.uncertainty.propagation import Propagated
+from palpate.procedures.measurements import columns
+from palpate.procedures.records.columns import Column
 
 NAMES = (
     ("tangent_modulus", "Pa"), ("secant_modulus", "Pa"), ("unloading_modulus", "Pa"), ("thickness", "m"),
@@ -18,21 +20,13 @@ NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class DisplaysPoint:
-    """Readings of the indicator at one position.
+    """Readings of the indicator at one position."""
 
-    Attributes:
-        series: "bare", "loading" or "unloading".
-        position_m: position of the positioner.
-        reading_mV: mean of the readings.
-        readings_mV: the readings.
-        incidents: number of incidents since the point before.
-    """
-
-    series: str
-    position_m: float
-    reading_mV: float
-    readings_mV: tuple[float, ...]
-    incidents: int
+    series: Annotated[str, Column('"bare", "loading" or "unloading"')]
+    position_m: Annotated[float, Column("position of the positioner", "m")]
+    reading_mV: Annotated[float, columns.READING]
+    readings_mV: columns.Readings
+    incidents: columns.Incidents
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.findings.object_modulus import COVERAGE, estimate
@@ -13,50 +13,35 @@ from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.groups import Between, between_groups
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.object_modulus.lines import CURVE, EDGE, VALIDATION, Expected, Wanted
 from palpate.procedures.measurements.object_modulus.prospect import Prospect
+from palpate.procedures.records.columns import Column
 
 LEAST_MOUNTINGS = 3  # whose scatter is told
 
 
 @dataclass(frozen=True, slots=True)
 class ModulusPoint:
-    """One load set. The load is peak to peak; names with `_u` are standard uncertainties.
+    """One load set. The load is peak to peak."""
 
-    Attributes:
-        mounting: number of the mounting, from 1.
-        load_N: the load that was asked for.
-        load_measured_N, load_measured_u: the measured load.
-        force_ratio, force_ratio_u: force ratio of the sensor, as `film_forces` finds it.
-        noise_u, calibration_u, pickup_u: parts of `force_ratio_u` that come from noise, the films' calibration and the
-            cables' pick-up.
-        degrees_of_freedom: degrees of freedom of `noise_u`.
-        dwell_s: the dwell.
-        seconds: bench time that the set took, with all that came before it since the set before.
-        valid: whether the point is used.
-        flags: why the point is not used, or what to know about it.
-        attempts: number of attempts.
-        incidents: number of failures of the bench that were made good since the point before; events describe them.
-        free_m: lowest position of the probe in this mounting at which it did not touch yet.
-    """
-
-    mounting: int
-    load_N: float
-    load_measured_N: float
+    mounting: Annotated[int, Column("number of the mounting, from 1")]
+    load_N: columns.AskedLoad
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    force_ratio: float
-    force_ratio_u: float
-    noise_u: float
-    calibration_u: float
-    pickup_u: float
-    degrees_of_freedom: float
-    dwell_s: float
-    seconds: float
-    valid: bool
-    flags: tuple[str, ...]
-    attempts: int
-    incidents: int
-    free_m: float
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    noise_u: columns.NoiseU
+    calibration_u: columns.CalibrationU
+    pickup_u: columns.PickupU
+    degrees_of_freedom: Annotated[float, columns.FREEDOM]
+    dwell_s: columns.Dwell
+    seconds: Annotated[float, Column("bench time since the set before, with all that came before this one", "s")]
+    valid: columns.Valid
+    flags: columns.Flags
+    attempts: columns.Attempts
+    incidents: columns.Incidents
+    free_m: Annotated[float, Column("lowest position of the probe in this mounting that did not touch yet", "m")]
 
 
 def ratios_of(points: Sequence[ModulusPoint]) -> list[list[float]]:

@@ -14,6 +14,7 @@ from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.object_modulus.course import Course
 from palpate.procedures.measurements.object_modulus.result import ModulusPoint
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.approach import approach
 from palpate.procedures.steps.film_point import FilmPoint
@@ -45,7 +46,10 @@ class Measuring(DynamicLoadWork):
             self._timed(partial(self._mount, anew=True))
         measured = self._timed(partial(self._set, step.what))
         self._loaded = True
-        point = self._point(measured)
+        point = gathered(
+            ModulusPoint, measured, measured.forces(self.lab.design),
+            mounting=self._mounting, load_N=self._plan.load, seconds=self._spent, free_m=self._free,
+        )  # fmt: skip
         self._spent = 0.0
         self._points.append(point)
         return Measurement(point, measured.waveforms(self.lab.design))
@@ -69,25 +73,3 @@ class Measuring(DynamicLoadWork):
             return step()
         finally:
             self._spent += 1e-9 * (self._bench.clock.now_ns() - began)
-
-    def _point(self, measured: FilmPoint) -> ModulusPoint:
-        forces = measured.forces(self.lab.design)
-        return ModulusPoint(
-            mounting=self._mounting,
-            load_N=self._plan.load,
-            load_measured_N=measured.load_N,
-            load_measured_u=measured.load_u,
-            force_ratio=forces.force_ratio,
-            force_ratio_u=forces.force_ratio_u,
-            noise_u=forces.noise_u,
-            calibration_u=forces.calibration_u,
-            pickup_u=forces.pickup_u,
-            degrees_of_freedom=forces.degrees_of_freedom,
-            dwell_s=measured.dwell,
-            seconds=self._spent,
-            valid=measured.valid,
-            flags=measured.flags,
-            attempts=measured.attempts,
-            incidents=measured.incidents,
-            free_m=self._free,
-        )

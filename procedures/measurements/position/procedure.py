@@ -25,6 +25,7 @@ from palpate.procedures.measurements.position.repeats import PlaceRepeats
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName, bench_time
 from palpate.procedures.measurements.sweep import Sweep, SweepWork
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
@@ -225,10 +226,9 @@ def _point(design: Design, sample: Sample, position: float, measured: FilmPoint)
     found = locate(design, sample, shares, (left.noise_u, right.noise_u), design.tooth_covariance)
     model = tooth_shares(design, sample, _at(design, position))
     thesis = _thesis().get(round(1e3 * position, 6), (None, None))
-    return PositionPoint(
+    return gathered(
+        PositionPoint, measured,
         position_mm=1e3 * position,
-        load_measured_N=measured.load_N,
-        load_measured_u=measured.load_u,
         force_left_N=left.force_N,
         force_right_N=right.force_N,
         share_left=left.force_ratio,
@@ -245,11 +245,7 @@ def _point(design: Design, sample: Sample, position: float, measured: FilmPoint)
         found_high_mm=1e3 * found.high,
         found_force_N=forces.force_total_N,
         found_force_u=forces.force_total_u,
-        valid=measured.valid,
-        settling_s=measured.settling,
-        attempts=measured.attempts,
-        flags=measured.flags,
-    )
+    )  # fmt: skip
 
 
 def _thesis() -> dict[float, tuple[float | None, float | None]]:

@@ -16,9 +16,11 @@ from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.position.expected import name_of
 from palpate.procedures.measurements.position.result import DOUBT, FoundPlace, PositionPoint, PositionResult
+from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import new_figure, save
-from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import new_table, print_all, stamped, taken, where
+from palpate.procedures.showing.marks import legend
+from palpate.procedures.showing.tables import table_of
+from palpate.procedures.showing.text import print_all, stamped, taken, where
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -28,20 +30,8 @@ ALONG = 241  # places of the model's curve: 0.1 mm apart on the common base
 
 def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Shares beside model and thesis, then what the films alone say of place and size."""
-    points = new_table(
-        stamped(outcome["simulated"], "A point load along the base (shares of the whole force)"),
-        "x\nmm", "load\nN", "left", "u", "model", "thesis", "right", "u", "model", "thesis", "found\nmm", "u",
-        "95 %\nmm", "found\nN", "u", "valid",
-    )  # fmt: skip
-    for p in result.points:
-        points.add_row(
-            f"{p.position_mm:g}", f"{p.load_measured_N:z.2f}", f"{p.share_left:z.3f}", f"{p.share_left_u:z.3f}",
-            f"{p.model_share_left:z.3f}", _share(p.thesis_share_left), f"{p.share_right:z.3f}",
-            f"{p.share_right_u:z.3f}", f"{p.model_share_right:z.3f}", _share(p.thesis_share_right),
-            f"{p.found_mm:z.2f}", f"{p.found_u:z.2f}",
-            f"{p.found_low_mm:z.1f} to {p.found_high_mm:z.1f}", f"{p.found_force_N:z.2f}",
-            f"{p.found_force_u:z.2f}", verdict(p.valid, p.flags),
-        )  # fmt: skip
+    title = "A point load along the base (shares of the whole force)"
+    points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(PositionPoint))
     said = [
         f"model          solid, stored; error of a share {ERROR:g} at most, of its mesh alone",
         f"thesis         {DOUBT}",
@@ -59,21 +49,12 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
 def _places(result: PositionResult, outcome: Outcome) -> Table:
     """A table of the places that repeated load sets tell, with what was predicted."""
     foreseen = {row["name"]: row["u"] for row in outcome["predicted_results"]}
-    table = new_table(
-        stamped(outcome["simulated"], "Places by the mean of all load sets"),
-        "x\nmm", "load\nsets", "found\nmm", "u", "u\npredicted", "95 %\nmm",
-    )  # fmt: skip
-    for p in result.places:
-        table.add_row(
-            f"{p.position_mm:g}", str(p.sets), f"{p.found_mm:z.2f}", f"{p.found_u:z.3f}",
-            f"{foreseen[name_of(1e-3 * p.position_mm)]:z.3f}", f"{p.found_low_mm:z.2f} to {p.found_high_mm:z.2f}",
-        )  # fmt: skip
-    return table
 
+    def predicted(place: FoundPlace) -> str:
+        return f"{foreseen[name_of(1e-3 * place.position_mm)]:z.3f}"
 
-def _share(value: float | None) -> str:
-    """A share to the digits of those that are measured; "-" for None."""
-    return "-" if value is None else f"{value:z.3f}"
+    columns = columns_of(FoundPlace) | {"predicted": Column(head="u\npredicted", cell=predicted, after="found_u")}
+    return table_of(stamped(outcome["simulated"], "Places by the mean of all load sets"), result.places, columns)
 
 
 def plot_sweep(result: PositionResult, design: Design, sample: Sample, simulated: bool, folder: Path) -> Path:

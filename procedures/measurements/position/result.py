@@ -4,74 +4,67 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any
 
 from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.position.expected import name_of
+from palpate.procedures.records.columns import Column
 
 DOUBT = (
     "Table A2.7 prints neither the object nor the shape of its load, and its force hardly depends on the place of a"
     " load beside a tooth, which an elastic object's does: it is shown beside, not to be met"
 )
 
+MODEL = Column("the share by the table of the solid model", "", "model", "z.3f")
+THESIS = Column("the share in Table A2.7; null: it does not have this place", "", "thesis", "z.3f")
+FOUND = Column("place that the films alone find", "mm", "found\nmm", "z.2f", u="found_u")
+LOW = Column("lower end of its 95 % interval", "mm", "95 %\nmm", "{0.found_low_mm:z.1f} to {0.found_high_mm:z.1f}")
+HIGH = Column("upper end of its 95 % interval", "mm")
+PLUS_MINUS = Column(head="u", cell="z.3f")
+
 
 @dataclass(frozen=True, slots=True)
 class PositionPoint:
-    """A load at a place: forces peak to peak, shares of the whole force, and place and size found by the films alone.
+    """A load at a place: forces peak to peak, shares of the whole force, place and size found by the films alone."""
 
-    Attributes:
-        model_share_left, model_share_right: shares by the table of the solid model.
-        thesis_share_left, thesis_share_right: shares in Table A2.7; None: the table does not have this place.
-        found_mm, found_u: place that the films alone find, and its standard uncertainty.
-        found_low_mm, found_high_mm: ends of its 95 % interval.
-        found_force_N, found_force_u: force by the base film, and its standard uncertainty.
-        seconds: bench time since the point before, or since the beginning [s]; None: the sweep has no time to keep.
-    """
-
-    position_mm: float
-    load_measured_N: float
+    position_mm: Annotated[float, Column("place of the load", "mm", "x\nmm", "g")]
+    load_measured_N: columns.PrintedLoad
     load_measured_u: float
-    force_left_N: float
-    force_right_N: float
-    share_left: float
-    share_left_u: float
-    share_right: float
-    share_right_u: float
-    model_share_left: float
-    model_share_right: float
-    thesis_share_left: float | None
-    thesis_share_right: float | None
-    found_mm: float
-    found_u: float
-    found_low_mm: float
-    found_high_mm: float
-    found_force_N: float
-    found_force_u: float
-    valid: bool
-    settling_s: float
-    attempts: int
-    flags: tuple[str, ...]
-    seconds: float | None = None
+    force_left_N: Annotated[float, Column("force on the left tooth", "N")]
+    force_right_N: Annotated[float, Column("force on the right tooth", "N")]
+    share_left: Annotated[float, Column("share of the left tooth", "", "left", "z.3f", u="share_left_u")]
+    share_left_u: Annotated[float, PLUS_MINUS]
+    share_right: Annotated[float, Column("share of the right tooth", "", "right", "z.3f", u="share_right_u")]
+    share_right_u: Annotated[float, PLUS_MINUS]
+    model_share_left: Annotated[float, replace(MODEL, after="share_left_u")]
+    model_share_right: Annotated[float, MODEL]
+    thesis_share_left: Annotated[float | None, replace(THESIS, after="model_share_left")]
+    thesis_share_right: Annotated[float | None, THESIS]
+    found_mm: Annotated[float, FOUND]
+    found_u: Annotated[float, Column(head="u", cell="z.2f")]
+    found_low_mm: Annotated[float, LOW]
+    found_high_mm: Annotated[float, HIGH]
+    found_force_N: Annotated[float, Column("force by the base film", "N", "found\nN", "z.2f", u="found_force_u")]
+    found_force_u: Annotated[float, Column(head="u", cell="z.2f")]
+    valid: columns.Valid
+    settling_s: columns.Settling
+    attempts: columns.Attempts
+    flags: columns.Flags
+    seconds: columns.LapSeconds = None
 
 
 @dataclass(frozen=True, slots=True)
 class FoundPlace:
-    """The place that all valid load sets at a position tell, in a sweep that repeats them.
+    """The place that all valid load sets at a position tell, in a sweep that repeats them."""
 
-    Attributes:
-        position_mm: where the load was set.
-        found_mm, found_u: place that the films alone find, and its standard uncertainty.
-        found_low_mm, found_high_mm: ends of its 95 % interval.
-        sets: number of valid load sets.
-    """
-
-    position_mm: float
-    found_mm: float
-    found_u: float
-    found_low_mm: float
-    found_high_mm: float
-    sets: int
+    position_mm: Annotated[float, Column("where the load was set", "mm", "x\nmm", "g")]
+    found_mm: Annotated[float, FOUND]
+    found_u: Annotated[float, PLUS_MINUS]
+    found_low_mm: Annotated[float, replace(LOW, cell="{0.found_low_mm:z.2f} to {0.found_high_mm:z.2f}")]
+    found_high_mm: Annotated[float, HIGH]
+    sets: Annotated[int, Column("number of valid load sets", head="load\nsets", after="position_mm")]
 
 
 @dataclass(frozen=True, slots=True)

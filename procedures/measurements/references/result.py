@@ -6,7 +6,7 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.model_fit import MeasuredReference, fit_model
@@ -21,23 +21,18 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 from palpate.procedures.measurements.references.reference import Reference
 from palpate.procedures.measurements.softness.result import SoftnessPoint
+from palpate.procedures.records.columns import Column
 
 MODULUS = "modulus of an object"
 
 
 @dataclass(frozen=True, slots=True)
 class Worth:
-    """What a number of references is worth for the modulus of an object.
+    """What a number of references is worth for the modulus of an object."""
 
-    Attributes:
-        references: their number; None: so many that more change nothing.
-        modulus_u: relative standard uncertainty of a modulus by the calibration alone.
-        half_width: half of the 95 % interval of ln of the modulus.
-    """
-
-    references: int | None
-    modulus_u: float
-    half_width: float
+    references: Annotated[int | None, Column("their number; null: so many that more change nothing")]
+    modulus_u: Annotated[float, Column("relative standard uncertainty of a modulus by the calibration alone")]
+    half_width: Annotated[float, Column("half of the 95 % interval of ln of the modulus")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadS
 from palpate.procedures.measurements.softness.expected import expected_moduli
 from palpate.procedures.measurements.softness.ranking import MOST, Ranking
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.dwells import Dwells
@@ -197,21 +198,7 @@ class Touching(DynamicLoadWork):
     def take(self, step: TouchStep) -> Measurement[SoftnessPoint]:
         design = self.lab.design
         measured = self.load_set(step.load_N, step.what, self._dwell)
-        forces = measured.forces(design)
-        point = SoftnessPoint(
-            object=step.object,
-            load_N=step.load_N,
-            load_measured_N=measured.load_N,
-            load_measured_u=measured.load_u,
-            force_ratio=forces.force_ratio,
-            force_ratio_u=forces.force_ratio_u,
-            noise_u=forces.noise_u,
-            valid=measured.valid,
-            flags=measured.flags,
-            calibration_u=forces.calibration_u,
-            pickup_u=forces.pickup_u,
-            degrees_of_freedom=forces.degrees_of_freedom,
-        )
+        point = gathered(SoftnessPoint, step, measured, measured.forces(design))
         return Measurement(point, measured.waveforms(design))
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.softness.ranking import ranked_lines
-from palpate.procedures.measurements.softness.result import SoftnessResult
+from palpate.procedures.measurements.softness.result import Softness, SoftnessPoint, SoftnessResult
+from palpate.procedures.records.columns import LAST, Column, columns_of
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import logarithmic, new_figure, plot_over_loads, save
 from palpate.procedures.showing.marks import MARKS, legend
-from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
+from palpate.procedures.showing.tables import table_of
+from palpate.procedures.showing.text import print_all, stamped, where
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,25 +35,9 @@ ABSOLUTE, SCALE = Look("0.75", 7.0), Look("C0", 1.5)
 
 def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None:
     """Print ratio and modulus of each object, on the model's scale and absolute, their order, and the model's error."""
-    table = new_table(
-        stamped(outcome["simulated"], f"Softness, by model {result.model!r}"),
-        "object", "force ratio", "u", *moduli.COLUMNS, "valid", "note",
-    )  # fmt: skip
-    for each in result.objects:
-        flags = dict.fromkeys(f for p in result.points if p.object == each.object and not p.valid for f in p.flags)
-        notes = [
-            *([f"not used: {' '.join(flags)}"] if flags else []),
-            *(["a film is saturated: take a smaller load"] if each.saturated else []),
-            *([each.note] * bool(each.note)),
-        ]
-        table.add_row(
-            each.object, number(each.force_ratio), number(each.force_ratio_u),
-            *moduli.cells(
-                each.modulus_Pa, each.scale_u, (each.kind, each.scale_low_Pa, each.scale_high_Pa), each.absolute_u,
-                (each.absolute_kind, each.absolute_low_Pa, each.absolute_high_Pa),
-            ),
-            str(each.valid_points), "; ".join(notes),
-        )  # fmt: skip
+    note = Column(head="note", cell=partial(_note, result.points), after=LAST)
+    columns = columns_of(Softness) | moduli.COLUMNS | {"note": note}
+    table = table_of(stamped(outcome["simulated"], f"Softness, by model {result.model!r}"), result.objects, columns)
     alike = ", ".join(f"{one} and {other}" for one, other in result.alike)
     print_all(
         table,
@@ -62,6 +50,17 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
         f"price          {result.price}",
         *where(outcome, plot),
     )
+
+
+def _note(points: Sequence[SoftnessPoint], each: Softness) -> str:
+    """What to know about what is found of an object."""
+    flags = dict.fromkeys(f for p in points if p.object == each.object and not p.valid for f in p.flags)
+    notes = [
+        *([f"not used: {' '.join(flags)}"] if flags else []),
+        *(["a film is saturated: take a smaller load"] if each.saturated else []),
+        *([each.note] * bool(each.note)),
+    ]
+    return "; ".join(notes)
 
 
 def _seconds(outcome: Outcome) -> str:

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.findings.mean_ratio import CALIBRATION, apart, mean_ratio
@@ -16,95 +16,80 @@ from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.procedures.measurements import columns
+from palpate.procedures.records.columns import LAST, Column
 from palpate.procedures.steps.flags import CLIPPED
+
+OBJECT = Column("name of the object", head="object")
 
 
 @dataclass(frozen=True, slots=True)
 class SoftnessPoint:
-    """One load on one object. Loads are peak to peak; names with `_u` are standard uncertainties.
+    """One load on one object. Loads are peak to peak."""
 
-    Attributes:
-        object: name of the object.
-        load_N: the load that was asked for.
-        load_measured_N, load_measured_u: the measured load.
-        force_ratio, force_ratio_u: force ratio of the sensor, as `film_forces` finds it.
-        noise_u, calibration_u, pickup_u: parts of `force_ratio_u` that come from noise, the films' calibration and the
-            cables' pick-up.
-        valid: whether the point is used.
-        flags: why the point is not used, or what to know about it.
-        degrees_of_freedom: degrees of freedom of `noise_u`; None: infinitely many.
-    """
-
-    object: str
-    load_N: float
-    load_measured_N: float
+    object: Annotated[str, OBJECT]
+    load_N: columns.AskedLoad
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    force_ratio: float
-    force_ratio_u: float
-    noise_u: float
-    valid: bool
-    flags: tuple[str, ...]
-    calibration_u: float = 0.0
-    pickup_u: float = 0.0
-    degrees_of_freedom: float | None = None
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    noise_u: columns.NoiseU
+    valid: columns.Valid
+    flags: columns.Flags
+    calibration_u: columns.CalibrationU = 0.0
+    pickup_u: columns.PickupU = 0.0
+    degrees_of_freedom: Annotated[float | None, columns.FREEDOM] = None
 
 
 @dataclass(frozen=True, slots=True)
 class Softness:
-    """What is found of one object. Without a valid point it has neither ratio nor modulus.
+    """What is found of one object. Without a valid point it has neither ratio nor modulus."""
 
-    Attributes:
-        object: name of the object.
-        valid_points: number of valid points.
-        saturated: whether a film was saturated at one of the loads.
-        force_ratio, force_ratio_u: mean over the valid points, and its standard uncertainty.
-        modulus_Pa: Young modulus by the model; None: only a bound is known.
-        scale_u: relative standard uncertainty of the modulus on the model's curve; None: only a bound is known.
-        scale_low_Pa, scale_high_Pa: ends of that coverage interval; None: there is no such bound.
-        absolute_u, absolute_low_Pa, absolute_high_Pa: the same with the model's validation error.
-        absolute_kind: what the absolute ends say, as `kind`; None: the validation error is not known, so neither are
-            they.
-        sensitivity: relative change of the modulus over that of the ratio.
-        kind: "interval", "at least", "at most" or "any": what the ends on the scale say.
-        note: why there is only a bound.
-        model_error: the model's error, as a ratio; None: it is not known.
-        curve_error: what the intervals allow for the error of the model's curve, as a ratio: its discretisation, and
-            `model_error` where it is known.
-    """
-
-    object: str
-    valid_points: int
-    saturated: bool
-    force_ratio: float | None = None
-    force_ratio_u: float | None = None
-    modulus_Pa: float | None = None
-    scale_u: float | None = None
-    scale_low_Pa: float | None = None
-    scale_high_Pa: float | None = None
-    absolute_u: float | None = None
-    absolute_low_Pa: float | None = None
-    absolute_high_Pa: float | None = None
-    absolute_kind: str | None = None
-    sensitivity: float | None = None
-    kind: str | None = None
-    note: str = ""
-    model_error: float | None = None
-    curve_error: float = 0.0
+    object: Annotated[str, OBJECT]
+    valid_points: Annotated[int, Column("number of valid points", head="valid", after=LAST)]
+    saturated: Annotated[bool, Column("whether a film was saturated at one of the loads")]
+    force_ratio: Annotated[
+        float | None, Column("mean over the valid points", "", "force ratio", "z.4g", u="force_ratio_u")
+    ] = None
+    force_ratio_u: Annotated[float | None, Column(head="u", cell="z.4g")] = None
+    modulus_Pa: Annotated[float | None, Column("Young modulus by the model; null: only a bound is known", "Pa")] = None
+    scale_u: Annotated[
+        float | None, Column("its relative standard uncertainty on the model's curve; null: only a bound is known")
+    ] = None
+    scale_low_Pa: Annotated[float | None, Column("low end of that coverage interval; null: there is none", "Pa")] = None
+    scale_high_Pa: Annotated[float | None, Column("high end of it; null: there is none", "Pa")] = None
+    absolute_u: Annotated[float | None, Column("the same as `scale_u`, with the model's validation error")] = None
+    absolute_low_Pa: Annotated[float | None, Column("the same as `scale_low_Pa`, with it", "Pa")] = None
+    absolute_high_Pa: Annotated[float | None, Column("the same as `scale_high_Pa`, with it", "Pa")] = None
+    absolute_kind: Annotated[
+        str | None,
+        Column("what the absolute ends say, as `kind`; null: the validation error is not known, so neither are they"),
+    ] = None
+    sensitivity: Annotated[float | None, Column("relative change of the modulus over that of the ratio")] = None
+    kind: Annotated[
+        str | None, Column('"interval", "at least", "at most" or "any": what the ends on the scale say')
+    ] = None
+    note: Annotated[str, Column("why there is only a bound")] = ""
+    model_error: Annotated[float | None, Column("the model's error, as a ratio; null: it is not known")] = None
+    curve_error: Annotated[
+        float,
+        Column(
+            "what the intervals allow for the error of the model's curve, as a ratio: its discretisation, and"
+            " `model_error` where it is known"
+        ),
+    ] = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class NotTold:
     """Two objects whose order is not known to the risk.
 
-    Attributes:
-        objects: their names, the one with the larger ratio first.
-        sets, seconds: load sets of each and bench time [s] that tell them apart with 95 % probability, in a run of
-            these two; None: no number of sets does.
+    `sets` and `seconds` tell them apart with 95 % probability, in a run of these two; null: no number of sets does.
     """
 
-    objects: tuple[str, str]
-    sets: int | None
-    seconds: float | None
+    objects: Annotated[tuple[str, str], Column("their names, the one with the larger ratio first")]
+    sets: Annotated[int | None, Column("load sets of each")]
+    seconds: Annotated[float | None, Column("bench time", "s")]
 
 
 @dataclass(frozen=True, slots=True)

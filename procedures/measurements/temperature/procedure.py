@@ -36,6 +36,7 @@ from palpate.procedures.measurements.temperature.result import (
     evaluate,
     gain_u,
 )
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
@@ -174,14 +175,9 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
     flags = (*measured.flags, *sorted(added.lost - set(measured.flags)))
     known = gain_u(design)
     lock_in, voltmeter = (estimator(time, volts, fit.frequency) / amplitude for estimator in (boxcar, rms))
-    return TemperaturePoint(
-        temperature_K=step.temperature_K,
-        step_K=step.step_K,
+    return gathered(
+        TemperaturePoint, step, measured, forces,
         offset_after_s=added.after,
-        load_measured_N=measured.load_N,
-        load_measured_u=measured.load_u,
-        force_ratio=forces.force_ratio,
-        force_ratio_u=forces.force_ratio_u,
         error_lock_in=_of_ratio(design, lock_in),
         error_rms=_of_ratio(design, voltmeter),
         films=tuple(
@@ -197,10 +193,8 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
             for i, film in enumerate(design.films)
         ),
         valid=not flags,
-        settling_s=measured.settling,
-        attempts=measured.attempts,
         flags=flags,
-    )
+    )  # fmt: skip
 
 
 def _of_ratio(design: Design, read: np.ndarray) -> float:

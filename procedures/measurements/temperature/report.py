@@ -7,27 +7,18 @@ from pathlib import Path
 
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.temperature.result import TemperatureResult
+from palpate.procedures.measurements.temperature.result import TemperaturePoint, TemperatureResult
+from palpate.procedures.records.columns import columns_of
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
-from palpate.procedures.showing.marks import legend, verdict
-from palpate.procedures.showing.text import new_table, print_all, stamped, where
+from palpate.procedures.showing.marks import legend
+from palpate.procedures.showing.tables import table_of
+from palpate.procedures.showing.text import print_all, stamped, where
 
 
 def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Print each change with the force ratio and its errors, then the slopes."""
-    names = [film.name for film in design.films]
-    points = new_table(
-        stamped(outcome["simulated"], "What a change of temperature adds (errors against the fit with a trend)"),
-        "K", "change\nK", *(f"{name}\n{what} N" for name in names for what in ("offset", "u")), "force\nratio", "u",
-        "lock-in\nerror %", "voltmeter\nerror %", "valid",
-    )  # fmt: skip
-    for p in result.points:
-        offsets = (text for film in p.films for text in (f"{film.offset_N:+z.3f}", f"{film.offset_u:z.3f}"))
-        points.add_row(
-            f"{p.temperature_K:g}", f"{p.step_K:+g}", *offsets,
-            f"{p.force_ratio:z.4f}", f"{p.force_ratio_u:z.4f}", f"{100 * p.error_lock_in:+z.3f}",
-            f"{100 * p.error_rms:+z.2f}", verdict(p.valid, p.flags),
-        )  # fmt: skip
+    title = "What a change of temperature adds (errors against the fit with a trend)"
+    points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(TemperaturePoint))
     said = [
         f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+z.4f} N/K, u = {found[1]:z.4f} N/K")
         for name, found in result.offsets.items()

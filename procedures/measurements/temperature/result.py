@@ -5,72 +5,61 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
+from palpate.procedures.measurements import columns
+from palpate.procedures.records.columns import Column
 
 FEWEST = 3  # least number of different changes for a slope
 
 
 @dataclass(frozen=True, slots=True)
 class FilmWarming:
-    """One film after a change of temperature.
+    """One film after a change of temperature."""
 
-    Attributes:
-        film: name of the film.
-        force_N: force by the fit with a trend, peak to peak.
-        offset_N, offset_u: what the change has added to the film's steady signal, as a force, and its standard
-            uncertainty; NaN if it was lost.
-        trend_N_per_s: drift of the signal under the load, as a force.
-        error_lock_in: relative error of a lock-in amplifier on the same record.
-        error_rms: relative error of a voltmeter (RMS) on the same record.
-    """
-
-    film: str
-    force_N: float
-    offset_N: float
-    offset_u: float
-    trend_N_per_s: float
-    error_lock_in: float
-    error_rms: float
+    film: Annotated[str, Column("name of the film")]
+    force_N: Annotated[float, Column("force by the fit with a trend, peak to peak", "N")]
+    offset_N: Annotated[
+        float,
+        Column(
+            "what the change has added to the film's steady signal, as a force; NaN: it was lost", "N", "offset N",
+            "+z.3f", u="offset_u",
+        ),
+    ]  # fmt: skip
+    offset_u: Annotated[float, Column(head="u N", cell="z.3f")]
+    trend_N_per_s: Annotated[float, Column("drift of the signal under the load, as a force", "N/s")]
+    error_lock_in: Annotated[float, Column("relative error of a lock-in amplifier on the same record")]
+    error_rms: Annotated[float, Column("relative error of a voltmeter (RMS) on the same record")]
 
 
 @dataclass(frozen=True, slots=True)
 class TemperaturePoint:
-    """One change of temperature, measured while the films warm up. Names with `_u` are standard uncertainties.
+    """One change of temperature, measured while the films warm up."""
 
-    Attributes:
-        temperature_K: temperature relative to the start.
-        step_K: its change from the one before.
-        offset_after_s: time from the change until the films' offsets were taken.
-        load_measured_N, load_measured_u: the measured load, peak to peak.
-        force_ratio, force_ratio_u: the force ratio by the fit with a trend.
-        error_lock_in, error_rms: relative error of the ratio by a lock-in amplifier, and by a voltmeter.
-        films: each film.
-        valid: whether the point is used.
-        settling_s: how long the films took to settle.
-        attempts: number of attempts.
-        flags: why the point is not used, or what to know about it.
-    """
-
-    temperature_K: float
-    step_K: float
-    offset_after_s: float
-    load_measured_N: float
+    temperature_K: Annotated[float, Column("temperature relative to the start", "K", "K", "g")]
+    step_K: Annotated[float, Column("its change from the one before", "K", "change\nK", "+g")]
+    offset_after_s: Annotated[float, Column("time from the change until the films' offsets were taken", "s")]
+    load_measured_N: columns.MeasuredLoad
     load_measured_u: float
-    force_ratio: float
-    force_ratio_u: float
-    error_lock_in: float
-    error_rms: float
-    films: tuple[FilmWarming, ...]
-    valid: bool
-    settling_s: float
-    attempts: int
-    flags: tuple[str, ...]
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    error_lock_in: Annotated[
+        float,
+        Column("relative error of the ratio by a lock-in amplifier", "", "lock-in\nerror %", "+z.3f", 100),
+    ]
+    error_rms: Annotated[
+        float, Column("relative error of the ratio by a voltmeter", "", "voltmeter\nerror %", "+z.2f", 100)
+    ]
+    films: Annotated[tuple[FilmWarming, ...], Column("each film", after="step_K", each="film")]
+    valid: columns.Valid
+    settling_s: columns.Settling
+    attempts: columns.Attempts
+    flags: columns.Flags
 
 
 @dataclass(frozen=True, slots=True)
