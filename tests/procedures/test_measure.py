@@ -97,7 +97,7 @@ def test_json_has_numbers_of_numpy_and_null_for_nan_as_the_record_has(install: I
 SHARED = """
 @dataclass(frozen=True, kw_only=True)
 class Resting(Relaxation):
-    rest: Annotated[float, palpate.Setting("s", "Rest before each reading.")] = 0.0
+    rest: Annotated[float, Setting("s", "Rest before each reading.")] = 0.0
 class First(Resting):
     name = "first"
 class Second(Resting):
