@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 # The range of moduli of the rubber samples, in which every model answers.
 INTERVAL = 1
-PLOT = "models.png"
+MODELS_PLOT = "models.png"
 REFERENCE = "uncertainty of the reference"
 
 

@@ -67,7 +67,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     from palpate.procedures.accuracy.machine import this_machine
     from palpate.procedures.accuracy.measure import DESIGNS, expected_seconds, measure
     from palpate.procedures.accuracy.meshes import MODULI
-    from palpate.procedures.accuracy.plot import PLOT, plot_prices
+    from palpate.procedures.accuracy.plot import MODELS_PLOT, plot_prices
 
     output = Output(as_json, quiet)
     if design is not None and design not in DESIGNS:
@@ -88,7 +88,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     designs = list(dict.fromkeys(price.design for price in prices.prices))
     priced = dict.fromkeys((price.design, price.model) for price in prices.prices)
     compared = [validate(of, "physical", by) for of, by in priced]
-    plot = None if out is None else out / PLOT
+    plot = None if out is None else out / MODELS_PLOT
     # The numbers come first, so that none is lost if the plot cannot be written.
     if output.as_json:
         output.json(
