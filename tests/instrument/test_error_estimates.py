@@ -19,8 +19,8 @@ from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks import claims, estimates, estimates_solid
 from tests.settings import disc, solid_sensors
 
-# Random sensors whose errors were above an earlier estimate: narrow gaps, thin objects, a cap, voltages that cross.
-ONCE_MISSED = (340, 1122, 1911, 910, 1041)
+# Random sensors whose errors were above an earlier estimate: a thin object, a cap, a narrow gap.
+ONCE_MISSED = (1122, 1911, 910)
 
 
 @pytest.mark.slow
@@ -115,10 +115,11 @@ def test_a_step_that_leaves_the_degree_along_the_height_is_not_trusted() -> None
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("number", [3158, 3167, 3231])
+@pytest.mark.parametrize("number", [3158, 3231])
 def test_second_meshes_that_err_almost_as_the_first_are_not_trusted(number: int) -> None:
-    """Two flat objects of rubber that are squeezed out sideways, and a disc whose first two meshes agree by luck: their
-    errors were up to six times an earlier estimate.
+    """A flat object of rubber that is squeezed out sideways, and a disc whose first two meshes agree by luck.
+
+    Their errors were up to six times an earlier estimate.
     """
     assert all(claim["ratio"] <= 1 for claim in estimates_solid.tried(number).claims)
 

@@ -24,6 +24,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.sample import get_sample
 from tests.instrument import naive
+from tests.shares import first_of
 
 CASE_A = RoundParameters()
 RIGID = replace(CASE_A, support="rigid")
@@ -33,8 +34,8 @@ SHARE = (1.4 / 5) ** 2
 
 
 @pytest.mark.parametrize("modulus", [1.49e4, 140e9])
-@pytest.mark.parametrize("thickness", [10e-6, 100e-3])
-@pytest.mark.parametrize("poisson", [0.3, 0.5])
+@pytest.mark.parametrize("thickness", first_of([10e-6, 100e-3]))
+@pytest.mark.parametrize("poisson", first_of([0.5, 0.3]))
 def test_forces_balance_to_1e_10_whatever_the_object(modulus: float, thickness: float, poisson: float) -> None:
     solution = solve(replace(CASE_A, sensed_modulus=modulus, sensed_thickness=thickness, sensed_poisson=poisson), 1)
     assert solution.imbalance < 1e-10

@@ -77,6 +77,7 @@ def test_a_finer_mesh_that_does_not_fit_is_refused_with_a_larger_tolerance_as_th
     assert sentence.endswith("kept; a finer mesh, if these do not meet the tolerance, does not fit into memory")
 
 
+@pytest.mark.slow
 def test_the_whole_price_is_said_once_and_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work, "RATE", 1e9)
     said: list[str] = []

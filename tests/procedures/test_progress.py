@@ -51,6 +51,7 @@ def test_without_a_terminal_a_line_now_and_then_says_how_long_it_still_takes(
     assert took / 3 < left[0] < took
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["--quiet", "--json"])
 def test_no_line_where_none_is_wanted(lab: str, palpate: Palpate, bench_time: list[float], option: str) -> None:
     said = palpate(*SWEEP, "--bench", lab, option)

@@ -23,6 +23,7 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
+from tests.shares import first_of
 
 SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")
 
@@ -30,7 +31,7 @@ SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2
 # --- several teeth -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("design", ["common_base", "different_base"])
+@pytest.mark.parametrize("design", first_of(["common_base", "different_base"]))
 def test_an_array_gives_the_thesis_means_and_each_tooth(palpate: Palpate, design: str) -> None:
     found = palpate(*SMALL, "--scene", f"thesis_{design}").object
     assert found["softness_order"] == ["1", "2"]
@@ -47,6 +48,7 @@ def test_an_array_gives_the_thesis_means_and_each_tooth(palpate: Palpate, design
     assert first["teeth"] == found["points"][0]["teeth"]
 
 
+@pytest.mark.slow
 def test_the_nodes_of_an_array_are_recorded_together(palpate: Palpate) -> None:
     found = palpate(*SMALL, "--scene", "array_16").object
     waveforms = [w for w in Run.open(Path(found["run"])).waveforms() if w.point_id == 1]
