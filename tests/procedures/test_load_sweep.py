@@ -19,6 +19,8 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
@@ -36,6 +38,9 @@ TABLES = Path(__file__).parents[1] / "data" / "thesis"
 POINT = {
     "sample", "load_N", "indicator_mV", "voltage_rigid_V", "voltage_total_V", "force_rigid_N", "force_total_N",
     "force_rigid_u", "force_total_u", "force_ratio", "force_ratio_u", "valid",
+}  # fmt: skip
+SWEEP = {
+    "simulated", "run", "design", "seed", "bench_seconds", "wall_seconds", "points", "samples", "softness_order",
 }  # fmt: skip
 SAMPLE = {"sample", "force_ratio", "force_ratio_u", "thesis_force_ratio"}
 
@@ -56,6 +61,11 @@ def modelled(sample: str, model: str) -> float:
 def test_the_default_sweep_has_every_load_set_of_the_thesis_under_the_public_names(
     default_sweep: dict[str, Any],
 ) -> None:
+    assert default_sweep.keys() >= SWEEP
+    assert default_sweep["simulated"] is True
+    assert (default_sweep["design"], default_sweep["seed"]) == ("single", 1)
+    assert default_sweep["bench_seconds"] > 36 * 6 > default_sweep["wall_seconds"] > 0
+    assert Path(default_sweep["plot"]).read_bytes().startswith(b"\x89PNG")
     points = default_sweep["points"]
     assert [(p["sample"], p["load_N"]) for p in points] == [(s, load) for s in "123456" for load in LOADS]
     assert all(p.keys() >= POINT for p in points)
@@ -90,6 +100,17 @@ def test_forces_and_ratio_of_a_point_follow_from_its_voltages(default_sweep: dic
         assert p["force_ratio"] == pytest.approx(p["force_rigid_N"] / p["force_total_N"])
         assert p["force_rigid_u"] == pytest.approx(0.033 * p["force_rigid_N"], rel=0.01)
         assert p["force_total_u"] == pytest.approx(0.03 * p["force_total_N"], rel=0.01)
+
+
+def test_the_plan_of_the_default_sweep_is_what_it_takes(default_sweep: dict[str, Any]) -> None:
+    points = default_sweep["points"]
+    expected = LoadSweep().plan(Target(get_design("single"), 10.0, 1))
+    assert expected.seconds == pytest.approx(default_sweep["bench_seconds"], rel=0.1)
+    assert [(s.sample, s.load_N, s.dwell_s) for s in expected.steps] == [
+        (p["sample"], p["load_N"], p["dwell_s"]) for p in points
+    ]
+    for step, point in zip(expected.steps, points, strict=True):
+        assert step.force_ratio_u == pytest.approx(point["relative_u"], rel=0.05)
 
 
 def test_each_load_is_servoed(default_sweep: dict[str, Any]) -> None:

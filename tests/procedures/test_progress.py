@@ -63,6 +63,7 @@ def test_a_short_run_has_no_line(palpate: Palpate) -> None:
     assert (said.status, said.err) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_bar_shows_the_time_of_the_plan_before_anything_is_measured(
     lab: str, palpate: Palpate, bench_time: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:

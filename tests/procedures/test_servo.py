@@ -223,6 +223,7 @@ def test_too_much_force_is_not_waited_out_while_the_reading_is_unstable(
 # --- the dynamic load ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample", ["1", "2"])
 def test_each_load_is_reached_in_a_few_steps(sim: SimulatedBench, bench: Bench, sample: str) -> None:
     servo = mount(bench, sample)
@@ -287,6 +288,7 @@ def test_a_stack_that_stiffens_stops_the_shaker_within_a_servo_step(
     assert run.events()[-1]["message"].startswith("SafetyError: force of")
 
 
+@pytest.mark.slow
 def test_the_preload_counts_towards_the_force_limit(sim: SimulatedBench) -> None:
     with limited(sim, PRELOAD + 1.5) as bench:
         servo = mount(bench)

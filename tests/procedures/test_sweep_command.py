@@ -6,7 +6,6 @@ import os
 import pty
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 import pytest
 
@@ -16,7 +15,7 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.keys import Keyboard
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
@@ -106,17 +105,6 @@ def test_a_dry_run_prints_the_plan_and_sends_nothing(palpate: Palpate, benches: 
     ]
     assert (found["dry_run"], benches, list(Path().iterdir())) == (True, [], [])
     assert "36 points, about 10 min" in palpate("sweep", "loads", "--dry-run").out
-
-
-def test_the_plan_of_the_default_sweep_is_what_it_takes(default_sweep: dict[str, Any]) -> None:
-    points = default_sweep["points"]
-    expected = LoadSweep().plan(Target(get_design("single"), 10.0, 1))
-    assert expected.seconds == pytest.approx(default_sweep["bench_seconds"], rel=0.1)
-    assert [(s.sample, s.load_N, s.dwell_s) for s in expected.steps] == [
-        (p["sample"], p["load_N"], p["dwell_s"]) for p in points
-    ]
-    for step, point in zip(expected.steps, points, strict=True):
-        assert step.force_ratio_u == pytest.approx(point["relative_u"], rel=0.05)
 
 
 # --- pauses ----------------------------------------------------------------------------------------------
