@@ -31,7 +31,7 @@ from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.measurements.position.procedure import PositionSweep
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
-from palpate.procedures.measurements.references.reference import read_reference
+from palpate.procedures.measurements.references.reference import Reference
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
 from tests.procedures.conftest import Palpate
@@ -52,7 +52,7 @@ class Case:
     seeds: int = 1
 
 
-REFERENCES = tuple(read_reference(f"{name}: {modulus} kPa ± 2 %") for name, modulus in (("A", 40), ("B", 90)))
+REFERENCES = (Reference("A", 40e3, 0.02), Reference("B", 90e3, 0.02))
 QUICK = [
     Case(LoadCellSeries(), (0.9, 1.15)),
     Case(LoadSweep(("1",), (2.0, 4.0), 0.2), (0.95, 1.05)),
