@@ -101,7 +101,7 @@ def test_an_option_of_several_values_takes_them_and_a_flag_may_stand_twice(palpa
 # --- what a sweep says ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+@pytest.mark.parametrize("quiet", [(), pytest.param(("--quiet",), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("command", [ONE_POINT, ("calibrate", "load-cell", "--loads", "2 N, 4 N, 6 N")])
 def test_json_is_one_object_on_stdout_and_nothing_else(
     palpate: Palpate, command: tuple[str, ...], quiet: tuple[str, ...]
