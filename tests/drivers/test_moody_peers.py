@@ -342,6 +342,7 @@ def test_at_the_end_of_a_bench_its_outputs_go_off_though_a_device_is_away_for_a_
     assert not driving(sim)
 
 
+@pytest.mark.slow
 def test_a_sweep_among_devices_of_every_mood_has_no_incident_gives_no_order_twice_and_ends_off() -> None:
     found = in_process(1, MOODS)
     assert all(found["done"][mood] for mood in MOODS)

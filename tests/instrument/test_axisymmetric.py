@@ -28,6 +28,7 @@ from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.thesis import read_table
 from tests.instrument import naive
 from tests.settings import round_sensors
+from tests.shares import first_of
 
 CASE_A = RoundParameters()
 IDENTIFIED = round_parameters(IDENTIFIED_ROUND.design(get_design("single")), IDENTIFIED_ROUND.load(1e5))
@@ -156,7 +157,7 @@ def test_both_forms_agree_on_a_uniform_strain_of_an_element_four_hundred_times_a
     assert float(strain @ plain) == pytest.approx(energy, rel=1e-9)
 
 
-@pytest.mark.parametrize("nu", [0.49, 0.499, 0.4999, 0.499999, 0.5])
+@pytest.mark.parametrize("nu", first_of([0.5, 0.49, 0.499, 0.4999, 0.499999]))
 def test_rubber_up_to_poisson_ratio_one_half_keeps_its_accuracy(nu: float) -> None:
     rubber = replace(CASE_A, sensed_poisson=nu, compliant_poisson=nu)
     coarse, fine = solve(rubber, 1), solve(rubber, 2)
@@ -198,6 +199,7 @@ def test_a_thin_soft_object_passes_its_load_straight_down() -> None:
     assert solve(thin, 1).force_ratio == pytest.approx((1.45 / 5) ** 2, abs=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ring", [1.4e-5, 43e-3])
 def test_area_ratios_from_a_hundredth_to_a_thousand_are_resolved(ring: float) -> None:
     outer = 1.5e-3 + ring
@@ -208,6 +210,7 @@ def test_area_ratios_from_a_hundredth_to_a_thousand_are_resolved(ring: float) ->
     assert fine.imbalance < 1e-9
 
 
+@pytest.mark.slow
 def test_refinement_stops_before_rounding_passes_the_discretisation_error() -> None:
     for refinement in axisymmetric.REFINEMENTS[:4]:
         solution = case_a(refinement)

@@ -156,6 +156,7 @@ def test_the_stated_interval_covers_the_true_sensitivity_and_load() -> None:
     assert 930 <= load <= 970
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.3, 5.0])
 def test_intervals_cover_whatever_the_noise_that_dithers_the_display(noise: float) -> None:
     rng = np.random.default_rng(7)

@@ -57,6 +57,7 @@ def test_each_point_has_stress_strain_and_secant_modulus() -> None:
         assert point.extrapolated == (point.load_N < IDEAL_CALIBRATION.least_N)
 
 
+@pytest.mark.slow
 def test_the_stated_uncertainty_is_the_spread_of_repeats() -> None:
     """Noise and steps of the display alone: calibration and area are the same in each repeat, and known."""
     known = THESIS_LOAD_CELL.model_copy(

@@ -14,6 +14,7 @@ from palpate.instrument.models.solid.ladders import OF_FEW_TEETH
 from palpate.instrument.models.solid.parts import Diagonal, Stack
 from palpate.instrument.models.solid.system import System, symmetry
 from palpate.instrument.sensor.film_material import PVDF
+from tests.shares import first_of
 
 SMALLEST = OF_FEW_TEETH.resolutions[0]
 MODULI = 24e3 * np.logspace(-2, 8, 21)
@@ -35,7 +36,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     "incompressible": {"sensed_poisson": 0.5, "compliant_poisson": 0.5},
     "four teeth": {"rows": 2, "columns": 2},
 }
-PLAIN = ("unequal film", "capped", "rigid")
+PLAIN = ("unequal film",)
 
 
 @pytest.mark.parametrize(
@@ -53,6 +54,7 @@ def test_sums_and_differences_give_what_the_unknowns_give(name: str, monkeypatch
         assert values == pytest.approx(expected, rel=tolerance, abs=tolerance * np.abs(expected).max(initial=1e-300))
 
 
+@pytest.mark.slow
 def test_displacements_are_those_of_the_unknowns(monkeypatch: pytest.MonkeyPatch) -> None:
     sensor = replace(SOFT, film=UNEQUAL)
     halved = System(sensor, SMALLEST)
@@ -64,15 +66,17 @@ def test_displacements_are_those_of_the_unknowns(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize(
     ("changed", "is_halved"),
-    [
-        ({}, True),
-        ({"load_at": (5e-3, 5e-3)}, True),
-        ({"load_at": (6e-3, 5e-3)}, False),
-        ({"load_at": (6e-3, 6e-3)}, True),
-        ({"columns": 2}, False),
-        ({"cell_width": 11e-3}, False),
-        ({"rows": 2, "columns": 2, "separate_bases": True}, True),
-    ],
+    first_of(
+        [
+            ({}, True),
+            ({"load_at": (5e-3, 5e-3)}, True),
+            ({"load_at": (6e-3, 5e-3)}, False),
+            ({"load_at": (6e-3, 6e-3)}, True),
+            ({"columns": 2}, False),
+            ({"cell_width": 11e-3}, False),
+            ({"rows": 2, "columns": 2, "separate_bases": True}, True),
+        ]
+    ),
 )
 def test_a_sensor_is_halved_where_it_is_its_own_mirror_image(changed: dict[str, Any], is_halved: bool) -> None:
     sensor = replace(SOFT, **changed)

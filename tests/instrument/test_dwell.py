@@ -42,6 +42,7 @@ def test_noise_that_is_common_shortens_the_dwell() -> None:
     assert common / plain == pytest.approx(math.sqrt(0.1), rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_dwell_reaches_its_target_and_is_not_longer_than_need_be() -> None:
     """200 repeats: each chooses its dwell by a record of its own and is measured for that long."""
     target, sigma = 8e-3, np.array([0.02, 0.04])

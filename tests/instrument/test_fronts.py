@@ -165,6 +165,7 @@ def projectable(softest: float) -> tuple[Sensor, Condensed, Array, Array]:
     return sensor, Condensed(away @ soft @ away, rng.normal(size=(SIZE, 1)), np.eye(1)), mode, rng.normal(size=SIZE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("softest", "moduli"), [(1e-5, 3), (1e-8, 7)])
 def test_poles_of_a_projected_contact_give_what_all_poles_give(
     softest: float, moduli: int, monkeypatch: pytest.MonkeyPatch

@@ -24,6 +24,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.sample import get_sample
 from tests.instrument import naive
+from tests.shares import first_of
 
 CASE_A = RoundParameters()
 RIGID = replace(CASE_A, support="rigid")
@@ -33,8 +34,8 @@ SHARE = (1.4 / 5) ** 2
 
 
 @pytest.mark.parametrize("modulus", [1.49e4, 140e9])
-@pytest.mark.parametrize("thickness", [10e-6, 100e-3])
-@pytest.mark.parametrize("poisson", [0.3, 0.5])
+@pytest.mark.parametrize("thickness", first_of([10e-6, 100e-3]))
+@pytest.mark.parametrize("poisson", first_of([0.5, 0.3]))
 def test_forces_balance_to_1e_10_whatever_the_object(modulus: float, thickness: float, poisson: float) -> None:
     solution = solve(replace(CASE_A, sensed_modulus=modulus, sensed_thickness=thickness, sensed_poisson=poisson), 1)
     assert solution.imbalance < 1e-10
@@ -58,6 +59,7 @@ def test_rounding_grows_with_every_layer_of_a_plain_program_and_is_refused_befor
         solve_on(foil, 3, 2 * finest)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poisson", [0.49, 0.499, 0.4999, 0.499999])
 def test_linear_elements_lock_on_rubber_where_the_shipped_ones_do_not(poisson: float) -> None:
     rubber = replace(RIGID, sensed_modulus=240e3, sensed_poisson=poisson, compliant_poisson=poisson)
@@ -80,6 +82,7 @@ def test_incompressible_rubber_squeezed_flat_is_solved_like_any_other() -> None:
     assert solve(flat, 1).residual < 1e-13
 
 
+@pytest.mark.slow
 def test_a_foil_of_rubber_like_poisson_ratio_keeps_its_digits_with_a_bound_below_its_own_bulk_modulus(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -184,6 +187,7 @@ def test_every_model_hands_a_hard_object_to_the_tooth() -> None:
         assert ratio == pytest.approx(1, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_every_model_with_areas_hands_a_soft_film_s_load_straight_down() -> None:
     """A gap of 1 µm, no contraction: the tooth takes its share of the area."""
     thin = {"sensed_modulus": 1.0, "sensed_thickness": 1e-5, "sensed_poisson": 0.0, "ring_inner_radius": 1.401e-3}

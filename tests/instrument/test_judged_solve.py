@@ -20,6 +20,7 @@ from palpate.instrument.models.ratio import Question, ask
 from palpate.instrument.models.solid import model
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.system import System
+from tests.shares import first_of
 
 AT = (3e-3, 3e-3)
 
@@ -46,7 +47,7 @@ def unsolved(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("unsolved")
-@pytest.mark.parametrize("design", ["array", "single"])
+@pytest.mark.parametrize("design", first_of(["single", "array"]))
 def test_what_does_not_fit_into_memory_is_refused_before_anything_is_solved(
     design: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -61,6 +62,7 @@ def test_what_does_not_fit_into_memory_is_refused_before_anything_is_solved(
     assert said == []
 
 
+@pytest.mark.slow
 def test_a_finer_mesh_that_does_not_fit_is_refused_with_a_larger_tolerance_as_the_remedy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -77,6 +79,7 @@ def test_a_finer_mesh_that_does_not_fit_is_refused_with_a_larger_tolerance_as_th
     assert sentence.endswith("kept; a finer mesh, if these do not meet the tolerance, does not fit into memory")
 
 
+@pytest.mark.slow
 def test_the_whole_price_is_said_once_and_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work, "RATE", 1e9)
     said: list[str] = []
@@ -94,7 +97,7 @@ def test_the_whole_price_is_said_once_and_first(monkeypatch: pytest.MonkeyPatch)
     assert sentence.startswith("setting up meshes of up to 37212 unknowns takes about ")
 
 
-@pytest.mark.parametrize("design", ["single", "common_base"])
+@pytest.mark.parametrize("design", first_of(["single", "common_base"]))
 def test_the_cost_of_a_mesh_is_that_of_the_eliminations_that_follow(
     design: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

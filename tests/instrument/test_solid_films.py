@@ -85,6 +85,7 @@ def test_half_a_sensor_has_the_films_of_the_whole() -> None:
     assert goals == pytest.approx([*quarter.tooth_forces, *quarter.base_forces, *stresses.T.ravel()], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_every_film_of_a_design_gives_a_voltage_under_a_point_load(one_layer: None) -> None:
     design = get_design("different_base")
     answer = response(design, replace(PHYSICAL.load(1e5, force=3.0), at=(5e-3, 6e-3)), "solid", 0.1)

@@ -58,6 +58,7 @@ def test_plain_displacement_elements_agree_where_rubber_is_compressible(monkeypa
     assert 0 < abs(ratio(replace(ROUND, sensed_poisson=0.3), SMALLEST) - shipped) < 0.01
 
 
+@pytest.mark.slow
 def test_rubber_locks_plain_displacement_elements_and_not_the_shipped_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     rubber = replace(ROUND, sensed_poisson=0.499999)
     shipped = abs(ratio(rubber, OF_MANY_TEETH.resolutions[0]) - exact(0.499999))
@@ -104,6 +105,7 @@ def test_moduli_of_15_kPa_and_140_GPa_stand_side_by_side(soft: str, hard: str) -
     assert 0 < solution.force_ratio < 1
 
 
+@pytest.mark.slow
 def test_a_closed_gap_leaves_no_hole_between_object_and_ring() -> None:
     """Reference: the round model, whose ring touches the tooth. With the ring's edge let go, off by 0.015 to 0.03."""
     closed = {"ring_inner_radius": 1.4e-3, "sensed_modulus": 2e5, "sensed_thickness": 3.5e-4, "sensed_poisson": 0.4999}

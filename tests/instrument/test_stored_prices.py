@@ -20,6 +20,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.meshes import BETWEEN
+from tests.shares import first_of
 
 ROUND = get_design("single_round")
 LOAD = PHYSICAL.load(50e3)
@@ -94,7 +95,7 @@ def test_a_stored_estimate_is_the_models_own_now(refinement: int) -> None:
     assert entry.estimates[1] == pytest.approx(ratio.max(), rel=1e-6)
 
 
-@pytest.mark.parametrize("design", PRICED)
+@pytest.mark.parametrize("design", first_of(PRICED))
 def test_stored_estimates_are_the_greatest_of_each_interval_that_the_models_give_now(design: str) -> None:
     """Or `auto` would promise an error below the estimate of its own answer. By the shipped curves of all meshes."""
     shipped = surface.find(get_design(design), LOAD)

@@ -53,6 +53,7 @@ def scripted(folder: Path, script: str) -> Run:
     return Run.open(folder)
 
 
+@pytest.mark.slow
 @x86_64
 def test_a_script_and_a_test_that_import_palpate_first_give_the_same_bytes(tmp_path: Path) -> None:
     script = scripted(tmp_path / "script", SCRIPT)

@@ -165,20 +165,19 @@ def test_a_run_after_those_of_a_script_goes_on_where_their_classes_are_known(
 SCRIPT = """
 import os, sys, palpate
 from tests.procedures.test_chained_runs import CHAIN
-cut, points = map(int, sys.argv[1:])
+cut, points, signal = map(int, sys.argv[1:])
 def kill(done, total, what):
-    if number == cut and done == points: os.kill(os.getpid(), {signal})
+    if number == cut and done == points: os.kill(os.getpid(), signal)
 with palpate.open_bench(scene="thesis_single") as bench:
     for number, procedure in enumerate(CHAIN):
-        print(palpate.run(procedure, bench, out=f"run{{number}}", progress=kill).run.digest(), flush=True)
+        print(palpate.run(procedure, bench, out=f"run{number}", progress=kill).run.digest(), flush=True)
 """
 RESUME = "import sys, palpate; print(palpate.resume(sys.argv[1]).run.digest())"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_a_chain_that_was_ended_by_a_signal_goes_on_in_another_process(
-    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def python(folder: Path, code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
         folder.mkdir(exist_ok=True)
@@ -187,11 +186,10 @@ def test_a_chain_that_was_ended_by_a_signal_goes_on_in_another_process(
         command = [sys.executable, "-c", code, *map(str, arguments)]
         return subprocess.run(command, cwd=folder, capture_output=True, text=True)
 
-    script = SCRIPT.format(signal=int(number))
-    whole = python(tmp_path / "whole", script, -1, 0).stdout.split()
-    for run, points in ((1, 0), (1, 2), (2, 1)):
-        folder = tmp_path / f"{run}-{points}"
-        ended = python(folder, script, run, points)
+    whole = python(tmp_path / "whole", SCRIPT, -1, 0, 0).stdout.split()
+    for number, run, points in ((signal.SIGTERM, 1, 0), (signal.SIGKILL, 1, 2), (signal.SIGINT, 2, 1)):
+        folder = tmp_path / number.name
+        ended = python(folder, SCRIPT, run, points, int(number))
         assert ended.returncode != 0
         assert ended.stdout.split() == whole[:run]
         assert python(folder, RESUME, f"run{run}").stdout.split() == [whole[run]]

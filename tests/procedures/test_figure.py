@@ -10,7 +10,7 @@ import pytest
 from palpate.procedures.showing.figure import logarithmic, new_figure, plot_over_loads
 
 
-@pytest.mark.parametrize("limits", [(8.7, 300.0), (24.0, 115.0), (31.0, 33.0), (14.0, 55.0), (2.0, 5000.0)])
+@pytest.mark.parametrize("limits", [(24.0, 115.0), (31.0, 33.0), (2.0, 5000.0)])
 def test_labels_of_a_logarithmic_axis_do_not_touch(limits: tuple[float, float]) -> None:
     figure, (axes, _) = new_figure(False, 2, "a title")
     logarithmic(axes, *limits)

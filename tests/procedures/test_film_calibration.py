@@ -81,6 +81,7 @@ def test_a_point_that_stays_flagged_ends_the_calibration_with_what_was_taken(
     assert [p["valid"] for p in Run.open(tmp_path / "run").points()] == [True, False]
 
 
+@pytest.mark.slow
 def test_a_sweep_uses_and_names_the_stored_film_calibration_alone_for_its_design(palpate: Palpate) -> None:
     before = palpate(*ONE_POINT).object
     assert before["film_calibration"] is None

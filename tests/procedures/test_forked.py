@@ -19,6 +19,7 @@ from palpate.instrument.errors import BenchError, BenchInUse
 from palpate.procedures.records.damage import check
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
+from tests.shares import first_of
 
 SWEEP = palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2)
 ELSEWHERE = "a child that was forked from it; use the bench in that process"
@@ -143,7 +144,7 @@ def test_a_child_can_open_a_bench_of_its_own() -> None:
         assert forked(measures) == 0
 
 
-@pytest.mark.parametrize("error", [None, RuntimeError, SystemExit])
+@pytest.mark.parametrize("error", first_of([None, RuntimeError, SystemExit]))
 def test_a_child_that_is_forked_within_a_run_writes_nothing_into_its_record(
     error: type[BaseException] | None, tmp_path: Path
 ) -> None:
@@ -179,7 +180,7 @@ def test_a_child_that_is_forked_within_a_run_writes_nothing_into_its_record(
     assert palpate.read(tmp_path / "again").events() == palpate.read(tmp_path / "whole").events()
 
 
-@pytest.mark.parametrize("suffix", [".pcapng", ".blf", ".asc"])
+@pytest.mark.parametrize("suffix", first_of([".pcapng", ".blf", ".asc"]))
 def test_a_log_holds_each_message_once_although_a_child_was_forked_between_them(suffix: str, tmp_path: Path) -> None:
     found = []
     for name in ("whole", "forked"):

@@ -49,6 +49,7 @@ def test_a_zero_may_differ_by_the_scatter_of_readings_too_where_the_display_has_
         check_zero(bench, THESIS_LOAD_CELL.model_copy(update=fine))
 
 
+@pytest.mark.slow
 def test_the_scene_kept_with_a_run_gives_that_run_again(palpate: Palpate) -> None:
     first = palpate(*SMALL, "--seed", "7", "--model", "column", "--out", "first", "--json").object
     again = palpate(*SMALL, "--scene", "first/scene.toml", "--out", "again", "--json").object

@@ -23,6 +23,7 @@ SMALL = ("sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--dwe
 EVERYTHING = ("everything", "with voltage_amplifier", "fault film_drift", "fault babbling_node", "fault emergency")
 
 
+@pytest.mark.slow
 def test_a_number_that_no_bench_has_is_refused_in_one_line_or_can_be_computed_with(tmp_path: Path) -> None:
     file, tried, refused = tmp_path / "hostile.toml", 0, 0
     for case in cases():

@@ -53,6 +53,7 @@ def test_exact_methods_are_exact_and_the_others_as_good_as_their_order_says(meas
     assert holds.error is not None and holds.error < 1e-2
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("shown")
 def test_the_command_gives_table_plot_and_json(tmp_path: Path) -> None:
     runner = CliRunner()

@@ -76,6 +76,7 @@ def test_a_sweep_without_a_calibration_uses_and_names_the_thesis_own(palpate: Pa
     assert point["load_measured_N"] == THESIS_LOAD_CELL.load(point["indicator_mV"])[0]
 
 
+@pytest.mark.slow
 def test_the_next_sweep_uses_and_names_the_stored_calibration(palpate: Palpate, tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(IDEAL_SCENE, encoding="utf-8")

@@ -19,6 +19,8 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
@@ -27,6 +29,7 @@ from palpate.simulators.planning.settle import read_scene, with_model
 from palpate.simulators.scenes.scene import Scene
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
+from tests.shares import first_of
 
 LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 MORE_LOADS = (1.6, 2.4, 3.2, 3.9)  # many to a sample: mounting one takes as long as measuring five
@@ -35,6 +38,9 @@ TABLES = Path(__file__).parents[1] / "data" / "thesis"
 POINT = {
     "sample", "load_N", "indicator_mV", "voltage_rigid_V", "voltage_total_V", "force_rigid_N", "force_total_N",
     "force_rigid_u", "force_total_u", "force_ratio", "force_ratio_u", "valid",
+}  # fmt: skip
+SWEEP = {
+    "simulated", "run", "design", "seed", "bench_seconds", "wall_seconds", "points", "samples", "softness_order",
 }  # fmt: skip
 SAMPLE = {"sample", "force_ratio", "force_ratio_u", "thesis_force_ratio"}
 
@@ -55,6 +61,11 @@ def modelled(sample: str, model: str) -> float:
 def test_the_default_sweep_has_every_load_set_of_the_thesis_under_the_public_names(
     default_sweep: dict[str, Any],
 ) -> None:
+    assert default_sweep.keys() >= SWEEP
+    assert default_sweep["simulated"] is True
+    assert (default_sweep["design"], default_sweep["seed"]) == ("single", 1)
+    assert default_sweep["bench_seconds"] > 36 * 6 > default_sweep["wall_seconds"] > 0
+    assert Path(default_sweep["plot"]).read_bytes().startswith(b"\x89PNG")
     points = default_sweep["points"]
     assert [(p["sample"], p["load_N"]) for p in points] == [(s, load) for s in "123456" for load in LOADS]
     assert all(p.keys() >= POINT for p in points)
@@ -91,6 +102,17 @@ def test_forces_and_ratio_of_a_point_follow_from_its_voltages(default_sweep: dic
         assert p["force_total_u"] == pytest.approx(0.03 * p["force_total_N"], rel=0.01)
 
 
+def test_the_plan_of_the_default_sweep_is_what_it_takes(default_sweep: dict[str, Any]) -> None:
+    points = default_sweep["points"]
+    expected = LoadSweep().plan(Target(get_design("single"), 10.0, 1))
+    assert expected.seconds == pytest.approx(default_sweep["bench_seconds"], rel=0.1)
+    assert [(s.sample, s.load_N, s.dwell_s) for s in expected.steps] == [
+        (p["sample"], p["load_N"], p["dwell_s"]) for p in points
+    ]
+    for step, point in zip(expected.steps, points, strict=True):
+        assert step.force_ratio_u == pytest.approx(point["relative_u"], rel=0.05)
+
+
 def test_each_load_is_servoed(default_sweep: dict[str, Any]) -> None:
     step = 1 / 10.306  # N
     for p in default_sweep["points"]:
@@ -121,13 +143,14 @@ def test_the_noise_part_of_the_uncertainty_is_the_scatter_that_noise_makes(tmp_p
     loads = tuple(2 + 0.1 * i for i in range(20))
     points = sweep_scene(scene, tmp_path / "run", samples=("1",), loads=loads).points
     assert plausible([(p.force_ratio - modelled("1", "experiment")) / p.noise_u for p in points])
-    assert all(p.force_ratio_u == pytest.approx(math.hypot(p.noise_u, REPEATABILITY * p.force_ratio)) for p in points)
+    scatter = scene.design.ratio_scatter
+    assert all(p.force_ratio_u == pytest.approx(math.hypot(p.noise_u, scatter * p.force_ratio)) for p in points)
 
 
 # --- other scenes and settings -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", ["experiment", "column", "beam", "beam_printed"])
+@pytest.mark.parametrize("model", first_of(["experiment", "column", "beam", "beam_printed"]))
 def test_without_imperfections_the_ratio_is_the_models_and_the_force_is_the_load(tmp_path: Path, model: str) -> None:
     scene = with_model(scene_of(IDEAL_SCENE, tmp_path), model)
     # a large load on hard samples: on less the converter's steps, 15 µV, are more than 1e-3 of the rigid film

@@ -16,6 +16,7 @@ from palpate.instrument.contracts.maps.map_file import read_map
 from palpate.instrument.errors import ConfigError
 from tests.procedures.conftest import Palpate
 from tests.second_reader import hold
+from tests.shares import first_of
 from tests.sheets import (
     BASE,
     BIT,
@@ -110,11 +111,11 @@ def test_a_configured_cob_id_counts_before_the_default(configured: str, base: in
 
 @pytest.mark.parametrize(
     ("cob_id", "why"),
-    [
+    first_of([
         ("0x20010181", "has 29 bits"), ("$NODEID+0x20000180", "has 29 bits"), ("0x10181", "more than 11 bits"),
         ("0x80", "kept for other messages"), ("$NODEID", "kept for other messages"), ("$NODEID+0577", "octal or dec"),
         ("$NODEID*2", "no sum of $NODEID"), ("many", "no whole number"), ("", "gives no COB-ID"),
-    ],
+    ]),
 )  # fmt: skip
 def test_a_cob_id_that_a_map_cannot_hold_is_left_out_with_object_and_reason(
     cob_id: str, why: str, palpate: Palpate
@@ -141,7 +142,7 @@ def test_a_mapping_may_stand_in_short(palpate: Palpate) -> None:
 
 @pytest.mark.parametrize(
     ("entries", "count", "why"),
-    [
+    first_of([
         (("0x00060010", TAKEN), "", "its object 1 is a dummy of 16 bits"),
         (("0x20100001", "0x20110001", TAKEN), "", "holds 1 bits of 2010:0, a map only its whole 8"),
         (("0x20010008",), "", "holds 8 bits of 2001:0, a map only its whole 16"),
@@ -150,7 +151,7 @@ def test_a_mapping_may_stand_in_short(palpate: Palpate) -> None:
         ((TAKEN, TAKEN), "", "holds 2001:0 twice"), (("0x20990010",), "", "2099:0: it has no such object"),
         ((MAPPED,), "", "holds 2000:0, which can only be read"), (("0",), "1", "its object 1 is 0x0"),
         (("0x20130020",), "", "holds 2013:0, a text"), (("0x20140040", TAKEN), "", "holds 80 bits, and a frame 64"),
-    ],
+    ]),
 )  # fmt: skip
 def test_a_mapping_that_a_map_cannot_hold_is_left_out_and_nothing_moves_to_another_byte(
     entries: tuple[str, ...], count: str, why: str, palpate: Palpate
@@ -218,7 +219,7 @@ def test_values_are_read_by_the_type_of_their_object(
 
 @pytest.mark.parametrize(
     ("kind", "keys", "kept", "why"),
-    [
+    first_of([
         (U16, {"LowLimit": "1", "HighLimit": "65536"}, {"minimum": 1}, "greatest value: 65536 is beyond 0 to 65535"),
         (U64, {"HighLimit": "0xFFFFFFFFFFFFFFFF"}, {}, "greatest value: 0xFFFFFFFFFFFFFFFF has more digits"),
         (U64, {"DefaultValue": "0x8000000000000001"}, {}, "default: 0x8000000000000001 has more digits"),
@@ -231,7 +232,7 @@ def test_values_are_read_by_the_type_of_their_object(
         (F32, {"DefaultValue": "1e39"}, {}, "default: 1e39 is beyond a number of 32 bits"),
         (F32, {"DefaultValue": "0x7F800000"}, {}, "default: 0x7F800000 is beyond a number of 32 bits"),
         (BIT, {"DefaultValue": "2"}, {}, "default: 2 is beyond 0 to 1"),
-    ],
+    ]),
 )  # fmt: skip
 def test_a_value_that_cannot_be_kept_is_told_and_never_rounded_or_clipped(
     kind: str, keys: dict[str, str], kept: dict[str, int], why: str, palpate: Palpate

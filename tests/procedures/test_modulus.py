@@ -169,6 +169,7 @@ def test_loads_that_may_be_no_contact_count_neither_in_a_run_nor_in_what_is_expe
     assert expected(3, 0.05) == {}
 
 
+@pytest.mark.slow
 def test_the_command_gives_the_public_names(palpate: Palpate) -> None:
     result = palpate("test", "modulus", "--sample", "6", "--steps", "3", "--budget", "--json").object
     assert result.keys() >= RESULT

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from palpate.instrument.allocation.stopping import FIRST
 from tests.benchmarks.modulus_bench import fast
 from tests.benchmarks.modulus_budget import KINDS, asked, block
 from tests.benchmarks.modulus_figures import Run
@@ -31,7 +32,8 @@ def test_a_course_that_is_asked_seldom_ends_as_one_that_is_asked_after_every_set
 @pytest.mark.slow
 def test_answers_scatter_as_they_state_and_take_no_longer_than_was_told() -> None:
     runs = [Run(*run) for run in block("scatter learned", 0.05, 500e3, range(40)).runs]
-    assert plausible([run.error / run.stated for run in runs])
+    freedom = FIRST - 1  # of the scatter of the first sets, which each run states
+    assert plausible([run.error / run.stated for run in runs], freedom)
     assert sum(run.seconds <= run.bound_seconds for run in runs) >= 33  # of 40 at 95 %, less once in a thousand times
 
 

@@ -88,6 +88,7 @@ def test_a_wrong_scale_does_not_pass(
     conform(pytester, installed(files), "-k", "golden").stdout.fnmatch_lines(["FAILED *_travels_as_its_golden_frame*"])
 
 
+@pytest.mark.slow
 def test_an_effect_passes_as_it_stands_and_a_wrong_one_does_not(
     tmp_path: Path, pytester: pytest.Pytester, installed: Put
 ) -> None:

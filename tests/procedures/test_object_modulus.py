@@ -296,6 +296,7 @@ def test_what_cannot_be_measured_is_refused_before_anything_moves(
     assert not Path("runs").exists()
 
 
+@pytest.mark.slow
 def test_more_time_than_a_run_has_load_sets_for_is_planned_with_them_all_and_told() -> None:
     asked = wanted(time=Typed(24 * 3600.0, "24 h"), relative_to_model=True)
     planned = asked.plan(TARGET).predicted
@@ -311,6 +312,7 @@ def test_more_time_than_a_run_has_load_sets_for_is_planned_with_them_all_and_tol
     assert (three.mountings, three.sets) == (3, 9999)
 
 
+@pytest.mark.slow
 def test_a_tolerance_at_the_most_load_sets_tells_how_many_runs_have_enough_of_them() -> None:
     asked = {"relative_to_model": True, "mounting_scatter": 0.0}
     best = wanted(time=Typed(24 * 3600.0, "24 h"), **asked).course_on(TARGET).prospect.allocation.u

@@ -210,6 +210,7 @@ def test_what_is_stored_elsewhere_is_not_used_and_here_it_is_kept(tmp_path):
 """
 
 
+@pytest.mark.slow
 def test_a_run_of_tests_has_a_store_of_its_own_and_leaves_the_callers_alone(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -228,6 +229,7 @@ def test_a_run_of_tests_has_a_store_of_its_own_and_leaves_the_callers_alone(
     assert (os.environ["PALPATE_STORE"], sorted(callers.rglob("*"))) == (str(callers), before)
 
 
+@pytest.mark.slow
 def test_each_worker_has_a_store_of_its_own(pytester: pytest.Pytester) -> None:
     """Each of two workers runs the test and leaves the name of its store."""
     test = "def test_it(worker_id): (Path(__file__).parent / worker_id).write_text(os.environ['PALPATE_STORE'])"

@@ -91,20 +91,20 @@ def test_a_sweep_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: 
         {"name": f"position at {p.position_mm:g} mm", "u": p.found_u, "unit": "mm"} for p in whole.result.places
     ]
     with palpate.open_bench(scene="thesis_common_base") as bench:
-        short = palpate.run(replace(ASKED, time=245.0), bench, out=tmp_path / "short")
+        short = palpate.run(replace(ASKED, time=270.0), bench, out=tmp_path / "short")
     assert short.outcome["achieved_seconds"] is not None
-    assert 235 < short.outcome["achieved_seconds"] <= 245
-    assert short.result.stopped == "0.1 mm NOT REACHED within 245 s at 2 mm"
+    assert 260 < short.outcome["achieved_seconds"] <= 270
+    assert short.result.stopped == "0.1 mm NOT REACHED within 270 s at 2 mm"
 
 
 @pytest.mark.slow
 def test_a_sweep_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
-    assert resumes_to_the_same(replace(ASKED, time=255.0), "thesis_common_base", 2, tmp_path)
+    assert resumes_to_the_same(replace(ASKED, time=270.0), "thesis_common_base", 2, tmp_path)
 
 
 @pytest.mark.slow
 def test_places_hold_the_truth_as_often_as_they_say() -> None:
     from tests.benchmarks.repeats import TRUTHS, located
 
-    rows = list(located(*TRUTHS[0], place=10e-3, tolerance=0.9e-4, runs=100))
-    assert all(row.met is not False for row in rows), rows
+    held, _, timed = located(*TRUTHS[0], place=10e-3, tolerance=0.9e-4, runs=100)
+    assert held.met and timed.met, (held, timed)  # the deviation of 100 runs scatters by 7 %: the benchmark's 1000 tell

@@ -51,6 +51,7 @@ def test_without_a_terminal_a_line_now_and_then_says_how_long_it_still_takes(
     assert took / 3 < left[0] < took
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["--quiet", "--json"])
 def test_no_line_where_none_is_wanted(lab: str, palpate: Palpate, bench_time: list[float], option: str) -> None:
     said = palpate(*SWEEP, "--bench", lab, option)
@@ -62,6 +63,7 @@ def test_a_short_run_has_no_line(palpate: Palpate) -> None:
     assert (said.status, said.err) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_bar_shows_the_time_of_the_plan_before_anything_is_measured(
     lab: str, palpate: Palpate, bench_time: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -46,6 +46,7 @@ def measured(scene: Scene, folder: Path) -> LoadPoint:
     return point
 
 
+@pytest.mark.slow
 def test_without_scatter_and_noise_the_ratio_is_ours_to_one_count_of_the_coarser_device(tmp_path: Path) -> None:
     ideal = scene_of(IDEAL_SCENE, tmp_path)
     makers = replace(ideal, devices=read_scene("real_bench").devices)

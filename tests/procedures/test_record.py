@@ -21,6 +21,7 @@ from palpate.procedures.records.chain import AHEAD, HASH
 from palpate.procedures.records.record import Recorder, new_run_folder
 from palpate.procedures.records.record_file import IN_A_FRAME, LARGEST_ROW
 from palpate.procedures.records.run import Run
+from tests.shares import first_of
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z", "seed": 7}
 SECOND = 1_000_000_000
@@ -227,7 +228,7 @@ def test_an_exception_after_the_end_leaves_the_result(tmp_path: Path) -> None:
     assert Run.open(tmp_path).status == "complete"
 
 
-@pytest.mark.parametrize("what", ["data", "waveforms"])
+@pytest.mark.parametrize("what", first_of(["data", "waveforms"]))
 def test_a_limit_of_the_system_stops_the_run_and_keeps_its_points(tmp_path: Path, what: str) -> None:
     script = f"""
 import resource, sys

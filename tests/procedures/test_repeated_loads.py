@@ -37,6 +37,7 @@ def apart(ratios: list[float]) -> bool:
     return min(abs(a / b - 1) for n, a in enumerate(ratios) for b in ratios[:n]) > 1e-3
 
 
+@pytest.mark.slow
 def test_each_repetition_on_a_bench_is_a_point_with_gains_of_its_own(tmp_path: Path) -> None:
     result = sweep_scene(QUIET, tmp_path, samples=("2",), loads=SAME, dwell=0.5)
     assert [point.load_N for point in result.points] == list(SAME)

@@ -212,6 +212,7 @@ def test_one_parameter_set_alone_stands_beside_the_thesis(
     assert any("the beam has no identified set" in sentence for sentence in tables[-1]["said"]) != bool(beam)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("cheap")
 def test_people_get_tables_pictures_and_a_summary_in_a_new_folder_of_the_store(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch

@@ -42,6 +42,8 @@ from palpate.procedures.reproduce.report import print_everything
 from tests.procedures.conftest import silent
 from tests.procedures.test_reproduce_all import pressed, row, swept, weighed
 
+pytestmark = pytest.mark.slow  # the fixture takes three seconds
+
 
 @dataclass(frozen=True, slots=True)
 class Whole:

@@ -299,6 +299,7 @@ def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_h
     assert outputs(sim) == OFF
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_without_a_terminal_says_what_it_assumes(
     palpate: Palpate, stop: Stop, person: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

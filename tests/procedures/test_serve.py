@@ -63,6 +63,7 @@ def same_wall(monkeypatch: pytest.MonkeyPatch, sim: SimulatedBench) -> None:
     monkeypatch.setattr(session, "WallClock", lambda _begun: sim.clock)
 
 
+@pytest.mark.slow
 def test_a_sweep_that_is_interrupted_finds_each_sample_by_its_name_when_it_is_run_again_or_resumed(
     palpate: Palpate,
     wish: Wish,

@@ -29,9 +29,10 @@ from palpate.procedures.steps.servo import LoadServo
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.linear.lti import Floats
 from tests.procedures.conftest import OFF, happens_in, outputs, sweep
+from tests.shares import first_of
 
 PRELOAD = 2.4  # N
-MOMENTS = ["servo", "settling", "dwell"]
+MOMENTS = first_of(["servo", "settling", "dwell"])
 SERVO_STEP = 1.0  # s at 10 Hz: 0.5 s of window and four readings
 
 
@@ -174,6 +175,7 @@ def unstable(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, readings: int
     return asked
 
 
+@pytest.mark.slow
 def test_a_reading_that_is_not_stable_yet_is_waited_for(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,6 +223,7 @@ def test_too_much_force_is_not_waited_out_while_the_reading_is_unstable(
 # --- the dynamic load ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample", ["1", "2"])
 def test_each_load_is_reached_in_a_few_steps(sim: SimulatedBench, bench: Bench, sample: str) -> None:
     servo = mount(bench, sample)
@@ -285,6 +288,7 @@ def test_a_stack_that_stiffens_stops_the_shaker_within_a_servo_step(
     assert run.events()[-1]["message"].startswith("SafetyError: force of")
 
 
+@pytest.mark.slow
 def test_the_preload_counts_towards_the_force_limit(sim: SimulatedBench) -> None:
     with limited(sim, PRELOAD + 1.5) as bench:
         servo = mount(bench)
@@ -294,6 +298,7 @@ def test_the_preload_counts_towards_the_force_limit(sim: SimulatedBench) -> None
         assert outputs(sim) == OFF
 
 
+@pytest.mark.slow
 def test_a_load_that_drifts_off_during_the_dwell_is_set_anew_and_the_point_repeated(
     sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

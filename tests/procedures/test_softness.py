@@ -94,6 +94,7 @@ def test_the_budget_of_ratio_and_modulus_adds_up_to_their_uncertainty() -> None:
     assert measured + known == pytest.approx((each.scale_high_Pa - each.scale_low_Pa) / 2, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public_names(palpate: Palpate) -> None:
     result = palpate("softness", "--modulus", "45 kPa, 90 kPa", *QUICK, "--json").object
     assert result.keys() >= {"objects", "softness_order", "alike", "coverage", "answered_by", "price", "points", "plot"}

@@ -68,6 +68,7 @@ def test_what_was_told_is_printed() -> None:
     assert none[2].endswith("no 100 sets would tell them apart")
 
 
+@pytest.mark.slow
 def test_the_command_says_which_objects_it_could_not_tell_and_what_would(palpate: Palpate) -> None:
     words = ("softness", "--modulus", "60 kPa, 60.5 kPa", "--risk", "5%", "--sets", "2", "--dwell", "0.2 s")
     found = palpate(*words, "--json").object

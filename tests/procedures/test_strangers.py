@@ -22,6 +22,7 @@ from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, scene_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("counted", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_point_that_a_second_client_spoils_and_puts_right_between_two_looks_is_taken_again(
     counted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -22,6 +22,7 @@ from palpate.procedures.virtual import executors
 from palpate.procedures.virtual.study_cell import COLUMNS, Sweep
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Palpate, sweep_scene
+from tests.shares import first_of
 
 LOADS = (2.0, 3.0)
 
@@ -54,7 +55,7 @@ def test_scatter_is_drawn_anew_for_each_load_set_and_by_the_seed() -> None:
     assert 0.1 < math.sqrt(sum(z * z for z in off) / len(off)) < 2.5
 
 
-@pytest.mark.parametrize("how", ["closed form", "bench"])
+@pytest.mark.parametrize("how", first_of(["closed form", "bench"]))
 def test_samples_of_one_seed_share_neither_gains_nor_noise(how: str) -> None:
     sweep = sweep_of("seed = [3]\nsample = ['1', '2']", how)
     off = [[p["force_ratio"] / p["model_force_ratio"] - 1 for p in points(sweep, sample=name)] for name in ("1", "2")]

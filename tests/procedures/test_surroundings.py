@@ -54,6 +54,7 @@ def test_a_backend_for_figures_that_is_not_installed_does_not_matter() -> None:
     assert Path("run", "plot.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("wanted", "found"), [("nonsense", "None"), ("svg", "svg")])
 def test_in_a_script_it_does_not_matter_either_and_one_that_is_installed_stays(wanted: str, found: str) -> None:
     script = (

@@ -40,6 +40,7 @@ def off_by(points: list[dict[str, Any]], settling: float) -> float:
     return max(away)
 
 
+@pytest.mark.slow
 def test_offsets_are_those_of_the_films_and_the_ratio_is_spared(palpate: Palpate, tmp_path: Path) -> None:
     scene = tmp_path / "warm.toml"
     scene.write_text(WARM)
