@@ -110,7 +110,7 @@ def test_the_plan_of_the_default_sweep_is_what_it_takes(default_sweep: dict[str,
         (p["sample"], p["load_N"], p["dwell_s"]) for p in points
     ]
     for step, point in zip(expected.steps, points, strict=True):
-        assert step.force_ratio_u == pytest.approx(point["relative_u"], rel=0.05)
+        assert step.ratio_u_expected == pytest.approx(point["relative_u"], rel=0.05)
 
 
 def test_each_load_is_servoed(default_sweep: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from palpate.simulators.mapped.drive_state import (
     DISABLED,
     ENABLED,
     FAULT,
-    QUICK_STOP,
+    QUICK_STOPPING,
     READY,
     RESET,
     SWITCHED_ON,
@@ -41,10 +41,10 @@ def test_a_drive_goes_from_state_to_state_in_their_order(words: tuple[int, ...],
     assert after(*words) == ends
 
 
-@pytest.mark.parametrize(("option", "ends"), [(-3, DISABLED), (1, DISABLED), (2, DISABLED), (5, QUICK_STOP)])
+@pytest.mark.parametrize(("option", "ends"), [(-3, DISABLED), (1, DISABLED), (2, DISABLED), (5, QUICK_STOPPING)])
 def test_a_quick_stop_ends_in_the_state_of_its_option_code(option: int, ends: int) -> None:
     assert after(0x06, 0x07, 0x0F, 0x02, option=option) == ends
-    assert after(0x06, 0x07, 0x0F, 0x02, 0x06, option=option) == (READY if ends == DISABLED else QUICK_STOP)
+    assert after(0x06, 0x07, 0x0F, 0x02, 0x06, option=option) == (READY if ends == DISABLED else QUICK_STOPPING)
     assert after(0x06, 0x02, option=option) == DISABLED  # nothing moves that could be braked
 
 
