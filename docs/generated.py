@@ -23,7 +23,7 @@ from palpate.instrument.quantity import Unit, show
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents
-from palpate.procedures.engine.known import SHIPPED, procedure_class
+from palpate.procedures.engine.catalogue import SHIPPED, procedure_class
 from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.study.description import StudyFile
 from palpate.simulators.effects import EFFECTS, effect_class

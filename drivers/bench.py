@@ -13,7 +13,7 @@ from typing import Any, Self
 from palpate.drivers.bench_lock import BenchLock, check_apart
 from palpate.drivers.clock import BenchClock
 from palpate.drivers.devices.device import Device
-from palpate.drivers.devices.exciter import Guard
+from palpate.drivers.devices.exciter import WatchdogGuard
 from palpate.drivers.fitted import Fitted
 from palpate.drivers.hands import Hands
 from palpate.drivers.incident import Incidents, Store
@@ -60,7 +60,7 @@ class Bench(Fitted):
         self._stack = Ends()
 
     @property
-    def _guard(self) -> Guard | None:
+    def _guard(self) -> WatchdogGuard | None:
         return self._exciter.guard if self._exciter else None
 
     @property
@@ -155,7 +155,7 @@ class Bench(Fitted):
         link.open()
         stack.callback(link.close)
 
-    def _release(self, guard: Guard) -> None:
+    def _release(self, guard: WatchdogGuard) -> None:
         if self._safe:
             with suppress(BenchError), held(ENDINGS):  # its output is off, and nobody feeds its watchdog any more
                 guard.release()

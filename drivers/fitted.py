@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, TypeVar, get_args
 
 from palpate.drivers.clock import BenchClock, WallClock
-from palpate.drivers.devices.device import Device, Place
+from palpate.drivers.devices.device import Device, DevicePlace
 from palpate.drivers.devices.exciter import Amplified, Exciter
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
@@ -22,7 +22,7 @@ T = TypeVar("T")
 UNOPENED: dict[str, files.Link] = {
     "modbus-tcp": files.TcpLink(host="unopened"),
     "modbus-rtu": files.SerialLine(port="unopened"),
-    "canopen": files.CanLink(interface="virtual", channel="unopened"),
+    "canopen": files.CanBus(interface="virtual", channel="unopened"),
 }  # links that are never opened, by kind
 
 
@@ -56,7 +56,9 @@ class Fitted:
     def _made(self, each: Listed) -> Device:
         """The driver of a device. Raises ConfigError: it cannot be loaded."""
         driver: type[Device] = load(each.kind.driver, f"driver of {each.name}")
-        return driver.at(Place(self.links[each.link], each.unit, each.settings, self.clock, each.kind, each.inventory))
+        return driver.at(
+            DevicePlace(self.links[each.link], each.unit, each.settings, self.clock, each.kind, each.inventory)
+        )
 
     def _driven(self) -> Exciter | None:
         """The exciter; None: the bench has none. Raises ConfigError: its driver does not fit."""
@@ -154,13 +156,13 @@ def check_alone(name: str, kind: DeviceKind, settings: Any, frequency: float) ->
     """As `check_drivable`, for one device of a simulated bench, which has no address before the bench is open."""
     clock = WallClock()
     driver: type[Device] = load(kind.driver, f"driver of {name}")
-    device = driver.at(Place(_link(UNOPENED[kind.links[0]], clock), 1, settings, clock, kind))
+    device = driver.at(DevicePlace(_link(UNOPENED[kind.links[0]], clock), 1, settings, clock, kind))
     device.name = name
     device.check_section(settings, frequency)
 
 
 def _link(place: files.Link, clock: BenchClock) -> ModbusLink | CanLink:
     """A link, closed. What it waits between frames is not watched, so it gets the clock that keeps the time."""
-    if isinstance(place, files.CanLink):
+    if isinstance(place, files.CanBus):
         return CanLink(place)
     return ModbusLink.rtu(place, clock) if isinstance(place, files.SerialLine) else ModbusLink.tcp(place, clock)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.exciter import Exciter, Guard
+from palpate.drivers.devices.exciter import Exciter, WatchdogGuard
 from palpate.instrument.errors import BenchInUse
 
 CLAIMS = 10  # number of claims that are tried within the watchdog's time-out
 
 
-def claim(guard: Guard, clock: Clock, waits: Callable[[str], object]) -> None:
+def claim(guard: WatchdogGuard, clock: Clock, waits: Callable[[str], object]) -> None:
     """Become the guard's owner. The claim of a killed program ends after the watchdog's time-out, which is waited for.
 
     Args:

@@ -15,7 +15,7 @@ LOOKS = 1.0  # s between two checks of an exciter without a watchdog
 
 
 class Fed(Protocol):
-    """A device with a watchdog; see `palpate.drivers.devices.exciter.Guard`."""
+    """A device with a watchdog; see `palpate.drivers.devices.exciter.WatchdogGuard`."""
 
     def feed(self) -> None: ...
     def live(self) -> None: ...

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from palpate.instrument.errors import ConfigError, check_path
-from palpate.instrument.refusals import told
+from palpate.instrument.refusals import refusal_text
 
 LARGEST_FILE = 1_000_000  # greatest number of bytes; a bench, scene or calibration file has a few thousand
 MOST_VALUES = 100_000  # greatest number of values in a file; a calibration of the films of 64 teeth has 25 thousand
@@ -192,7 +192,9 @@ def check(data: dict[str, Any], model: type[M], where: str, beside: Iterable[str
         inside = {e["loc"][:-1] for e in errors}  # pydantic counts wrong values of a list as missing ones
         errors = [e for e in errors if e["type"] != "too_short" or e["loc"] not in inside]
         problems = [
-            f"{where}: {line}" for e in errors[:MOST_PROBLEMS] for line in told(dict(e), model, beside).splitlines()
+            f"{where}: {line}"
+            for e in errors[:MOST_PROBLEMS]
+            for line in refusal_text(dict(e), model, beside).splitlines()
         ]
         if len(errors) > MOST_PROBLEMS:
             problems.append(f"{where}: and {len(errors) - MOST_PROBLEMS} more")

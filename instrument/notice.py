@@ -16,7 +16,7 @@ _listener: ContextVar[Callable[[str], None] | None] = ContextVar("listener", def
 
 
 @contextmanager
-def told(listener: Callable[[str], None]) -> Iterator[None]:
+def notices_to(listener: Callable[[str], None]) -> Iterator[None]:
     """A context in which a function is called with a sentence before each long computation."""
     token = _listener.set(listener)
     try:

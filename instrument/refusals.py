@@ -43,7 +43,7 @@ LIMITS = {  # by pydantic's type of the error: key of the limit, what the value 
 }
 
 
-def told(error: Mapping[str, Any], model: type[BaseModel], beside: Iterable[str] = ()) -> str:
+def refusal_text(error: Mapping[str, Any], model: type[BaseModel], beside: Iterable[str] = ()) -> str:
     """One of pydantic's errors about a table: key, value, what is allowed and what to do.
 
     Args:

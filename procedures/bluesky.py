@@ -54,10 +54,10 @@ class _Readable:
         return {name: {"value": value, "timestamp": now} for name, value in zip(self._units, values, strict=True)}
 
 
-class Setting(_Readable):
+class DeviceSetting(_Readable):
     """A field of a Modbus device of the bench, which can be set.
 
-    Such as `Setting(bench, bench.device("signal_generator"), "frequency")`.
+    Such as `DeviceSetting(bench, bench.device("signal_generator"), "frequency")`.
     """
 
     def __init__(self, bench: Bench, device: ModbusDevice, field: str) -> None:
@@ -74,7 +74,7 @@ class Setting(_Readable):
         return self._reading(self._device.get(self._field))
 
 
-class Load(_Readable):
+class MovableLoad(_Readable):
     """The load on the sensor, peak to peak, by the load cell. Movable."""
 
     def __init__(self, bench: Bench, servo: LoadServo) -> None:

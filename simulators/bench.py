@@ -31,11 +31,11 @@ from palpate.simulators.wire.can_bus import own_channel
 from palpate.simulators.wire.modbus import ServerThread
 
 if TYPE_CHECKING:
-    from palpate.simulators.devices.positioner import Positioner
-    from palpate.simulators.devices.sample_changer import SampleChanger
-    from palpate.simulators.devices.shaker_amplifier import ShakerAmplifier
-    from palpate.simulators.devices.signal_generator import SignalGenerator
-    from palpate.simulators.devices.strain_indicator import StrainIndicator
+    from palpate.simulators.devices.positioner import SimulatedPositioner
+    from palpate.simulators.devices.sample_changer import SimulatedSampleChanger
+    from palpate.simulators.devices.shaker_amplifier import SimulatedShakerAmplifier
+    from palpate.simulators.devices.signal_generator import SimulatedSignalGenerator
+    from palpate.simulators.devices.strain_indicator import SimulatedStrainIndicator
     from palpate.simulators.faults.inject import Injection
 
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order
@@ -46,7 +46,7 @@ TIMEOUT: Any = "10 s"  # of wall time; it is long, because on a busy machine a s
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class BenchAddresses:
     """Addresses of a simulated bench.
 
     Attributes:
@@ -62,7 +62,7 @@ class Place:
     channel: str | None = None
 
 
-HERE = Place()  # free ports, and a CAN bus in this process
+HERE = BenchAddresses()  # free ports, and a CAN bus in this process
 
 
 class SimulatedBench:
@@ -71,7 +71,7 @@ class SimulatedBench:
     Entering it raises BenchError if a port is in use or the CAN interface cannot be opened.
     """
 
-    def __init__(self, scene: Scene, place: Place = HERE, samples: Sequence[Sample] = ()) -> None:
+    def __init__(self, scene: Scene, place: BenchAddresses = HERE, samples: Sequence[Sample] = ()) -> None:
         """Make the bench; it is served once the context is entered.
 
         Args:
@@ -119,12 +119,14 @@ class SimulatedBench:
         if link == "canopen":
             unit = self._addresses[name] = self._free_node_id(kind)
             number = 1 + self._sampling.index(name) if name in self._sampling else 0
-            place = wire.Place(self.clock, self.rig, unit, SERIAL + unit, settings, kind, self._find, number=number)
+            place = wire.SimulatedPlace(
+                self.clock, self.rig, unit, SERIAL + unit, settings, kind, self._find, number=number
+            )
         else:
             unit = 1
             if link == "modbus-rtu":
                 unit = self._addresses[name] = 1 + sum(each.links[0] == link for each in self._kinds.values())
-            place = wire.Place(self.clock, self.rig, unit, serial, settings, kind, self._find, self._samples)
+            place = wire.SimulatedPlace(self.clock, self.rig, unit, serial, settings, kind, self._find, self._samples)
         assert kind.simulator is not None
         self.devices[name] = load(kind.simulator, f"simulator of {name}").at(place)
         self._kinds[name] = kind
@@ -227,27 +229,27 @@ class SimulatedBench:
             device.speed = speed
 
     @property
-    def generator(self) -> SignalGenerator:
-        found: SignalGenerator = self.devices["signal_generator"]
+    def generator(self) -> SimulatedSignalGenerator:
+        found: SimulatedSignalGenerator = self.devices["signal_generator"]
         return found
 
     @property
-    def amplifier(self) -> ShakerAmplifier:
-        found: ShakerAmplifier = self.devices["shaker_amplifier"]
+    def amplifier(self) -> SimulatedShakerAmplifier:
+        found: SimulatedShakerAmplifier = self.devices["shaker_amplifier"]
         return found
 
     @property
-    def indicator(self) -> StrainIndicator:
-        found: StrainIndicator = self.devices["strain_indicator"]
+    def indicator(self) -> SimulatedStrainIndicator:
+        found: SimulatedStrainIndicator = self.devices["strain_indicator"]
         return found
 
     @property
-    def positioner(self) -> Positioner:
-        found: Positioner = self.devices["positioner"]
+    def positioner(self) -> SimulatedPositioner:
+        found: SimulatedPositioner = self.devices["positioner"]
         return found
 
     @property
-    def changer(self) -> SampleChanger | None:
+    def changer(self) -> SimulatedSampleChanger | None:
         return self.devices.get(CHANGER)
 
 

@@ -16,7 +16,7 @@ CHANGER = "sample_changer"
 OF_BENCH_FILES = ("link", "unit", "node", "inventory", "confirmed", "set_to_link")
 
 
-class _Section(Config):
+class _GuestSection(Config):
     """The keys of every `[device.NAME]` table; its other keys are settings of its kind."""
 
     kind: str | None = None
@@ -77,8 +77,8 @@ def _guest(name: str, table: dict[str, Any], where: str) -> Guest:
             f"{where}: {', '.join(given)}: a simulated bench gives its devices links, addresses and labels itself; "
             "leave this out of the scene, it belongs in a bench file"
         )
-    own = {key: table[key] for key in _Section.model_fields if key in table}
-    section = check(own, _Section, where)
+    own = {key: table[key] for key in _GuestSection.model_fields if key in table}
+    section = check(own, _GuestSection, where)
     kind, file = table.pop("kind", None), table.pop("map", None)
     if (kind is None) == (file is None):
         raise ConfigError(f'{where}: kind: give a device kind, as kind = "acme-oven", or map = "FILE.toml"')
@@ -95,6 +95,9 @@ def _guest(name: str, table: dict[str, Any], where: str) -> Guest:
     if found.simulator is None:
         raise ConfigError(f"{where}: kind: {found.name} has no simulator; leave the device out of the scene")
     settings = check(
-        {key: value for key, value in table.items() if key not in own}, found.settings, where, _Section.model_fields
+        {key: value for key, value in table.items() if key not in own},
+        found.settings,
+        where,
+        _GuestSection.model_fields,
     )
     return Guest(name, found, settings, table)

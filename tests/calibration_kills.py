@@ -30,7 +30,7 @@ from palpate.procedures.lab.calibrations import KEPT
 from palpate.procedures.records.record import MEASURED
 from palpate.procedures.records.run import Run, is_run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
-from palpate.simulators.bench import Place
+from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.planning.settle import read_scene
 
 QUICK = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s")
@@ -331,6 +331,6 @@ def in_process(folder: Path, kind: str) -> Iterator[Rounds]:
 def served(folder: Path, kind: str) -> Iterator[Rounds]:
     """Rounds of a client of one served bench."""
     file = folder / "bench.toml"
-    wish = Wish(read_scene("thesis_single"), Place(interface=MULTICAST), None, 1.0, 1.0, (), file)
+    wish = Wish(read_scene("thesis_single"), BenchAddresses(interface=MULTICAST), None, 1.0, 1.0, (), file)
     with serving(wish) as bench, Commands(folder, bench) as commands:
         yield Rounds(commands, kind, ("--bench", str(file)))

@@ -28,7 +28,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run, reading
-from palpate.procedures.study.store import Outcome, Store, stored
+from palpate.procedures.study.store import CellOutcome, Store, stored
 
 Files = dict[str, bytes]
 BAD = ("silent", "whole point not returned", "wrong point returned", "crashed")
@@ -245,7 +245,7 @@ def study(folder: Path) -> Victim:
     with Store(folder, {"study": {"loads": "1 N, 2 N"}}) as store:
         for cell in range(8):
             before.append(_read(folder))
-            store.add([Outcome(cell, "too soft" * (cell == 3), f'[{{"force_ratio":0.{cell}17,"load_N":2.0}}]')])
+            store.add([CellOutcome(cell, "too soft" * (cell == 3), f'[{{"force_ratio":0.{cell}17,"load_N":2.0}}]')])
         files = _read(folder)
     for name, content in files.items():
         (folder / name).write_bytes(content)

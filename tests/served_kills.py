@@ -30,7 +30,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.run import Run, is_run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
-from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.mounted import Mounted
 from palpate.simulators.wire.device import Refused
@@ -315,7 +315,7 @@ def rounds(folder: Path, scene: str = "thesis_single") -> Iterator[Rounds]:
     """A served bench with a sample changer, and a client; all of it ends with the block."""
     bench = folder / "bench.toml"
     samples = tuple(get_sample(name) for name in SAMPLES)
-    wish = Wish(read_scene(scene), Place(interface=MULTICAST), None, 1.0, 1.0, samples, bench)
+    wish = Wish(read_scene(scene), BenchAddresses(interface=MULTICAST), None, 1.0, 1.0, samples, bench)
     with serving(wish) as served, Client(served, folder) as client:
         yield Rounds(served, client, folder, bench)
 

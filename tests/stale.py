@@ -16,7 +16,7 @@ from typing import Any
 
 import canopen
 
-from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.devices.strain_indicator import StrainIndicator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.sdo import CheckedSdoClient
@@ -104,7 +104,7 @@ def read_lengths(chance: random.Random, tries: int) -> Counter[str]:
     """Reads that follow each other, which the driver makes unlike in length: only every second can be alike."""
     found = Counter[str]()
     wire = Line(chance)
-    driver = Positioner(wire.link, UNIT, wire)
+    driver = MicroPositioner(wire.link, UNIT, wire)
     for _ in range(tries):
         wire.repeat = True
         for again in range(chance.randint(2, 4)):
@@ -127,7 +127,7 @@ def read_polls(chance: random.Random, tries: int) -> Counter[str]:
     found = Counter[str]()
     wire = Line(chance)
     wire.moves = True
-    driver = Positioner(wire.link, UNIT, wire)
+    driver = MicroPositioner(wire.link, UNIT, wire)
     for _ in range(tries):
         wire.repeat = True
         for again in range(chance.randint(2, 4)):
@@ -171,7 +171,7 @@ def write_twice(chance: random.Random, tries: int) -> Counter[str]:
     """The same registers are written twice, and the device does not hear the second write."""
     found = Counter[str]()
     wire = Line(chance)
-    driver = Positioner(wire.link, UNIT, wire)
+    driver = MicroPositioner(wire.link, UNIT, wire)
     for _ in range(tries):
         wire.repeat, wire.deaf = True, False
         driver.set(speed=1e-3)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.commands import carry_out
-from palpate.drivers.devices.told import Told
+from palpate.drivers.devices.scaling_watch import ScalingWatch
 from palpate.drivers.devices.wear import Wear
 from palpate.instrument.contracts.contract import NOTHING, Contract, Value
 from palpate.instrument.errors import BenchError, DeviceError, IdentityError, UsageError
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class DevicePlace:
     """What a driver gets from its bench.
 
     Attributes:
@@ -59,7 +59,7 @@ class Device:
     orders: frozenset[str] = frozenset()  # fields that make the device do something
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: DevicePlace) -> Self:
         """Make the driver of a device, not connected yet; one whose constructor takes more arguments overrides this."""
         driver: Any = cls
         return cls._fitted(driver(place.link, place.unit, place.clock, *cls._own(place)), place)
@@ -78,7 +78,7 @@ class Device:
         self.clock = clock
         self.orders = self.orders | {command.field for command in self.contract.commands}
         self._settings: dict[str, Value] = {}  # those that were written, by name
-        self._scales = Told(self)
+        self._scales = ScalingWatch(self)
         self._wear = Wear(self.name, self.contract, clock)
         self.serial = ""
         self.simulated = False
@@ -88,13 +88,13 @@ class Device:
         self.afterwards: Callable[[], object] = lambda: None  # called after each request
 
     @classmethod
-    def _fitted(cls, made: Self, place: Place) -> Self:
+    def _fitted(cls, made: Self, place: DevicePlace) -> Self:
         """A driver with what its place says of it."""
         made.kind, made.inventory = place.kind, place.inventory
         return made
 
     @classmethod
-    def _own(cls, place: Place) -> tuple[Contract, ...]:
+    def _own(cls, place: DevicePlace) -> tuple[Contract, ...]:
         """The contract of its place's kind, if the class has none. Raises UsageError: there is neither."""
         if hasattr(cls, "contract"):
             return ()

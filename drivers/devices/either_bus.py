@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any, Self
 
 from palpate.drivers.devices.canopen_device import CanopenDevice
-from palpate.drivers.devices.device import Device, Place
+from palpate.drivers.devices.device import Device, DevicePlace
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.errors import UsageError
 
@@ -20,7 +20,7 @@ class EitherBus(Device):
     """
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: DevicePlace) -> Self:
         """Make the driver on the bus of its contract. Raises UsageError: the place has no kind."""
         if issubclass(cls, tuple(BASES.values())):
             return super().at(place)

@@ -13,7 +13,7 @@ from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
 QUIET = 10.0, 0.0  # Hz, V: a sine with no amplitude
 
 
-class Guard(Protocol):
+class WatchdogGuard(Protocol):
     """The device of an exciter that switches the output off when its watchdog is not fed.
 
     Attributes:
@@ -52,7 +52,7 @@ class Exciter(ABC):
         unit: unit of its effort.
     """
 
-    guard: Guard | None = None
+    guard: WatchdogGuard | None = None
     largest: float = LARGEST_PEAK
     unit: str = "A"
 
@@ -106,7 +106,8 @@ class Amplified(Exciter):
 
         Args:
             source: the generator, with `sine` and `output`.
-            amplifier: the amplifier, with `enable`, `disable` and `check`. With a watchdog it is the `Guard`, too.
+            amplifier: the amplifier, with `enable`, `disable` and `check`. With a watchdog it is the `WatchdogGuard`,
+                too.
         """
         self._source, self._amplifier = source, amplifier
         self.guard = amplifier if amplifier.contract.has("watchdog") else None

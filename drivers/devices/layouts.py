@@ -44,7 +44,7 @@ class Read:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ReadRequests:
     """The requests that read some fields, and the fields that tell their scales and signs.
 
     Attributes:
@@ -109,7 +109,7 @@ def fits(contract: Contract, names: Iterable[str]) -> bool:
     return not _holes(contract, fields[0].table, start, count)
 
 
-def reading(contract: Contract, names: tuple[str, ...], *, scaled: bool = True) -> Reading:
+def reading(contract: Contract, names: tuple[str, ...], *, scaled: bool = True) -> ReadRequests:
     """The requests that read fields; `scaled`: also what tells their scales and signs.
 
     Raises UsageError: fields whose sign is in one register stand too far apart for one request.
@@ -152,7 +152,7 @@ def reading(contract: Contract, names: tuple[str, ...], *, scaled: bool = True) 
     along = tuple(name for each in requests for name in each.names if name not in names)
     wanting = scaled and any(contract[name].beside for name in names)
     direct = len(requests) == 1 and requests[0].names == (*names, *along)
-    return Reading(names, requests, along, tuple(dict.fromkeys(apart)), wanting, direct)
+    return ReadRequests(names, requests, along, tuple(dict.fromkeys(apart)), wanting, direct)
 
 
 def _rank(names: tuple[str, ...], name: str) -> tuple[int, str]:

@@ -17,7 +17,7 @@ from palpate.drivers.devices.identified import (
     identity_objects,
     serial_number,
 )
-from palpate.drivers.devices.layouts import Read, Reading, Write, companions, reading, write
+from palpate.drivers.devices.layouts import Read, ReadRequests, Write, companions, reading, write
 from palpate.drivers.links.modbus import ACKNOWLEDGED, SELDOM, SOON, ModbusLink
 from palpate.drivers.links.requests import READS, WRITES, confirms
 from palpate.instrument.contracts.contract import PROBE, Contract, Value
@@ -47,8 +47,8 @@ class ModbusDevice(Device):
         super().__init__(f"at {link.name} unit {unit}", clock, contract)
         self.link: ModbusLink = link
         self.unit = unit
-        self._reading: Callable[[tuple[str, ...]], Reading] = cache(partial(reading, self.contract))
-        self._unscaled: Callable[[tuple[str, ...]], Reading] = cache(partial(reading, self.contract, scaled=False))
+        self._reading: Callable[[tuple[str, ...]], ReadRequests] = cache(partial(reading, self.contract))
+        self._unscaled: Callable[[tuple[str, ...]], ReadRequests] = cache(partial(reading, self.contract, scaled=False))
         self._writing: Callable[[tuple[str, ...]], Write] = cache(partial(write, self.contract))
         self._companions: Callable[[str], frozenset[str]] = cache(partial(companions, self.contract))
         self._is_setting: Callable[[str], bool] = cache(self._restorable)
@@ -136,7 +136,7 @@ class ModbusDevice(Device):
             return self._asked(lambda: list(map(self._value, names, self._ask(plan.requests[0]))))
         return self._asked(lambda: self._values(plan, self._value))
 
-    def _values(self, plan: Reading, value: Callable[..., float]) -> list[float]:
+    def _values(self, plan: ReadRequests, value: Callable[..., float]) -> list[float]:
         """Values of a reading, each made by `value` of its name, its bytes and what is beside it."""
         if not plan.scaled:
             return list(map(value, plan.names, self._fetch(plan)))
@@ -167,7 +167,7 @@ class ModbusDevice(Device):
         """The bytes of each field, without what tells their scales and signs."""
         return self._fetch(self._unscaled(names))
 
-    def _fetch(self, plan: Reading) -> list[bytes]:
+    def _fetch(self, plan: ReadRequests) -> list[bytes]:
         """The bytes of each field of a reading, then those of the fields that are read along."""
         if plan.direct:
             return self._ask(plan.requests[0])

@@ -14,7 +14,7 @@ POLL = 0.1  # s
 CLOSE = 2e-6  # m from the target at which it counts as there
 
 
-class Positioner(ModbusDevice):
+class MicroPositioner(ModbusDevice):
     """The micro-positioner, which moves the probe."""
 
     contract = positioner.CONTRACT

@@ -18,7 +18,7 @@ STATE = ("mounted", "exchanges", "status")
 
 
 @dataclass(frozen=True, slots=True)
-class Mounted:
+class ChangerState:
     """State of the sample changer.
 
     Attributes:
@@ -32,7 +32,7 @@ class Mounted:
     moving: bool
 
 
-class SampleChanger(ModbusDevice):
+class ModbusSampleChanger(ModbusDevice):
     """The sample changer, which mounts samples by name. A mounted sample must stay untouched until the next order."""
 
     contract = sample_changer.CONTRACT
@@ -40,7 +40,7 @@ class SampleChanger(ModbusDevice):
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit, clock)
-        self._laid: Mounted | None = None
+        self._laid: ChangerState | None = None
         self.samples: tuple[str, ...] = ()
 
     def connect(self) -> None:
@@ -59,14 +59,14 @@ class SampleChanger(ModbusDevice):
             if name not in self.samples:
                 raise UnknownName(f"sample of the {self.name}", name, self.samples)
 
-    def mounted(self) -> Mounted:
+    def mounted(self) -> ChangerState:
         """The present state. Raises LinkError, LinkTimeout, DeviceError."""
         return self._asked(self._mounted)
 
-    def _mounted(self) -> Mounted:
+    def _mounted(self) -> ChangerState:
         name, exchanges, status = self._read(STATE)
         moving = "moving" in self.contract.set_bits("status", self._value("status", status))
-        return Mounted(self._text("mounted", name), int(self._value("exchanges", exchanges)), moving)
+        return ChangerState(self._text("mounted", name), int(self._value("exchanges", exchanges)), moving)
 
     def mount(self, name: str, timeout: float = TIMEOUT) -> None:
         """Mount a sample by its name under the probe, which must be at home, and wait until it is there.
@@ -85,7 +85,7 @@ class SampleChanger(ModbusDevice):
             raise DeviceError(f"{self.name}: has mounted {found.sample!r}, was ordered {name!r}; look at it")
         self._laid = found
 
-    def _standing(self, timeout: float) -> Mounted:
+    def _standing(self, timeout: float) -> ChangerState:
         """The state as soon as nothing moves. Raises DeviceError: it still moves after `timeout` [s]."""
         waited = 0.0
         while (found := self.mounted()).moving:

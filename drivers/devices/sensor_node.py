@@ -52,7 +52,7 @@ class Recording:
     saturated: npt.NDArray[np.bool_]
 
 
-class SensorNode(CanopenDevice):
+class CanopenSensorNode(CanopenDevice):
     """One sensor node on the CAN bus."""
 
     contract = CONTRACT
@@ -109,7 +109,7 @@ class SensorNode(CanopenDevice):
         """Sample for `duration` [s], with SYNC from this node. See the function `acquire`."""
         return acquire([self], duration)[0]
 
-    def acquire_with(self, others: Sequence[SensorNode], duration: float) -> list[Recording]:
+    def acquire_with(self, others: Sequence[CanopenSensorNode], duration: float) -> list[Recording]:
         """Sample for `duration` [s] together with `others`, with SYNC from this node. See the function `acquire`."""
         return acquire([self, *others], duration)
 
@@ -162,7 +162,7 @@ class SensorNode(CanopenDevice):
         )
 
 
-def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
+def acquire(nodes: Sequence[CanopenSensorNode], duration: float) -> list[Recording]:
     """Sample with all `nodes` together for `duration` [s]; the first one produces SYNC.
 
     A node's answer to a request follows its samples on the bus, so when it has told its count, every

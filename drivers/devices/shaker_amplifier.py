@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.kinds import AmplifierSettings
@@ -54,7 +54,7 @@ class ShakerAmplifier(ModbusDevice):
     contract = shaker_amplifier.CONTRACT
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: DevicePlace) -> Self:
         return cls(place.link, place.unit, place.clock, owned=place.settings.watchdog_fed_by == "owner")
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock, *, owned: bool = True) -> None:

@@ -38,7 +38,7 @@ FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
 
 
-def has_wire(bus: files.CanLink) -> bool:
+def has_wire(bus: files.CanBus) -> bool:
     """Whether frames take time on a real wire; not on a bus within this machine, which Linux lists as virtual."""
     if bus.interface == "socketcan":
         return not Path("/sys/devices/virtual/net", bus.channel).exists()
@@ -109,7 +109,7 @@ class CanLink:
     next request. The node is therefore listened to until it has been silent for a whole time-out.
     """
 
-    def __init__(self, bus: files.CanLink) -> None:
+    def __init__(self, bus: files.CanBus) -> None:
         """Raises ConfigError: python-can has no such interface."""
         self.name = f"{bus.interface}:{bus.channel}"
         if bus.interface not in can.VALID_INTERFACES:

@@ -11,7 +11,7 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.links import causes
 from palpate.drivers.links.can import has_wire
 from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
-from palpate.instrument.bench.links import CanLink
+from palpate.instrument.bench.links import CanBus
 from palpate.instrument.errors import LinkError
 
 # how python-can's interfaces are told only to listen, by their own arguments (their documentation, python-can 4)
@@ -42,12 +42,12 @@ class Heard:
     nodes: set[int] = field(default_factory=set)
 
 
-def listens_quietly(bus: CanLink) -> bool:
+def listens_quietly(bus: CanBus) -> bool:
     """Whether opening the bus to listen disturbs nobody, even with a wrong bit rate."""
     return bus.interface in LISTEN_ONLY or bus.interface in SET_BY_SYSTEM or not has_wire(bus)
 
 
-def listen(bus: CanLink, seconds: float) -> Heard:
+def listen(bus: CanBus, seconds: float) -> Heard:
     """Listen for so many seconds. Raises LinkError: the bus cannot be opened, or failed."""
     heard, clock = Heard(), WallClock()
     try:

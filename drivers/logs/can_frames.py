@@ -26,7 +26,7 @@ ASC_BEGIN, ASC_END = re.compile(r"(?im)^\s*begin trigger ?block"), re.compile(r"
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class CanFrame:
     """A CAN frame of a log.
 
     Attributes:
@@ -68,14 +68,14 @@ class Frame:
         )
 
 
-def frame_of(packet: Packet) -> Frame:
+def frame_of(packet: Packet) -> CanFrame:
     """The CAN frame of a packet."""
     frame = unpacked(packet.data)
     frame.timestamp = packet.time_ns / 1e9
-    return Frame.of(frame)
+    return CanFrame.of(frame)
 
 
-def read_frames(path: Path) -> Iterator[Frame]:
+def read_frames(path: Path) -> Iterator[CanFrame]:
     """The frames of a log, in their order.
 
     Raises:
@@ -98,7 +98,7 @@ def _lines(path: Path) -> tuple[list[str], bool]:
     return (lines[:-1] if cut else lines), cut
 
 
-def _blf(path: Path) -> Iterator[Frame]:
+def _blf(path: Path) -> Iterator[CanFrame]:
     size = path.stat().st_size
     with path.open("rb") as file:  # python-can would leave a file with a damaged header open
         if file.read(len(BEGIN_OF_BLF)) != BEGIN_OF_BLF:
@@ -106,14 +106,14 @@ def _blf(path: Path) -> Iterator[Frame]:
         file.seek(0)
         reader = can.BLFReader(file)
         for message in reader:
-            yield Frame.of(message)
+            yield CanFrame.of(message)
         if size < reader.file_size:
             raise ValueError(f"it was cut off: it has {size} of {reader.file_size} bytes")
         if size > reader.file_size and not reader.object_count:
             raise ValueError("it was cut off: its recording was never ended")
 
 
-def _asc(path: Path) -> Iterator[Frame]:
+def _asc(path: Path) -> Iterator[CanFrame]:
     lines, cut = _lines(path)
     text = "".join(lines)
     first = next((number for number, line in enumerate(lines) if ASC_LINE.match(line)), len(lines))
@@ -121,12 +121,12 @@ def _asc(path: Path) -> Iterator[Frame]:
         raise NotALog("no ASC file, which begins with its date and base")
     lines.insert(first, "\n")  # without a certain line python-can takes what follows the header for a part of it
     for message in can.ASCReader(io.StringIO("".join(lines))):
-        yield Frame.of(message)
+        yield CanFrame.of(message)
     if cut or (ASC_BEGIN.search(text) and not ASC_END.search(text)):
         raise ValueError("it was cut off: its end is missing")
 
 
-def _candump(path: Path) -> Iterator[Frame]:
+def _candump(path: Path) -> Iterator[CanFrame]:
     lines, cut = _lines(path)
     known = not "".join(lines).strip() and not cut  # an empty log is one
     for number, line in enumerate(lines, 1):
@@ -143,7 +143,7 @@ def _candump(path: Path) -> Iterator[Frame]:
             raise ValueError(f"line {number} cannot be read") from None
         known = True
         message.channel = channel
-        yield Frame.of(message)
+        yield CanFrame.of(message)
     if not known:
         raise NotALog(NO_CANDUMP)
     if cut:

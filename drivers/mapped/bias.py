@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Self
 
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.either_bus import EitherBus
 from palpate.instrument.bench.role_maps.bias import BiasMap
 
 NONE = 0.0
 
 
-class Bias(EitherBus):
+class MappedBias(EitherBus):
     """A source of a maker, by its map's table `[role.bias]`.
 
     It has no watchdog: nothing but this program switches it off.
@@ -24,7 +24,7 @@ class Bias(EitherBus):
     holding = False
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: DevicePlace) -> Self:
         made = super().at(place)
         if place.kind is not None:
             made._map = place.kind.table(BiasMap)

@@ -11,9 +11,9 @@ from contextlib import suppress
 from typing import Any, Self
 
 from palpate.drivers.devices.canopen_device import CanopenDevice
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.exciter import Exciter
-from palpate.drivers.mapped.set_points import Grid, grid
+from palpate.drivers.mapped.set_points import SetPointGrid, grid
 from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
 from palpate.instrument.contracts.contract import Pdo
 from palpate.instrument.errors import DeviceError, LinkError, RangeError, SafetyError, Unfed
@@ -36,7 +36,7 @@ class StreamedExciter(CanopenDevice, Exciter):
     _master: int  # node id of this program
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: DevicePlace) -> Self:
         """Make the driver of a drive whose kind has a table for the role."""
         made = super().at(place)
         assert place.kind is not None
@@ -52,7 +52,7 @@ class StreamedExciter(CanopenDevice, Exciter):
         self._timeout = OFF
         self._mine = False  # whether this program owns it
         self._enabled = False  # whether it should be driving
-        self._grid: Grid | None = None  # of the set-points that the bus sends now; None: it sends none
+        self._grid: SetPointGrid | None = None  # of the set-points that the bus sends now; None: it sends none
         self._begun_ns = 0
         self._peak = 0.0  # %
 

@@ -53,7 +53,7 @@ def _range(values: list[float]) -> float:
     return max(values) - min(values) if all(map(math.isfinite, values)) else math.nan
 
 
-class LoadIndicator(EitherBus):
+class MappedLoadIndicator(EitherBus):
     """A load indicator of a maker.
 
     Its own unit becomes the mV of the load cell by the setting `span`. What it lacks is made up here: without fields of
@@ -244,7 +244,7 @@ class LoadIndicator(EitherBus):
     ) -> MappedReading:
         """A reading from a value in the device's unit."""
         span = self._settings_of.span
-        told = all(order.told for order in self._orders.values())
+        told = all(order.proved for order in self._orders.values())
         doubt = "" if told else self._doubt
         return MappedReading(value * span, self.resolution_mV, unsteady, sick, difference, u_mV, doubt)
 

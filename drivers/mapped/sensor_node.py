@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevice
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sensor_node import LARGEST_RECORDING, LATEST_WAITS, Recording
 from palpate.drivers.links.can import CanLink, FrameCallback
 from palpate.drivers.mapped.counts import Counts
@@ -30,7 +30,7 @@ class MappedNode(CanopenDevice):
     """One node that samples films at each SYNC, as the map of its kind says."""
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: DevicePlace) -> Self:
         assert place.kind is not None
         table = place.kind.table(SensorNodeMap)
         return cls._fitted(cls(place.link, place.unit, place.clock, place.kind.contract, table, place.settings), place)

@@ -15,7 +15,7 @@ LONGEST_US = 1_000_000  # between two set-points
 
 
 @dataclass(frozen=True)
-class Grid:
+class SetPointGrid:
     """Times of the set-points of some whole periods: `count` of them, `step_us` apart, which are `periods`."""
 
     count: int
@@ -37,7 +37,7 @@ class Grid:
         return [peak * math.sin(2 * math.pi * self.periods * number / self.count) for number in range(self.count)]
 
 
-def grid(frequency: float, fastest: float, who: str) -> Grid:
+def grid(frequency: float, fastest: float, who: str) -> SetPointGrid:
     """The times of set-points whose sine is closest to a frequency.
 
     Args:
@@ -62,10 +62,10 @@ def grid(frequency: float, fastest: float, who: str) -> Grid:
     return best
 
 
-def _lists(frequency: float, fastest: float) -> Iterator[Grid]:
+def _lists(frequency: float, fastest: float) -> Iterator[SetPointGrid]:
     """All lists near a frequency, those of few periods first, and of these the finest first."""
     for periods in range(1, MOST_CYCLIC // FEWEST + 1):
         for count in range(MOST_CYCLIC, FEWEST * periods - 1, -1):
             step_us = round(1e6 * periods / (frequency * count))
             if fastest * (1 - 1e-9) <= 1e-6 * step_us <= 1e-6 * LONGEST_US:
-                yield Grid(count, step_us, periods)
+                yield SetPointGrid(count, step_us, periods)

@@ -21,7 +21,7 @@ class WordOrder:
     tells that the order is right. Until there was one, a reading that could be a load in both orders is in doubt.
 
     Attributes:
-        told: whether the order is known to be right.
+        proved: whether the order is known to be right.
     """
 
     def __init__(self, contract: Contract, name: str, step: float) -> None:
@@ -34,7 +34,7 @@ class WordOrder:
         """
         self._contract, self._field, self._step = contract, contract[name], step
         several = contract.bus == "modbus" and self._field.width > 1
-        self.told = not several or _proved(contract, name)
+        self.proved = not several or _proved(contract, name)
 
     def doubt(self, value: float, beside: dict[str, float], device: str) -> str:
         """Why it is not known that a reading is right; empty: it is known, or the reading is the same in both orders.
@@ -60,10 +60,10 @@ class WordOrder:
             raise DeviceError(
                 f"{read}, {remedy}. If it says that there is no reading, give it as `missing`", device=device
             )
-        if self.told or value in (0, other):
+        if self.proved or value in (0, other):
             return ""
         if other is None:
-            self.told = True
+            self.proved = True
             return ""
         return (
             f"{read}, with its words in the other order {other:.6g} {f.unit}".rstrip()

@@ -10,10 +10,10 @@ from palpate.drivers.devices.canopen_node import CanopenNode
 from palpate.drivers.links.can import has_wire
 from palpate.drivers.links.can_listening import LISTEN_ONLY, SET_BY_SYSTEM, Heard, listen, listens_quietly
 from palpate.drivers.scan.fitting import fitting
-from palpate.drivers.scan.found import Found, Search
+from palpate.drivers.scan.found import FoundDevice, Search
 from palpate.drivers.scan.read_only import ReadOnlyCan
 from palpate.instrument.bench.kinds import DeviceKind
-from palpate.instrument.bench.links import CanLink
+from palpate.instrument.bench.links import CanBus
 from palpate.instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout, UsageError
 
 DEVICE_TYPE, NAME, HARDWARE, IDENTITY = 0x1000, 0x1008, 0x1009, 0x1018
@@ -22,7 +22,7 @@ REMEDY = "add --talk if this is its bit rate, or if nothing else is on the bus"
 
 def scan_can(
     search: Search,
-    buses: Sequence[CanLink],
+    buses: Sequence[CanBus],
     nodes: Sequence[int],
     kinds: Sequence[DeviceKind],
     *,
@@ -76,7 +76,7 @@ def scan_can(
             link.close()
 
 
-def check_allowed(buses: Sequence[CanLink], *, talk: bool) -> None:
+def check_allowed(buses: Sequence[CanBus], *, talk: bool) -> None:
     """Raises UsageError as `scan_can`, before anything is opened."""
     first = buses[0]
     if not talk and not listens_quietly(first):
@@ -89,7 +89,7 @@ def check_allowed(buses: Sequence[CanLink], *, talk: bool) -> None:
         raise UsageError(f"{_name(first)}: --talk speaks at one bit rate; give the right one alone with --bitrates")
 
 
-def _heard(search: Search, buses: Sequence[CanLink], seconds: float) -> tuple[CanLink | None, Heard]:
+def _heard(search: Search, buses: Sequence[CanBus], seconds: float) -> tuple[CanBus | None, Heard]:
     """The bus with the bit rate at which frames come without an error, and what was heard; None: there is none."""
     if not listens_quietly(buses[0]):
         return None, Heard()  # a person has told its bit rate
@@ -111,7 +111,7 @@ def _heard(search: Search, buses: Sequence[CanLink], seconds: float) -> tuple[Ca
     return None, Heard()
 
 
-def _asked(link: ReadOnlyCan, at: CanLink, node: int, kinds: Sequence[DeviceKind]) -> Found:
+def _asked(link: ReadOnlyCan, at: CanBus, node: int, kinds: Sequence[DeviceKind]) -> FoundDevice:
     """The node of an id. Raises LinkTimeout: none answers; LinkError: the bus failed."""
     asked = link.add_node(node)
 
@@ -126,7 +126,7 @@ def _asked(link: ReadOnlyCan, at: CanLink, node: int, kinds: Sequence[DeviceKind
     simulated = read(HARDWARE) == b"simulated"
     own = [kind for kind in kinds if kind.contract.bus == "canopen"]
     fit = fitting(own, lambda kind: CanopenNode(link, node, WallClock(), kind.contract))
-    return Found("canopen", at, node, said, fit.serial, fit.fits, fit.candidates, fit.doubt, simulated)
+    return FoundDevice("canopen", at, node, said, fit.serial, fit.fits, fit.candidates, fit.doubt, simulated)
 
 
 def _said(read: Callable[..., bytes]) -> str:
@@ -140,5 +140,5 @@ def _said(read: Callable[..., bytes]) -> str:
     return " ".join(filter(None, words))
 
 
-def _name(bus: CanLink) -> str:
+def _name(bus: CanBus) -> str:
     return f"{bus.interface}:{bus.channel}"

@@ -15,7 +15,7 @@ UNNAMED = "?"  # a label, so that a device that tells nothing of itself may be a
 
 @dataclass
 class Fitting:
-    """The kinds that fit; the attributes are those of `Found`."""
+    """The kinds that fit; the attributes are those of `FoundDevice`."""
 
     fits: tuple[str, ...] = ()
     candidates: tuple[str, ...] = ()

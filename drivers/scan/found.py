@@ -11,7 +11,7 @@ from palpate.instrument.bench.links import Link
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundDevice:
     """A device that answers.
 
     Attributes:
@@ -37,7 +37,7 @@ class Found:
     simulated: bool = False
 
     @property
-    def known(self) -> bool:
+    def identified(self) -> bool:
         """Whether one kind alone fits."""
         return len(self.fits) == 1
 
@@ -51,7 +51,7 @@ class Search:
         clock: tells how much of it has passed.
         asked: number of addresses that were asked.
         of: number of addresses that will be asked at most.
-        told: called with `asked`, `of` and what is asked now.
+        progress: called with `asked`, `of` and what is asked now.
         found: devices that answer.
         heard: what was heard at addresses that do not answer properly, as texts for people.
         left: what was not asked, and why, as texts for people.
@@ -61,8 +61,8 @@ class Search:
     clock: Clock = field(default_factory=WallClock)
     asked: int = 0
     of: int = 0
-    told: Callable[[int, int, str], object] = lambda _asked, _of, _what: None
-    found: list[Found] = field(default_factory=list)
+    progress: Callable[[int, int, str], object] = lambda _asked, _of, _what: None
+    found: list[FoundDevice] = field(default_factory=list)
     heard: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
 
@@ -70,7 +70,7 @@ class Search:
         """Tell what is asked next. False: the time is over, and nothing more is asked."""
         if self.over:
             return False
-        self.told(self.asked, self.of, what)
+        self.progress(self.asked, self.of, what)
         self.asked += 1
         return True
 

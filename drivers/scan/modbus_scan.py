@@ -13,7 +13,7 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.causes import SEARCH
 from palpate.drivers.links.requests import read_registers
 from palpate.drivers.scan.fitting import Fitting, fitting
-from palpate.drivers.scan.found import Found, Search
+from palpate.drivers.scan.found import FoundDevice, Search
 from palpate.drivers.scan.read_only import ReadOnlyModbus
 from palpate.instrument.bench.kinds import DeviceKind, LinkKind
 from palpate.instrument.bench.links import SerialLine, TcpLink
@@ -54,12 +54,12 @@ class ModbusSearch:
     def _tapped(self, sent: bool, data: bytes) -> None:
         self._came = b"" if sent else data
 
-    def over(self, units: Sequence[int]) -> list[Found]:
+    def over(self, units: Sequence[int]) -> list[FoundDevice]:
         """The devices that answer at these unit ids or, where none does, at one of `LAST`.
 
         Raises LinkError: the link cannot be opened, or is lost.
         """
-        found: list[Found] = []
+        found: list[FoundDevice] = []
         self.link.open()
         try:
             last = [unit for unit in LAST[self._link_kind] if unit not in units]
@@ -109,7 +109,7 @@ class ModbusSearch:
             self._told.add(what)
         self.search.heard.append(f"{self.where} unit {unit}: {why}")
 
-    def _described(self, unit: int) -> Found:
+    def _described(self, unit: int) -> FoundDevice:
         name = f"{self.where} unit {unit}"
         objects: dict[int, str] = {}
         silent = False
@@ -121,7 +121,7 @@ class ModbusSearch:
             pass
         own = [kind for kind in self.kinds if self._possible(kind, unit, identified=not silent)]
         fit: Fitting = fitting(own, lambda kind: ModbusDevice(self.link, unit, WallClock(), kind.contract))
-        return Found(
+        return FoundDevice(
             self._link_kind,
             self.at,
             unit,

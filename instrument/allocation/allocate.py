@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import as_typed
 
@@ -61,7 +61,7 @@ class Allocation:
 
 
 @dataclass(frozen=True, slots=True)
-class _Problem:
+class _AllocationProblem:
     """Variances of one mounting, one set, one second of dwell, and of what nothing lowers; what they cost."""
 
     mounting: float
@@ -83,7 +83,7 @@ class _Problem:
 
 
 def allocate(
-    lines: Sequence[Line], costs: Costs, tolerance: float, shortest: float = SHORTEST, fewest: int = 1
+    lines: Sequence[BudgetLine], costs: Costs, tolerance: float, shortest: float = SHORTEST, fewest: int = 1
 ) -> Allocation:
     """The plan of the least bench time whose relative standard uncertainty is not above the tolerance.
 
@@ -103,7 +103,7 @@ def allocate(
 
 
 def cheapest(
-    lines: Sequence[Line], costs: Costs, tolerance: float, shortest: float = SHORTEST, fewest: int = 1
+    lines: Sequence[BudgetLine], costs: Costs, tolerance: float, shortest: float = SHORTEST, fewest: int = 1
 ) -> tuple[int, int, float]:
     """Mountings, sets and dwell of a set [s] of that plan alone, in a fraction of the time; as `allocate`."""
     problem = _problem(lines, costs, shortest, fewest)
@@ -148,7 +148,7 @@ def cheapest(
 
 
 def allocate_time(
-    lines: Sequence[Line], costs: Costs, seconds: float, shortest: float = SHORTEST, fewest: int = 1
+    lines: Sequence[BudgetLine], costs: Costs, seconds: float, shortest: float = SHORTEST, fewest: int = 1
 ) -> Allocation:
     """The plan with the least uncertainty that takes no longer than some time on the bench [s].
 
@@ -231,7 +231,7 @@ def _best(
     return plan
 
 
-def _problem(lines: Sequence[Line], costs: Costs, shortest: float, fewest: int) -> _Problem:
+def _problem(lines: Sequence[BudgetLine], costs: Costs, shortest: float, fewest: int) -> _AllocationProblem:
     if not lines:
         raise RangeError("an answer without a line of uncertainty has no price; give at least one line")
     names = [line.name for line in lines]
@@ -243,17 +243,17 @@ def _problem(lines: Sequence[Line], costs: Costs, shortest: float, fewest: int) 
         raise RangeError(f"at least {fewest} sets in a mounting; give 1 or more")
     mounting, each, second, floor = (
         math.fsum(line.u**2 for line in lines if line.per is unit)
-        for unit in (Unit.MOUNTING, Unit.SET, Unit.SECOND, Unit.NOTHING)
+        for unit in (RepeatUnit.MOUNTING, RepeatUnit.SET, RepeatUnit.SECOND, RepeatUnit.NOTHING)
     )
-    return _Problem(mounting, each, second, floor, costs, shortest, fewest)
+    return _AllocationProblem(mounting, each, second, floor, costs, shortest, fewest)
 
 
-def _below(lines: Sequence[Line], tolerance: float) -> BelowFloor:
-    fixed = [line for line in lines if line.per is Unit.NOTHING]
+def _below(lines: Sequence[BudgetLine], tolerance: float) -> BelowFloor:
+    fixed = [line for line in lines if line.per is RepeatUnit.NOTHING]
     return BelowFloor(tolerance, math.hypot(*(line.u for line in fixed)), max(fixed, key=lambda line: line.u).name)
 
 
-def _allocation(lines: Sequence[Line], costs: Costs, mountings: int, sets: int, dwell: float) -> Allocation:
+def _allocation(lines: Sequence[BudgetLine], costs: Costs, mountings: int, sets: int, dwell: float) -> Allocation:
     found = budget(lines, mountings, sets, dwell)
     shares = {row["name"]: row["share"] for row in found.rows()}
     binds = max(shares, key=lambda name: shares[name]) if found.u > 0 else ""

@@ -19,7 +19,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import Budget, Component
 
 
-class Unit(Enum):
+class RepeatUnit(Enum):
     """What lowers a line: it falls with the square root of the number of these."""
 
     SET = "set"
@@ -29,7 +29,7 @@ class Unit(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class BudgetLine:
     """One source of uncertainty of an answer.
 
     Args:
@@ -46,7 +46,7 @@ class Line:
 
     name: str
     u: float
-    per: Unit
+    per: RepeatUnit
     degrees_of_freedom: float = math.inf
     estimate: str = ""
 
@@ -90,7 +90,7 @@ class Costs:
         return self.start + self.mounting * mountings + (self.set + dwell) * sets
 
 
-def budget(lines: Sequence[Line], mountings: float, sets: float, dwell: float) -> Budget:
+def budget(lines: Sequence[BudgetLine], mountings: float, sets: float, dwell: float) -> Budget:
     """Relative uncertainty of the answer by the lines: `u`, `degrees_of_freedom`, and `rows()` with each line's share.
 
     Args:
@@ -108,13 +108,21 @@ def budget(lines: Sequence[Line], mountings: float, sets: float, dwell: float) -
             f"{mountings:g} mountings, {sets:g} sets, {dwell:g} s of dwell: give one mounting or more, one set or more"
             " for each mounting, and a dwell above 0"
         )
-    units = {Unit.MOUNTING: mountings, Unit.SET: sets, Unit.SECOND: sets * dwell, Unit.NOTHING: 1}
+    units = {
+        RepeatUnit.MOUNTING: mountings,
+        RepeatUnit.SET: sets,
+        RepeatUnit.SECOND: sets * dwell,
+        RepeatUnit.NOTHING: 1,
+    }
     inputs = tuple(Component(e.name, e.u / math.sqrt(units[e.per]), 1.0, e.degrees_of_freedom) for e in lines)
     shared = {(a.name, b.name): 0.0 for a, b in combinations(lines, 2) if a.estimate and a.estimate == b.estimate}
     return Budget("relative deviation", 0.0, "1", inputs, shared)
 
 
-def merged(lines: Sequence[Line], dwell: float) -> list[Line]:
+def merged(lines: Sequence[BudgetLine], dwell: float) -> list[BudgetLine]:
     """The lines with one line for all that falls with the number of sets, whose dwell is fixed [s]."""
-    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
-    return [*(line for line in lines if line not in of_sets), Line("sets", budget(of_sets, 1, 1, dwell).u, Unit.SET)]
+    of_sets = [line for line in lines if line.per in (RepeatUnit.SET, RepeatUnit.SECOND)]
+    return [
+        *(line for line in lines if line not in of_sets),
+        BudgetLine("sets", budget(of_sets, 1, 1, dwell).u, RepeatUnit.SET),
+    ]

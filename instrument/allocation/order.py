@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from palpate.instrument.allocation.allocate import Allocation, allocate
-from palpate.instrument.allocation.lines import Costs, Line, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, budget
 from palpate.instrument.allocation.stopping import pooled
 from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import COVERAGE
@@ -63,7 +63,7 @@ class Family:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class RatioRanking:
     """Objects from the largest ratio to the smallest.
 
     Attributes:
@@ -123,7 +123,7 @@ def _looks(family: Family, before: Mapping[str, Sequence[float]], name: str, set
     return told
 
 
-def order(family: Family, ratios: Mapping[str, Sequence[float]]) -> Order:
+def order(family: Family, ratios: Mapping[str, Sequence[float]]) -> RatioRanking:
     """The order by all sets of a run. Arguments and errors as `early_pairs`."""
     errors = _errors(family, ratios)
     early = early_pairs(family, ratios)
@@ -138,10 +138,10 @@ def order(family: Family, ratios: Mapping[str, Sequence[float]]) -> Order:
     scatter = pooled(family.prior_u, family.prior_freedom, *found)
     names = sorted((name for name, sets in ratios.items() if sets), key=lambda name: -_mean(ratios[name]))
     known = (worst if not stopped else family.risk) if told else None
-    return Order(tuple(names), left, known, scatter.u, scatter.refuted)
+    return RatioRanking(tuple(names), left, known, scatter.u, scatter.refuted)
 
 
-def needed(family: Family, lines: Sequence[Line], dwell: float, gap: float) -> int | None:
+def needed(family: Family, lines: Sequence[BudgetLine], dwell: float, gap: float) -> int | None:
     """Number of sets of each of two objects that tells them apart with 95 % probability; None: more than there are.
 
     Args:
@@ -157,7 +157,9 @@ def needed(family: Family, lines: Sequence[Line], dwell: float, gap: float) -> i
     return None
 
 
-def expected_sets(family: Family, lines: Sequence[Line], dwell: float, gap: float, before: int, freedom: float) -> int:
+def expected_sets(
+    family: Family, lines: Sequence[BudgetLine], dwell: float, gap: float, before: int, freedom: float
+) -> int:
     """Expected number of sets of an object until an early look tells it from one that has been measured.
 
     Args:
@@ -172,13 +174,15 @@ def expected_sets(family: Family, lines: Sequence[Line], dwell: float, gap: floa
     return family.most
 
 
-def least_risk(family: Family, lines: Sequence[Line], dwell: float, gap: float) -> float:
+def least_risk(family: Family, lines: Sequence[BudgetLine], dwell: float, gap: float) -> float:
     """Smallest risk to which the most sets tell two objects apart in every second run. Arguments as `needed`."""
     u = math.sqrt(2) * budget(lines, 1, family.most, dwell).u
     return min(1.0, _tail(gap / u, _freedom(family, family.most)) * max(1, family.objects - 1) / (1 - EARLY))
 
 
-def what_it_takes(family: Family, lines: Sequence[Line], costs: Costs, dwell: float, gap: float) -> Allocation | None:
+def what_it_takes(
+    family: Family, lines: Sequence[BudgetLine], costs: Costs, dwell: float, gap: float
+) -> Allocation | None:
     """The cheapest sets of each of two objects that tell them apart with 95 % probability; None: centuries of sets.
 
     Arguments as `needed`; `costs`: bench times.

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from palpate.instrument.allocation.allocate import LONGEST, MOST_STEPS, BelowFloor
-from palpate.instrument.allocation.lines import Unit
-from palpate.instrument.allocation.purchase import Preparation, Purchase, Way
+from palpate.instrument.allocation.lines import RepeatUnit
+from palpate.instrument.allocation.purchase import Preparation, Purchase, RunOption
 from palpate.instrument.errors import RangeError
 
 
@@ -49,7 +49,7 @@ class Prepared:
 
 
 def prepare(
-    ways: Sequence[Way], tolerance: float, preparations: Sequence[Preparation] = (), fewest: int = 1
+    ways: Sequence[RunOption], tolerance: float, preparations: Sequence[Preparation] = (), fewest: int = 1
 ) -> Prepared:
     """The least bench time in all to a relative standard uncertainty.
 
@@ -130,10 +130,12 @@ def _better(best: Prepared | None, problem: Purchase) -> Prepared | None:
     return best
 
 
-def _below(way: Way, preparations: Sequence[Preparation], tolerance: float) -> RangeError:
+def _below(way: RunOption, preparations: Sequence[Preparation], tolerance: float) -> RangeError:
     """Why nothing reaches a tolerance: the largest line of what all preparations leave."""
     rests = {each.name: each.rest for each in preparations}
-    left = {line.name: min(line.u, rests.get(line.name, line.u)) for line in way.lines if line.per is Unit.NOTHING}
+    left = {
+        line.name: min(line.u, rests.get(line.name, line.u)) for line in way.lines if line.per is RepeatUnit.NOTHING
+    }
     if not left or math.hypot(*left.values()) < tolerance:
         return RangeError(f"a relative standard uncertainty of {tolerance:.3g} takes more than three centuries")
     return BelowFloor(tolerance, math.hypot(*left.values()), max(left, key=lambda name: left[name]))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from palpate.instrument.allocation.allocate import LONGEST, SHORTEST
-from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 
 NEAR, STEPS = (-1, 0, 1, 2), (*range(-5, 0), *range(1, 6))  # of units, by which whole numbers are searched
 
@@ -48,10 +48,10 @@ class Preparation:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class RunOption:
     """One way of a run, such as its load and frequency: its lines, its costs, and the shortest dwell of a set [s]."""
 
-    lines: Sequence[Line]
+    lines: Sequence[BudgetLine]
     costs: Costs
     shortest: float = SHORTEST
 
@@ -116,12 +116,12 @@ class Purchase(NamedTuple):  # a copy with other values is made thousands of tim
     chosen: Numbers = ()
 
     @classmethod
-    def of(cls, number: int, way: Way, made: tuple[Preparation, ...], tolerance: float, fewest: int) -> Purchase:
+    def of(cls, number: int, way: RunOption, made: tuple[Preparation, ...], tolerance: float, fewest: int) -> Purchase:
         names = {each.name for each in made}
         kept = [line for line in way.lines if line.name not in names]
         mounting, each_set, second, floor = (
             math.fsum(line.u**2 for line in kept if line.per is unit)
-            for unit in (Unit.MOUNTING, Unit.SET, Unit.SECOND, Unit.NOTHING)
+            for unit in (RepeatUnit.MOUNTING, RepeatUnit.SET, RepeatUnit.SECOND, RepeatUnit.NOTHING)
         )
         free = tolerance**2 - floor - math.fsum(each.rest**2 for each in made)
         # The dearest has the fewest units. Its whole number is chosen first, and the others make up for the rounding.

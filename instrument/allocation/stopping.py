@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.instrument.allocation.allocate import Allocation, cheapest
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget, merged
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, merged
 from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import Budget, Floats
 
@@ -45,7 +45,7 @@ class Scatter:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class StoppingVerdict:
     """Whether a run has measured enough.
 
     Attributes:
@@ -59,7 +59,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class RunRatio:
     """The ratio of a run: the geometric mean over mountings of the geometric mean of their sets.
 
     Mountings count alike, unless they have unlike numbers of sets, as after an interruption: then by their variances.
@@ -127,8 +127,8 @@ def first_sets(plan: Allocation) -> int:
 
 
 def enough(
-    lines: Sequence[Line], costs: Costs, tolerance: float, plan: Allocation, sensitivity: float, ratios: Ratios
-) -> Verdict:
+    lines: Sequence[BudgetLine], costs: Costs, tolerance: float, plan: Allocation, sensitivity: float, ratios: Ratios
+) -> StoppingVerdict:
     """Whether a run has measured enough for a tolerance, and how much it needs in all.
 
     What is needed follows the sensitivity, which moves with the mean ratio. So the best plan may come to be fewer
@@ -147,7 +147,7 @@ def enough(
     first = first_sets(plan)
     done = [len(each) for each in ratios]
     if sum(done) < first:
-        return Verdict(plan.mountings, max(plan.sets, first * plan.mountings), "")
+        return StoppingVerdict(plan.mountings, max(plan.sets, first * plan.mountings), "")
     batch = _first(ratios, first)
     found = _learned(lines, plan.dwell, sensitivity, batch, batch)
     mountings, sets_of_all, _ = cheapest(merged(found.lines, plan.dwell), costs, tolerance, plan.dwell, first)
@@ -155,22 +155,22 @@ def enough(
     whole = [sets for sets in ratios if len(sets) >= each]
     found = _learned(lines, plan.dwell, sensitivity, batch, whole or batch)
     if found.mountings_refuted:  # sets in each mounting stay as they are: only the number of mountings follows
-        free = tolerance**2 - sum(line.u**2 for line in found.lines if line.per is Unit.NOTHING)
-        of_one = sum(line.u**2 for line in found.lines if line.per is Unit.MOUNTING)
-        of_one += sum(line.u**2 for line in merged(found.lines, plan.dwell) if line.per is Unit.SET) / each
+        free = tolerance**2 - sum(line.u**2 for line in found.lines if line.per is RepeatUnit.NOTHING)
+        of_one = sum(line.u**2 for line in found.lines if line.per is RepeatUnit.MOUNTING)
+        of_one += sum(line.u**2 for line in merged(found.lines, plan.dwell) if line.per is RepeatUnit.SET) / each
         mountings = max(FEWEST_MOUNTINGS, math.ceil(of_one / free))
     reached = answer(lines, plan, sensitivity, ratios)
     fewest = FEWEST_MOUNTINGS if found.mountings_refuted else 1
     if reached.u <= tolerance * (1 + ROUNDING) and len(done) >= fewest:
         told = f"{100 * reached.u:.2g} % reached, {100 * tolerance:.2g} % was asked for"
-        return Verdict(len(done), sum(done), told)
+        return StoppingVerdict(len(done), sum(done), told)
     mountings = max(mountings, len(done) + (done[-1] >= each))
-    return Verdict(mountings, mountings * each, "")
+    return StoppingVerdict(mountings, mountings * each, "")
 
 
 def answer(
-    lines: Sequence[Line], plan: Allocation, sensitivity: float, ratios: Ratios, *, by_time: bool = False
-) -> Answer:
+    lines: Sequence[BudgetLine], plan: Allocation, sensitivity: float, ratios: Ratios, *, by_time: bool = False
+) -> RunRatio:
     """The mean ratio of a run, with the uncertainty of what is derived from it.
 
     Args:
@@ -194,7 +194,7 @@ def answer(
     mountings = max(1.0, 1 / math.fsum(weight**2 for weight in weights))
     alike = 1 / math.fsum(weight**2 / number for weight, number in zip(weights, sets, strict=True))
     reached = budget(found.lines, mountings, alike, plan.dwell)
-    return Answer(math.exp(mean), reached, found.sets_refuted, found.mountings_refuted)
+    return RunRatio(math.exp(mean), reached, found.sets_refuted, found.mountings_refuted)
 
 
 def _first(ratios: Ratios, first: int) -> list[Sequence[float]]:
@@ -206,11 +206,11 @@ def _first(ratios: Ratios, first: int) -> list[Sequence[float]]:
     return found
 
 
-def _weights(lines: Sequence[Line], dwell: float, sets: Sequence[int]) -> list[float]:
+def _weights(lines: Sequence[BudgetLine], dwell: float, sets: Sequence[int]) -> list[float]:
     """Weights of the means of mountings with so many sets, by the variance of each mean; equal for as many sets."""
     if len({*sets}) == 1:
         return [1 / len(sets)] * len(sets)
-    falling = [line for line in lines if line.per is not Unit.NOTHING]
+    falling = [line for line in lines if line.per is not RepeatUnit.NOTHING]
     inverse = [1 / budget(falling, 1, number, dwell).u ** 2 for number in sets]
     return [each / math.fsum(inverse) for each in inverse]
 
@@ -219,46 +219,50 @@ def _weights(lines: Sequence[Line], dwell: float, sets: Sequence[int]) -> list[f
 class _Learned:
     """Lines of an answer with what a run has learned of them."""
 
-    lines: list[Line]
+    lines: list[BudgetLine]
     sets_refuted: bool
     mountings_refuted: bool
 
 
-def _learned(lines: Sequence[Line], dwell: float, sensitivity: float, batch: Ratios, mountings: Ratios) -> _Learned:
+def _learned(
+    lines: Sequence[BudgetLine], dwell: float, sensitivity: float, batch: Ratios, mountings: Ratios
+) -> _Learned:
     """The lines after a run: `batch` tells how much sets scatter, the means of `mountings` how much those do."""
     if not (math.isfinite(sensitivity) and sensitivity > 0):
         raise RangeError(f"sensitivity {sensitivity:g}; give the change of the answer over that of the ratio, above 0")
-    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
-    of_mountings = [line for line in lines if line.per is Unit.MOUNTING]
-    rest = [line for line in lines if line.per is Unit.NOTHING]
+    of_sets = [line for line in lines if line.per in (RepeatUnit.SET, RepeatUnit.SECOND)]
+    of_mountings = [line for line in lines if line.per is RepeatUnit.MOUNTING]
+    rest = [line for line in lines if line.per is RepeatUnit.NOTHING]
     prior = _prior(of_sets, dwell)
     sets = pooled(prior.u / sensitivity, prior.degrees_of_freedom, *batch)
     own = sum(len(each) for each in batch) >= FIRST and math.isfinite(prior.degrees_of_freedom)
     told = pooled(0.0, 0.0, *batch) if own else sets
-    scattered = _scaled(of_sets, SETS, sensitivity * told.u, prior.u, told.degrees_of_freedom, Unit.SET)
+    scattered = _scaled(of_sets, SETS, sensitivity * told.u, prior.u, told.degrees_of_freedom, RepeatUnit.SET)
 
     known = _prior(of_mountings, dwell)
     of_mean = sensitivity * told.u * math.sqrt(math.fsum(1 / len(each) for each in mountings) / len(mountings))
-    both = [Line("mounting", known.u, Unit.SET, known.degrees_of_freedom)]
-    both += [Line("mean of sets", of_mean, Unit.SET, told.degrees_of_freedom)]
+    both = [BudgetLine("mounting", known.u, RepeatUnit.SET, known.degrees_of_freedom)]
+    both += [BudgetLine("mean of sets", of_mean, RepeatUnit.SET, told.degrees_of_freedom)]
     expected = budget(both, 1, 1, dwell)
     means = [math.exp(float(_logs(each).mean())) for each in mountings]
     between = pooled(expected.u / sensitivity, expected.degrees_of_freedom, means)
     if between.refuted:
         u = math.sqrt(max(0.0, (sensitivity * between.u) ** 2 - of_mean**2))
-        of_mountings = _scaled(of_mountings, "mountings", u, known.u, between.degrees_of_freedom, Unit.MOUNTING)
+        of_mountings = _scaled(of_mountings, "mountings", u, known.u, between.degrees_of_freedom, RepeatUnit.MOUNTING)
     return _Learned([*scattered, *of_mountings, *rest], sets.refuted, between.refuted)
 
 
-def _prior(lines: Sequence[Line], dwell: float) -> Budget:
+def _prior(lines: Sequence[BudgetLine], dwell: float) -> Budget:
     """What some lines together add to one set of one mounting."""
     return budget(lines, 1, 1, dwell)
 
 
-def _scaled(lines: Sequence[Line], name: str, u: float, prior_u: float, freedom: float, per: Unit) -> list[Line]:
+def _scaled(
+    lines: Sequence[BudgetLine], name: str, u: float, prior_u: float, freedom: float, per: RepeatUnit
+) -> list[BudgetLine]:
     """Lines that shared the uncertainty `prior_u`, scaled so that they share `u`; a new line where there was none."""
     if prior_u == 0:
-        return [Line(f"scatter of {name}", u, per, freedom)]
+        return [BudgetLine(f"scatter of {name}", u, per, freedom)]
     return [replace(line, u=line.u * u / prior_u, degrees_of_freedom=freedom, estimate=name) for line in lines]
 
 

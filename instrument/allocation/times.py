@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.instrument.allocation.allocate import Allocation, cheapest
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget, merged
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, merged
 from palpate.instrument.allocation.stopping import first_sets
 from palpate.instrument.uncertainty.budget import COVERAGE
 
@@ -35,7 +35,7 @@ class Times:
 
 
 def times(
-    lines: Sequence[Line],
+    lines: Sequence[BudgetLine],
     costs: Costs,
     tolerance: float,
     plan: Allocation,
@@ -61,7 +61,7 @@ def times(
     from scipy.special import fdtri
 
     (fewest, most), first = sets_between, first_sets(plan)
-    of_sets = [line for line in lines if line.per in (Unit.SET, Unit.SECOND)]
+    of_sets = [line for line in lines if line.per in (RepeatUnit.SET, RepeatUnit.SECOND)]
     freedom = min(budget(of_sets, 1, 1, plan.dwell).degrees_of_freedom, MOST_FREEDOM)
 
     def sets_of(share: float) -> tuple[int, int]:

@@ -47,9 +47,12 @@ class IndicatorSettings(Config):
     full_scale: Volts = Field(default=0.2, ge=0.01, le=30)  # reading above which overload is flagged [A]
 
 
-def _own(contract: str, link: LinkKind, classes: str, role: Role, settings: type[Config] = NoSettings) -> DeviceKind:
-    """One of palpate's own kinds, whose driver and simulator have the same class name."""
-    driver, simulator = (f"palpate.{layer}.devices.{contract}:{classes}" for layer in ("drivers", "simulators"))
+def _own(
+    contract: str, link: LinkKind, driver: str, simulator: str, role: Role, settings: type[Config] = NoSettings
+) -> DeviceKind:
+    """One of palpate's own kinds, whose driver and simulator lie in modules with the name of its contract."""
+    driver = f"palpate.drivers.devices.{contract}:{driver}"
+    simulator = f"palpate.simulators.devices.{contract}:{simulator}"
     return DeviceKind(CONTRACTS[contract], (link,), driver, simulator, settings, (role,))
 
 
@@ -57,18 +60,32 @@ KINDS: dict[str, DeviceKind] = {
     kind.name: kind
     for kind in (
         replace(
-            _own("signal_generator", "modbus-tcp", "SignalGenerator", "source"),
+            _own("signal_generator", "modbus-tcp", "SignalGenerator", "SimulatedSignalGenerator", "source"),
             frequency_step=CONTRACTS["signal_generator"]["frequency"].scale,
         ),
-        _own("shaker_amplifier", "modbus-tcp", "ShakerAmplifier", "amplifier", AmplifierSettings),
-        _own("strain_indicator", "modbus-rtu", "StrainIndicator", "load_indicator", IndicatorSettings),
+        _own(
+            "shaker_amplifier",
+            "modbus-tcp",
+            "ShakerAmplifier",
+            "SimulatedShakerAmplifier",
+            "amplifier",
+            AmplifierSettings,
+        ),
+        _own(
+            "strain_indicator",
+            "modbus-rtu",
+            "StrainIndicator",
+            "SimulatedStrainIndicator",
+            "load_indicator",
+            IndicatorSettings,
+        ),
         replace(
-            _own("positioner", "modbus-rtu", "Positioner", "positioner"),
+            _own("positioner", "modbus-rtu", "MicroPositioner", "SimulatedPositioner", "positioner"),
             travel=CONTRACTS["positioner"]["target"].maximum,
         ),
-        _own("sensor_node", "canopen", "SensorNode", "sensor_node"),
+        _own("sensor_node", "canopen", "CanopenSensorNode", "SimulatedSensorNode", "sensor_node"),
         replace(
-            _own("sample_changer", "modbus-tcp", "SampleChanger", "sample_changer"),
+            _own("sample_changer", "modbus-tcp", "ModbusSampleChanger", "SimulatedSampleChanger", "sample_changer"),
             exchange=TRAVEL / float(CONTRACTS["sample_changer"]["speed"].default),
         ),
     )

@@ -51,7 +51,7 @@ class SerialLine(Config):
     timeout: Timeout = 1.0
 
 
-class CanLink(Config):
+class CanBus(Config):
     """A CAN bus."""
 
     interface: str = Field(min_length=1)
@@ -60,8 +60,8 @@ class CanLink(Config):
     timeout: Timeout = 1.0
 
 
-Link = TcpLink | SerialLine | CanLink
-LINKS: dict[str, type[Link]] = {"modbus-tcp": TcpLink, "modbus-rtu": SerialLine, "canopen": CanLink}
+Link = TcpLink | SerialLine | CanBus
+LINKS: dict[str, type[Link]] = {"modbus-tcp": TcpLink, "modbus-rtu": SerialLine, "canopen": CanBus}
 KIND_OF = {model: kind for kind, model in LINKS.items()}
 
 

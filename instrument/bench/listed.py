@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind, kind_in_file
-from palpate.instrument.bench.links import CAN, LINE, LINKS, CanLink, Link, TcpLink
+from palpate.instrument.bench.links import CAN, LINE, LINKS, CanBus, Link, TcpLink
 from palpate.instrument.config import Config, check
 from palpate.instrument.contracts.declaration import ITSELF
 from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
@@ -23,7 +23,7 @@ OF_LINK = ("baudrate", "parity", "stopbits", "bitrate")  # settings that all dev
 RESERVED = ("all", LINE, CAN)  # names that faults use for links, and for all
 
 
-class _Section(Config):
+class _DeviceSection(Config):
     """The keys of every `[device.NAME]` table; its other keys are settings of its kind."""
 
     kind: str | None = None
@@ -97,8 +97,8 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
     """The device of a `[device.NAME]` table. Raises ConfigError, UnknownName: the table is wrong."""
     where = f"device.{name}"
     check_name(name, where)
-    own = {key: table.pop(key) for key in _Section.model_fields if key in table}
-    section = check(own, _Section, where)
+    own = {key: table.pop(key) for key in _DeviceSection.model_fields if key in table}
+    section = check(own, _DeviceSection, where)
     try:
         kind = _kind(section, where)
         if section.link not in links:
@@ -112,7 +112,7 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
             f"{where}: link: a {kind.name} needs a link of kind {' or '.join(kind.links)}; {section.link!r} is of "
             "another kind"
         )
-    key, other = ("node", "unit") if isinstance(link, CanLink) else ("unit", "node")
+    key, other = ("node", "unit") if isinstance(link, CanBus) else ("unit", "node")
     if getattr(section, key) is None or getattr(section, other) is not None:
         raise ConfigError(
             f"{where}: a device on link {section.link} needs a {key} and must have no {other}; give {key} = NUMBER"
@@ -120,7 +120,7 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
     unit: int = getattr(section, key)
     _check_unit(where, kind, link, unit)
     _check_inventory(where, kind, section)
-    settings = check(table, kind.settings, where, _Section.model_fields)
+    settings = check(table, kind.settings, where, _DeviceSection.model_fields)
     return Listed(
         name, kind, section.link, unit, settings, section.role, section.optional, section.inventory, section.confirmed,
         section.set_to_link,
@@ -140,7 +140,7 @@ def check_role(kind: DeviceKind, role: Role | None) -> None:
 
 def _check_unit(where: str, kind: DeviceKind, link: Link, unit: int) -> None:
     """Raises ConfigError: such a device cannot answer at this unit id."""
-    if isinstance(link, CanLink) or can_be_asked(kind, isinstance(link, TcpLink), unit):
+    if isinstance(link, CanBus) or can_be_asked(kind, isinstance(link, TcpLink), unit):
         return
     low, high = kind.contract.manners.units
     itself = ", and on TCP at 0 or 255, which are the device at the address itself" if isinstance(link, TcpLink) else ""
@@ -153,7 +153,7 @@ def can_be_asked(kind: DeviceKind, on_tcp: bool, unit: int) -> bool:
     return low <= unit <= high or (on_tcp and unit in ITSELF)
 
 
-def _check_inventory(where: str, kind: DeviceKind, section: _Section) -> None:
+def _check_inventory(where: str, kind: DeviceKind, section: _DeviceSection) -> None:
     """Raises ConfigError: a label is missing, or is given for a device that tells its serial number."""
     unknown = kind.contract.known_by == "nothing"
     if unknown and not section.inventory.strip():
@@ -183,7 +183,7 @@ def beside(file: Path, data: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
-def _kind(section: _Section, where: str) -> DeviceKind:
+def _kind(section: _DeviceSection, where: str) -> DeviceKind:
     """Raises ConfigError, UnknownName."""
     if (section.kind is None) == (section.map is None):
         raise ConfigError(f'{where}: kind: give a device kind, as kind = "flintec-dad-141", or map = "FILE.toml"')
@@ -207,7 +207,7 @@ def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
         by_place[place] = each.name
     for name, link in links.items():
         _check_factory(name, [each for each in devices if each.link == name])
-        if isinstance(link, CanLink):
+        if isinstance(link, CanBus):
             _check_identifiers(name, [each for each in devices if each.link == name])
     if idle := [name for name in links if name not in {each.link for each in devices}]:
         raise ConfigError(f"link.{idle[0]}: no device is on it; leave it out, or list one")
@@ -238,7 +238,7 @@ def _check_alone(links: Mapping[str, Link]) -> None:
         place: tuple[object, ...]
         if isinstance(link, TcpLink):
             place = "TCP address", link.host.lower(), link.port
-        elif isinstance(link, CanLink):
+        elif isinstance(link, CanBus):
             place = "CAN bus", link.interface, link.channel
         else:
             place = "serial line", link.port

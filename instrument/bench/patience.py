@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate.instrument.bench.links import CanLink, Link
+from palpate.instrument.bench.links import CanBus, Link
 from palpate.instrument.quantity import show
 
 READ_ATTEMPTS = 2  # attempts of a read on a bench that records incidents; else 1
@@ -19,7 +19,7 @@ def longest(link: Link, guards: bool, watchdog: float) -> float:
         guards: whether the device with the watchdog is on it.
         watchdog: time-out of the watchdog [s].
     """
-    if guards and not isinstance(link, CanLink):  # what feeds a watchdog on Modbus waits for its turn on the link
+    if guards and not isinstance(link, CanBus):  # what feeds a watchdog on Modbus waits for its turn on the link
         return min(watchdog / READ_ATTEMPTS, LONGEST)
     return LONGEST
 

@@ -17,7 +17,7 @@ UNKNOWN = "unknown"  # the device that tells no serial number
 
 
 @dataclass(frozen=True, slots=True)
-class Owner:
+class CalibrationOwner:
     """What a calibration belongs to, and to nothing else.
 
     Attributes:
@@ -70,19 +70,19 @@ class Calibration(Hashed):
 
     @property
     def of(self) -> tuple[str, ...]:
-        """What it is of beyond the device, as for `Owner`."""
+        """What it is of beyond the device, as for `CalibrationOwner`."""
         return ()
 
     @property
-    def owner(self) -> Owner:
+    def owner(self) -> CalibrationOwner:
         """What it belongs to."""
-        return Owner(self.device, self.scene, self.simulated, self.of)
+        return CalibrationOwner(self.device, self.scene, self.simulated, self.of)
 
-    def belongs_to(self, owner: Owner) -> bool:
+    def belongs_to(self, owner: CalibrationOwner) -> bool:
         """Whether it belongs to an owner, which may be of `ANY` device."""
         return self.owner == (replace(owner, device=self.device) if owner.device == ANY else owner)
 
-    def check_owner(self, owner: Owner) -> None:
+    def check_owner(self, owner: CalibrationOwner) -> None:
         """Check that it belongs to an owner. Raises ConfigError."""
         if not self.belongs_to(owner):
             raise ConfigError(f"{self.made}, not for this bench's {owner}; {self.make}")
@@ -96,7 +96,7 @@ class Calibration(Hashed):
         """Whether it has not expired."""
         return self.expires is None or today <= date.fromisoformat(self.expires)
 
-    def doubts(self, owner: Owner, begun: datetime) -> list[str]:
+    def doubts(self, owner: CalibrationOwner, begun: datetime) -> list[str]:
         """What speaks against it for an owner, in a run that began at a time; for people."""
         found = []
         if not self.belongs_to(owner):

@@ -28,7 +28,7 @@ ISO_376_PART = 0.5  # the range of a class must begin at this share of the great
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class WeightRun:
     """One run of weights that are put on one after the other and taken off again.
 
     Args:
@@ -90,7 +90,7 @@ MAY_BE_MISSING = ("creep",)  # ISO 376 accepts the reversibility instead of it
 
 
 def quantities(
-    load: Floats, runs: Sequence[Run], curve: Interpolation, resolution_mV: float, creep_mV: float | None
+    load: Floats, runs: Sequence[WeightRun], curve: Interpolation, resolution_mV: float, creep_mV: float | None
 ) -> Quantities:
     """Quantities of ISO 376 from runs of dead weights.
 
@@ -124,7 +124,7 @@ def quantities(
     }
 
 
-def spread_over_positions(load: Floats, runs: Sequence[Run]) -> float:
+def spread_over_positions(load: Floats, runs: Sequence[WeightRun]) -> float:
     """Standard deviation [mV/N] of the slopes of straight lines over the positions of the cell; 0 for one position."""
     groups = by_position(runs, np.array([run.mean_mV() for run in runs]))
     if len(groups) == 1:
@@ -132,13 +132,13 @@ def spread_over_positions(load: Floats, runs: Sequence[Run]) -> float:
     return float(np.std([interpolate(load, own.mean(axis=0), 0.0).coefficients[1] for own in groups], ddof=1))
 
 
-def by_position(runs: Sequence[Run], values: Floats) -> list[Floats]:
+def by_position(runs: Sequence[WeightRun], values: Floats) -> list[Floats]:
     """Rows of values (runs, k), grouped by the position of the cell in their runs, in the order of the runs."""
     positions = [run.position for run in runs]
     return [values[[p == position for p in positions]] for position in dict.fromkeys(positions)]
 
 
-def _zero(run: Run, fitted: float) -> float:
+def _zero(run: WeightRun, fitted: float) -> float:
     return fitted if run.zero_before_mV is None else run.zero_before_mV
 
 
@@ -191,7 +191,7 @@ def iso_376_class_of(key: str, worst: float) -> str:
     return next((name for name, limits in ISO_376.items() if worst <= limits[key]), NOT_CLASSIFIABLE)
 
 
-def lower_limit_factor(load: Floats, runs: Sequence[Run], curve: Interpolation) -> float:
+def lower_limit_factor(load: Floats, runs: Sequence[WeightRun], curve: Interpolation) -> float:
     """LLF of ASTM E74 [N]: 2.4 standard deviations of the single readings about the curve.
 
     Their degrees of freedom are readings less coefficients. Dividing by one degree more, as some do, gives 0.096 N

@@ -12,7 +12,7 @@ from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import read_data, read_hashed
 from palpate.instrument.durable import put_whole
 from palpate.instrument.errors import RecordError, reason
@@ -21,7 +21,7 @@ C = TypeVar("C", bound=Calibration)
 KINDS: dict[str, type[Calibration]] = {
     "films": FilmCalibration,
     "references": ModelCalibration,
-    "means_u": MountingScatter,
+    "means_u": MountingScatterCalibration,
 }
 
 

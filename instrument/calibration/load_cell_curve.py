@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pydantic import ConfigDict
 
 from palpate.instrument.allocation.stopping import pooled
-from palpate.instrument.calibration.classification import Run, by_position, spread_over_positions
+from palpate.instrument.calibration.classification import WeightRun, by_position, spread_over_positions
 from palpate.instrument.calibration.displayed import displayed_curve
 from palpate.instrument.config import Config, Positive
 from palpate.instrument.errors import EstimateError, RangeError
@@ -58,7 +58,11 @@ class LoadCellCurve:
 
 
 def load_cell_curve(
-    load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: float, degree: int | None, loads_u: float = 0.0
+    load: npt.NDArray[np.float64],
+    runs: Sequence[WeightRun],
+    resolution_mV: float,
+    degree: int | None,
+    loads_u: float = 0.0,
 ) -> LoadCellCurve:
     """Fit the means of the runs by least squares.
 
@@ -112,7 +116,7 @@ def load_cell_curve(
 
 
 def _repeatability(
-    load: npt.NDArray[np.float64], runs: Sequence[Run], curve: Interpolation, scatter: float | None
+    load: npt.NDArray[np.float64], runs: Sequence[WeightRun], curve: Interpolation, scatter: float | None
 ) -> list[Component]:
     """What the slopes of the runs in one position differ by more than noise explains (χ² at 1 %); empty: no more."""
     degree = curve.coefficients.size - 1
@@ -133,7 +137,7 @@ def slope_u(load: npt.NDArray[np.float64], degree: int) -> float:
     return math.sqrt(interpolate(load, load, 1.0, degree).covariance[1, 1])
 
 
-def _check(load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: float) -> None:
+def _check(load: npt.NDArray[np.float64], runs: Sequence[WeightRun], resolution_mV: float) -> None:
     shapes = [series.shape for run in runs for series in (run.loading_mV, run.unloading_mV)]
     if not runs or any(shape != load.shape for shape in shapes):
         raise EstimateError(f"{load.size} loads, but readings of shapes {shapes}; each must be ({load.size},)")
@@ -143,7 +147,7 @@ def _check(load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: fl
         raise RangeError(f"resolution {resolution_mV} mV must be positive: it is the indicator's smallest step")
 
 
-def _scatter(runs: Sequence[Run]) -> float | None:
+def _scatter(runs: Sequence[WeightRun]) -> float | None:
     """Standard deviation of single displayed values, pooled over the runs; None where a run does not tell its own."""
     known = [run.scatter_mV for run in runs if run.scatter_mV is not None and run.repeats > 1]
     return float(np.linalg.norm(known)) / math.sqrt(len(runs)) if len(known) == len(runs) else None

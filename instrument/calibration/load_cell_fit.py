@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.calibration.classification import (
-    Run,
+    WeightRun,
     classify_astm_e74,
     classify_iso_376,
     lower_limit_factor,
@@ -26,7 +26,7 @@ STANDARD_GRAVITY = 9.80665
 
 def calibrate_load_cell(
     load_N: npt.ArrayLike,
-    runs: Sequence[Run],
+    runs: Sequence[WeightRun],
     resolution_mV: float,
     *,
     degree: int | None = None,
@@ -107,7 +107,7 @@ def _greatest(values: npt.NDArray[np.float64] | None) -> float | None:
 THESIS_LOAD_CELL = calibrate_load_cell(
     np.arange(140.0, 741.0, 100.0) * 1e-3 * STANDARD_GRAVITY,
     [
-        Run(
+        WeightRun(
             0.0,
             np.array([16.0, 26.0, 36.0, 47.0, 56.0, 67.0, 77.0]),
             np.array([16.0, 26.0, 36.0, 46.0, 57.0, 66.0, 76.0]),

@@ -22,7 +22,7 @@ from palpate.instrument.models.validation import ValidationLine, remedy
 from palpate.instrument.quantity import counted, show
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
 
 REACH = 3.0  # factor between moduli
 
@@ -126,7 +126,7 @@ class ModelCalibration(Calibration):
         known = [each.modulus_Pa for each in self.references]
         return (moduli >= min(known) / REACH) & (moduli <= max(known) * REACH)
 
-    def check_question(self, question: Question, model: str) -> None:
+    def check_question(self, question: RatioQuestion, model: str) -> None:
         """Check that the calibration is of the model that answers a question, and its sensor and object.
 
         Raises ConfigError.

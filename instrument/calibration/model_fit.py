@@ -99,7 +99,7 @@ def fit_model(
         "spread": found.u,
         "spread_degrees_of_freedom": found.degrees_of_freedom,
         "weight": math.fsum(share**2 for share in shares),
-        "prior": found.told,
+        "prior": found.basis,
         **origin,
     }
     return check(fields, ModelCalibration, "model calibration")
@@ -128,13 +128,13 @@ class _Spread:
     """Standard deviation of objects about the constant; None: not known.
 
     Attributes:
-        told: what it rests on, in words.
+        basis: what it rests on, in words.
         holds_all: whether it holds the references' own uncertainties, too.
     """
 
     u: float | None
     degrees_of_freedom: float | None
-    told: str
+    basis: str
     holds_all: bool = False
 
 

@@ -11,7 +11,7 @@ from palpate.instrument.config import Name, NotNegative, Positive
 from palpate.instrument.uncertainty.groups import Between
 
 
-class MountingScatter(Calibration):
+class MountingScatterCalibration(Calibration):
     """Scatter of the ratio of one sensor from mounting to mounting. The field names are the keys of its file.
 
     Args:

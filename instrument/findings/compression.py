@@ -18,7 +18,7 @@ import numpy.typing as npt
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts import positioner
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.findings.load_line import LoadLine, Series
+from palpate.instrument.findings.load_line import DisplaySeries, LoadLine
 from palpate.instrument.uncertainty.budget import Correlations
 from palpate.instrument.uncertainty.propagation import LINEAR, Input, Propagated, propagate
 
@@ -76,7 +76,12 @@ class Compression:
 
 
 def compress(
-    bare: Series, loading: Series, unloading: Series, calibration: LoadCellCalibration, area: float, area_u: float
+    bare: DisplaySeries,
+    loading: DisplaySeries,
+    unloading: DisplaySeries,
+    calibration: LoadCellCalibration,
+    area: float,
+    area_u: float,
 ) -> Compression:
     """Stress, strain and moduli of a pad.
 

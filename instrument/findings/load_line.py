@@ -24,7 +24,7 @@ BY_RESOLUTION = 1e6  # degrees of freedom of an uncertainty by the display's ste
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Series:
+class DisplaySeries:
     """Displayed values (n, m) [mV] of the indicator, m at each of the positions (n,) [m]. Positions count downwards."""
 
     positions: Floats
@@ -56,7 +56,7 @@ class LoadLine:
     deviation: float
 
     @classmethod
-    def through(cls, name: str, series: Series, calibration: LoadCellCalibration) -> Self:
+    def through(cls, name: str, series: DisplaySeries, calibration: LoadCellCalibration) -> Self:
         """Fit the line to the points that surely touch. Raises EstimateError: they are fewer than three."""
         from scipy.special import fdtrc
 

@@ -24,7 +24,7 @@ from palpate.instrument.findings.modulus_of_ratio import (
 )
 from palpate.instrument.models.curve import RatioCurve, chosen, corrected, ratio_curve
 from palpate.instrument.models.price_list import model_error, stored
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.response import AUTO
 from palpate.instrument.models.validation import ValidationLine, validation_u
 from palpate.instrument.uncertainty.budget import coverage_factor
@@ -54,7 +54,7 @@ class ByReferences:
 
 
 def estimate(
-    question: Question,
+    question: RatioQuestion,
     ratios: Sequence[float],
     u: float | Sequence[float] | None,
     degrees_of_freedom: float | Sequence[float] = math.inf,
@@ -137,7 +137,7 @@ def estimate(
     ]
 
 
-def answering(question: Question) -> str:
+def answering(question: RatioQuestion) -> str:
     """Name of the model that answers a question. Raises RangeError: "auto" finds none."""
     if question.model != AUTO:
         return question.model
@@ -145,13 +145,13 @@ def answering(question: Question) -> str:
     return chosen(sensor, question.load(sensor.ring.material.modulus), question.tolerance).model
 
 
-def validation_of(question: Question, model: str, references: ByReferences | None = None) -> ValidationLine:
+def validation_of(question: RatioQuestion, model: str, references: ByReferences | None = None) -> ValidationLine:
     """Validation error of the model that answers a question. Raises as `validation_u` and `check_question` do."""
     if references is not None:
         references.calibration.check_question(question, model)
         names = question.design, question.parameters, model
         return validation_u(*names, references.calibration, same_films=references.same_films)
-    plain = Question(question.design, question.model, question.parameters)
+    plain = RatioQuestion(question.design, question.model, question.parameters)
     modulus = plain.sensor().ring.material.modulus
     same = question.sensor() == plain.sensor() and question.load(modulus) == plain.load(modulus)
     return validation_u(question.design, question.parameters, model, changed=() if same else question.changed)
@@ -161,7 +161,7 @@ def validation_of(question: Question, model: str, references: ByReferences | Non
 class _Given:
     """What is known of some ratios: their standard uncertainties, in all and without what references share."""
 
-    question: Question
+    question: RatioQuestion
     line: ValidationLine
     ratios: Sequence[float]
     u: Array
@@ -205,7 +205,7 @@ def _ends(name: str, found: ModulusEstimate | None, index: int) -> dict[str, flo
 
 
 def _priced(
-    question: Question, curve: RatioCurve, ratios: Sequence[float], u: Array, freedom: Array
+    question: RatioQuestion, curve: RatioCurve, ratios: Sequence[float], u: Array, freedom: Array
 ) -> tuple[list[float | None], ModulusEstimate]:
     """The model's error between the moduli of each interval, None where it is not priced; intervals that hold it."""
     sensor, (lowest, *_, highest) = question.sensor(), stored().moduli_Pa

@@ -49,7 +49,7 @@ ELEMENTS = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class BeamSegment:
     """A length of beam [m] on a foundation [N/m2: force per length of beam and deflection]."""
 
     length: float
@@ -61,13 +61,13 @@ def force_ratio(design: Design, sensed: Sample) -> float:
     return ratio_of(*beam_of(design, sensed.modulus, sensed.thickness), ELEMENTS)
 
 
-def ratio_of(bending: float, beam: Sequence[Stretch], elements: int) -> float:
+def ratio_of(bending: float, beam: Sequence[BeamSegment], elements: int) -> float:
     """Force below the first stretch over the force below all; arguments as in `stretch_forces`."""
     forces = stretch_forces(bending, beam, elements)
     return forces[0] / sum(forces)
 
 
-def beam_of(design: Design, modulus: float, thickness: float) -> tuple[float, tuple[Stretch, Stretch]]:
+def beam_of(design: Design, modulus: float, thickness: float) -> tuple[float, tuple[BeamSegment, BeamSegment]]:
     """Bending stiffness [N m2] of an object with this modulus [Pa] and thickness [m], and its stretches.
 
     Raises:
@@ -75,7 +75,7 @@ def beam_of(design: Design, modulus: float, thickness: float) -> tuple[float, tu
     """
     tooth, ring, _ = stretch_stiffness(design, modulus, thickness)
     outer = design.ring.outer_radius - design.tooth.radius
-    return bending(design, modulus, thickness), (Stretch(design.tooth.radius, tooth), Stretch(outer, ring))
+    return bending(design, modulus, thickness), (BeamSegment(design.tooth.radius, tooth), BeamSegment(outer, ring))
 
 
 def bending(design: Design, modulus: float, thickness: float) -> float:
@@ -83,7 +83,7 @@ def bending(design: Design, modulus: float, thickness: float) -> float:
     return modulus * design.plate.width / 2 * thickness**3 / 12
 
 
-def stretch_forces(bending: float, beam: Sequence[Stretch], elements: int) -> list[float]:
+def stretch_forces(bending: float, beam: Sequence[BeamSegment], elements: int) -> list[float]:
     """Foundation force below each stretch [N] for a load of 1 N/m, by exact integration of the elements.
 
     Args:
@@ -103,7 +103,7 @@ def stretch_forces(bending: float, beam: Sequence[Stretch], elements: int) -> li
     return forces
 
 
-def deflections(bending: float, beam: Sequence[Stretch], elements: int) -> tuple[Array, Array]:
+def deflections(bending: float, beam: Sequence[BeamSegment], elements: int) -> tuple[Array, Array]:
     """Deflections [m] and slopes at the nodes of a beam with free ends under 1 N/m, each (len(beam) * elements + 1,).
 
     Raises:
@@ -135,7 +135,7 @@ def deflections(bending: float, beam: Sequence[Stretch], elements: int) -> tuple
     return motion[0::2], motion[1::2] / span
 
 
-def require_beam(bending: float, beam: Sequence[Stretch]) -> None:
+def require_beam(bending: float, beam: Sequence[BeamSegment]) -> None:
     """Check that bending stiffness, lengths and foundations are positive and finite. Raises RangeError."""
     require_positive(bending, "bending stiffness", "N m2", "beam")
     for stretch in beam:
@@ -223,9 +223,9 @@ def printed_ratios(design: Design, moduli: Sequence[float], frozen: bool = True)
     return found
 
 
-def _printed_beam(design: Design, modulus: float) -> tuple[float, tuple[Stretch, Stretch]]:
+def _printed_beam(design: Design, modulus: float) -> tuple[float, tuple[BeamSegment, BeamSegment]]:
     bending, (tooth, ring) = beam_of(design, modulus, design.plate.thickness)
-    return bending, (tooth, Stretch(design.ring.outer_radius - design.ring.inner_radius, ring.foundation))
+    return bending, (tooth, BeamSegment(design.ring.outer_radius - design.ring.inner_radius, ring.foundation))
 
 
 # --- exact solution: the beam model's reference ----------------------------------------------------------
@@ -253,7 +253,7 @@ def exact_force_ratio(design: Design, sensed: Sample) -> float:
     return tooth / (tooth + ring)
 
 
-def exact_forces(bending: float, beam: Sequence[Stretch]) -> list[float]:
+def exact_forces(bending: float, beam: Sequence[BeamSegment]) -> list[float]:
     """Foundation force below each stretch [N] for a load of 1 N/m.
 
     Args:

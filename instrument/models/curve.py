@@ -32,7 +32,7 @@ from palpate.instrument.sensor.load import Load, through
 from palpate.instrument.sensor.sample import SAMPLES
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.price_list import Choice
+    from palpate.instrument.models.price_list import ModelChoice
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ NODES_PER_DECADE = 16
 HALVINGS = 50  # of the distance between two nodes: down to the last digit
 
 
-class Line(Protocol):
+class ModulusFunction(Protocol):
     """A function of ln(modulus / Pa), such as scipy's PPoly.
 
     Attributes:
@@ -90,7 +90,7 @@ class RatioCurve:
     """
 
     model: str
-    line: Line
+    line: ModulusFunction
     turns: Array
     error: float
 
@@ -184,7 +184,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
     return sampled_curve(answer, lowest, highest, model, CLOSED_FORM_TOLERANCE)
 
 
-def chosen(design: Design, load: Load, tolerance: float | None = None) -> Choice:
+def chosen(design: Design, load: Load, tolerance: float | None = None) -> ModelChoice:
     """The model that answers for "auto" at all moduli of the price list. Raises RangeError: none meets a tolerance."""
     from palpate.instrument.models.price_list import AUTO_TOLERANCE, choose, stored
 
@@ -289,7 +289,7 @@ def pole_curve(poles: Curve, lowest: float, highest: float, model: str, error: f
     return _curve(model, line, low, error)
 
 
-def _curve(model: str, line: Line, turns: Array, error: float) -> RatioCurve:
+def _curve(model: str, line: ModulusFunction, turns: Array, error: float) -> RatioCurve:
     ends = line.x[0], line.x[-1]
     inside = np.unique(np.asarray(turns)[(turns > ends[0]) & (turns < ends[1])])
     return RatioCurve(model, line, np.array([ends[0], *inside, ends[1]]), error)
@@ -301,7 +301,7 @@ def _curve(model: str, line: Line, turns: Array, error: float) -> RatioCurve:
 class CorrectedLine:
     """A line whose ratios are multiplied by a factor."""
 
-    def __init__(self, line: Line, factor: float) -> None:
+    def __init__(self, line: ModulusFunction, factor: float) -> None:
         self.x, self._line, self._factor = line.x, line, factor
 
     def __call__(self, x: float | Array, nu: Literal[0, 1] = 0) -> Array:

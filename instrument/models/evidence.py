@@ -42,7 +42,7 @@ _MEANINGS: Mapping[Evidence, str] = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class EvidencePart:
     """One part of a number of ours.
 
     Attributes:
@@ -59,9 +59,9 @@ class Part:
 
 
 # Loads, film sensitivities, the load cell's line, moduli of the samples, and the scatter of all of them.
-GIVEN = Part(None)
+GIVEN = EvidencePart(None)
 # The films' voltages are computed from constants of their material.
-FILM_MATERIAL = Part(frozenset())
+FILM_MATERIAL = EvidencePart(frozenset())
 # Models that are fits with any parameter set: two lengths of the corrected beam were chosen to meet the errors of two
 # dimensions, and two numbers of the fitted column to meet the tables for the softer ring.
 FITTED_MODELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -79,7 +79,7 @@ REPEATS: Mapping[str, str] = MappingProxyType(
 OTHER_RING: Mapping[str, str] = MappingProxyType({"A2.2": "A2.1", "A2.4": "A2.3"})
 
 
-def ratio_by(model: str, parameters: str = "physical") -> Part:
+def ratio_by(model: str, parameters: str = "physical") -> EvidencePart:
     """The force ratio of a sensor model with a parameter set.
 
     Raises:
@@ -88,10 +88,10 @@ def ratio_by(model: str, parameters: str = "physical") -> Part:
     if model == "experiment":
         return GIVEN
     fits = (*FITTED_MODELS.get(model, ()), *get_parameter_set(parameters, model).fitted_to)
-    return Part(frozenset(fits))
+    return EvidencePart(frozenset(fits))
 
 
-def of_experiment(quantity: str, ratio: Part, *tables: str) -> Evidence:
+def of_experiment(quantity: str, ratio: EvidencePart, *tables: str) -> Evidence:
     """Evidence of a column of the thesis' experiments, where the bench takes its force ratios from `ratio`.
 
     The force below the base is the load, and the meter shows it by the load cell's line. No sensor model goes into
@@ -101,12 +101,12 @@ def of_experiment(quantity: str, ratio: Part, *tables: str) -> Evidence:
     return _evidence(tables, [GIVEN, ratio] if on_a_tooth else [GIVEN])
 
 
-def of_model(quantity: str, ratio: Part, *tables: str) -> Evidence:
+def of_model(quantity: str, ratio: EvidencePart, *tables: str) -> Evidence:
     """Evidence of a column of the thesis' theory. Forces rest on the ratio, voltages also on the film's material."""
     return _evidence(tables, [ratio, FILM_MATERIAL] if quantity.startswith("voltage") else [ratio])
 
 
-def _evidence(tables: Iterable[str], parts: Iterable[Part]) -> Evidence:
+def _evidence(tables: Iterable[str], parts: Iterable[EvidencePart]) -> Evidence:
     """Evidence of a number that is made of these parts and is compared with these tables."""
     held = {*tables, *(REPEATS[table] for table in tables if table in REPEATS)}
     ranks = list(Evidence)

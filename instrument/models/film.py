@@ -109,7 +109,7 @@ def film_response(
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class FilmSignal:
     """Signal of a film.
 
     Attributes:
@@ -128,7 +128,7 @@ class Signal:
     voltage_error: float | None
 
 
-def signals(design: Design, response: Response) -> dict[str, Signal]:
+def signals(design: Design, response: Response) -> dict[str, FilmSignal]:
     """Signal of each film under a sensor's response, by name.
 
     A finite-element model gives the signals itself, coupled to everything around the films. With any other model a film
@@ -143,7 +143,7 @@ def signals(design: Design, response: Response) -> dict[str, Signal]:
         if charge is None or voltage is None:
             charge = film_response(pvdf, area, thickness, felt.force, "free", "short").charge
             voltage = film_response(pvdf, area, thickness, felt.force, "free", "open").voltage
-        given[film.name] = Signal(felt.force, felt.plane_stress, charge, voltage, felt.voltage_error)
+        given[film.name] = FilmSignal(felt.force, felt.plane_stress, charge, voltage, felt.voltage_error)
     return given
 
 

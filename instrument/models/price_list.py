@@ -52,7 +52,7 @@ class Machine:
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class ReferenceRatios:
     """The converged force ratios of one design, against which errors are measured.
 
     Attributes:
@@ -115,7 +115,7 @@ class Price:
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class ModelChoice:
     """A model that meets a tolerance.
 
     Attributes:
@@ -141,7 +141,7 @@ class PriceList:
     format: Literal[2] = field(default=2, kw_only=True)
     machine: Machine
     moduli_Pa: tuple[float, ...]
-    references: tuple[Reference, ...]
+    references: tuple[ReferenceRatios, ...]
     prices: tuple[Price, ...]
 
     def __post_init__(self) -> None:
@@ -154,7 +154,7 @@ class PriceList:
         ):
             raise ValueError(f"a price or reference does not go with {count} moduli")
 
-    def choose(self, design: str, low: float, high: float, tolerance: float) -> Choice:
+    def choose(self, design: str, low: float, high: float, tolerance: float) -> ModelChoice:
         """The cheapest model whose priced error meets the tolerance for objects with moduli from `low` to `high` [Pa].
 
         Raises:
@@ -186,7 +186,7 @@ class PriceList:
         seconds, error, cheapest = min(good, key=lambda offer: offer[:2])
         count = len({price.model for _, _, price in good})
         rank = "the only model that meets" if count == 1 else f"the cheapest of {count} models that meet"
-        return Choice(
+        return ModelChoice(
             cheapest.model,
             error,
             seconds,
@@ -264,7 +264,7 @@ class PriceList:
         return slice(min(bisect.bisect_right(self.moduli_Pa, low), last) - 1, last)
 
 
-def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
+def choose(design: Design, loads: Sequence[Load], tolerance: float) -> ModelChoice:
     """The cheapest model that meets a tolerance of the force ratio under each of some loads.
 
     Raises:
@@ -277,10 +277,10 @@ def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
         return prices.choose(design.name, min(moduli), max(moduli), tolerance)
     if _shipped_meet(design, loads, tolerance):
         why = f"surface: no prices were measured for this range, but its own error estimate meets {tolerance:g}"
-        return Choice("surface", None, None, why)
+        return ModelChoice("surface", None, None, why)
     uniform = all(load.at is None for load in loads)
     model = "axisymmetric" if design.outline == "round" and uniform else "solid"
-    return Choice(
+    return ModelChoice(
         model,
         None,
         None,

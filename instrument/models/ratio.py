@@ -40,7 +40,7 @@ FIXED: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class RatioQuestion:
     """A question for the force ratio of a sensor.
 
     Attributes:
@@ -101,7 +101,7 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class RatioAnswer:
     """Response to 1 N through an object with a modulus [Pa].
 
     Attributes:
@@ -138,7 +138,7 @@ class Answer:
         }
 
 
-def ask(question: Question, moduli: Sequence[float]) -> list[Answer]:
+def ask(question: RatioQuestion, moduli: Sequence[float]) -> list[RatioAnswer]:
     """Responses at moduli of the sensed object [Pa]. A finite-element model is set up once for all.
 
     Raises:
@@ -152,6 +152,6 @@ def ask(question: Question, moduli: Sequence[float]) -> list[Answer]:
     seconds = (time.perf_counter() - start) / len(loads)
     errors = model_errors(design, loads, [each.model for each in given])
     return [
-        Answer(load.sensed.modulus, each, seconds, error)
+        RatioAnswer(load.sensed.modulus, each, seconds, error)
         for load, each, error in zip(loads, given, errors, strict=True)
     ]

@@ -72,7 +72,7 @@ class FilmShear:
         return found
 
 
-def told(films: Mapping[str, FilmShear]) -> str:
+def shear_pattern(films: Mapping[str, FilmShear]) -> str:
     """How films show shear on the object: "not" at all, as one position "off centre", or as positions "apart"."""
     places = [place for film in films.values() if (place := film.off_centre("object")) is not None]
     if not places:

@@ -124,7 +124,7 @@ class Validation:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class StoredRatios:
     """Force ratio of each sample by a model that refines, or the reason why there is none."""
 
     design: str
@@ -146,7 +146,7 @@ class KeptList:
     """All kept answers; `format` is raised with every change of a field's meaning."""
 
     format: Literal[1] = field(default=1, kw_only=True)
-    answers: tuple[Kept, ...]
+    answers: tuple[StoredRatios, ...]
 
 
 def validate(design: str, parameters: str, model: str) -> Validation:
@@ -253,7 +253,7 @@ def measure(progress: Callable[[int, int, str], None]) -> KeptList:
             given["force_ratios"] = solve(design, parameters, model)
         except RangeError as error:
             given["failure"] = str(error)
-        answers.append(Kept(design=design, parameters=parameters, model=model, fingerprint=now, **given))
+        answers.append(StoredRatios(design=design, parameters=parameters, model=model, fingerprint=now, **given))
     return KeptList(answers=tuple(answers))
 
 

@@ -31,7 +31,7 @@ class Floor:
 
 
 @dataclass(frozen=True, slots=True)
-class Dwell:
+class RequiredDwell:
     """The dwell that a wanted uncertainty needs.
 
     Attributes:
@@ -67,7 +67,7 @@ def floor_u(floor: Sequence[Floor]) -> float:
 
 def dwell_of(
     target: float, noise: float, frequency: float, floor: Sequence[Floor] = (), longest: float = LONGEST
-) -> Dwell:
+) -> RequiredDwell:
     """The shortest dwell that gives a ratio with the relative standard uncertainty `target`.
 
     Args:
@@ -91,7 +91,7 @@ def dwell_of(
             f" {math.hypot(lowest, noise / math.sqrt(longest)):.3g} or more, or raise the load"
         )
     dwell = whole_steps(max(asked, 1 / frequency))
-    return Dwell(dwell, asked, math.hypot(lowest, noise / math.sqrt(dwell)))
+    return RequiredDwell(dwell, asked, math.hypot(lowest, noise / math.sqrt(dwell)))
 
 
 def check_target(target: float, floor: Sequence[Floor]) -> None:

@@ -26,7 +26,7 @@ SCORINGS, SETTLED = 8, 1e-4  # greatest number of steps, and the relative change
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Noise:
+class EquivalentNoise:
     """White noise that has the same effect on the drive's amplitude as the real noise.
 
     Args:
@@ -40,7 +40,7 @@ class Noise:
     degrees_of_freedom: float
 
 
-def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> Noise:
+def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> EquivalentNoise:
     """White noise that has the effect of the real noise at a frequency.
 
     Where the record has 96 lines and the fitted shape holds in every channel, the fit is used: over 40 cycles of 25
@@ -61,7 +61,7 @@ def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> No
     for tone in (*(cycles * np.arange(1, harmonics + 1)), *(mains * n * step for mains in MAINS)):
         lines = lines[np.abs(lines - tone) >= 1 - 1e-6]
     if lines.size < FEWEST_LINES:
-        return Noise(*moments(residuals, n - spent), n - spent)
+        return EquivalentNoise(*moments(residuals, n - spent), n - spent)
     spectrum = np.fft.rfft(residuals, axis=1)[:, lines] / np.sqrt(n)
     if lines.size >= SHAPE_LINES:
         fitted = _shaped(spectrum, cycles / lines)
@@ -70,10 +70,10 @@ def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> No
     octaves = np.abs(np.log2(lines / cycles))
     near = np.argsort(octaves, kind="stable")[: max(LINES, np.count_nonzero(octaves <= 1))]
     around = spectrum[:, near]
-    return Noise(*moments(np.concatenate([around.real, around.imag], axis=1), near.size), 2 * near.size)
+    return EquivalentNoise(*moments(np.concatenate([around.real, around.imag], axis=1), near.size), 2 * near.size)
 
 
-def _shaped(spectrum: Floats, pink: Floats) -> Noise | None:
+def _shaped(spectrum: Floats, pink: Floats) -> EquivalentNoise | None:
     """Noise by the most likely density white + 1/f (Whittle); None: the spectrum of a channel has another shape.
 
     Args:
@@ -96,7 +96,7 @@ def _shaped(spectrum: Floats, pink: Floats) -> Noise | None:
     a, b, c = ((lines / density**2) @ slope**order for order in range(3))
     variance = (a - 2 * b + c) / (a * c - b**2) / (white + rising) ** 2
     # A drive far below the first line is out of the data's reach: the density there is practically unknown.
-    return Noise(np.sqrt(white + rising), correlation, max(int(2 / variance.mean()), 1))
+    return EquivalentNoise(np.sqrt(white + rising), correlation, max(int(2 / variance.mean()), 1))
 
 
 def _whittle(power: Floats, slope: Floats, lines: Floats) -> tuple[Floats, Floats]:

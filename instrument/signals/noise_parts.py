@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.signals.noise import HARMONICS_FROM, Noise, moments
+from palpate.instrument.signals.noise import HARMONICS_FROM, EquivalentNoise, moments
 from palpate.instrument.signals.sine_columns import SineColumns
 from palpate.instrument.uncertainty.budget import COVERAGE
 
@@ -36,7 +36,7 @@ UPPER = (1 + COVERAGE) / 2
 LOWEST = 0.01  # cycles in a record: offset and trend take up slower 1/f noise
 
 
-def short_noise(basis: SineColumns, residuals: Floats, step: float) -> Noise | None:
+def short_noise(basis: SineColumns, residuals: Floats, step: float) -> EquivalentNoise | None:
     """White noise that has the effect of the real noise on the drive; None: the record is too long or too short.
 
     Args:
@@ -67,7 +67,7 @@ def short_noise(basis: SineColumns, residuals: Floats, step: float) -> Noise | N
     factor = stdtrit(worse_freedom, UPPER) * wider
     known = stdtridf(UPPER, np.maximum(factor, stdtrit(freedom, UPPER)))
     whitened = seen / np.sqrt(weight @ shape)
-    return Noise(np.sqrt(_typical(mean, freedom)), moments(whitened, count)[1], float(known.min()))
+    return EquivalentNoise(np.sqrt(_typical(mean, freedom)), moments(whitened, count)[1], float(known.min()))
 
 
 def _power(log: Floats, squares: Floats, count: int) -> tuple[Floats, Floats, Floats]:

@@ -43,7 +43,7 @@ SHOWN = 1e-12  # V that leak from 1 V of hum; below this it is round-off
 
 
 @dataclass(slots=True, eq=False)
-class Kept:
+class ColumnCache:
     """Results that are kept with the columns. `modes`: those of `signals/noise_parts.py`."""
 
     modes: tuple[Floats, Floats] | None = None
@@ -74,7 +74,7 @@ class SineColumns:
     slopes: bool
     hum: float = 0.0
     strays: tuple[float, ...] = ()
-    kept: Kept = field(default_factory=Kept)
+    kept: ColumnCache = field(default_factory=ColumnCache)
 
     def solve(self, signals: Floats) -> Floats:
         """Coefficients (columns, channels) of the scaled columns, by least squares."""

@@ -35,7 +35,7 @@ EVERY_ROW = "*"
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class TableCell:
     """A number of a table.
 
     Attributes:
@@ -50,7 +50,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ThesisTable:
     """A table of the thesis.
 
     Attributes:
@@ -66,7 +66,7 @@ class Table:
     title: str
     key: str
     rows: tuple[str, ...]
-    columns: Mapping[str, tuple[Cell, ...]]
+    columns: Mapping[str, tuple[TableCell, ...]]
     doubt: str = ""
 
     def keys(self) -> Array:
@@ -77,7 +77,7 @@ class Table:
         """Best values of a column, one for each row."""
         return np.array([cell.value for cell in self.columns[column]])
 
-    def repaired(self) -> list[tuple[str, str, Cell]]:
+    def repaired(self) -> list[tuple[str, str, TableCell]]:
         """Row, column and cell of each repaired cell."""
         return [
             (row, column, cell)
@@ -182,7 +182,7 @@ TABLES = tuple(_TABLES)
 
 
 @cache
-def read_table(number: str) -> Table:
+def read_table(number: str) -> ThesisTable:
     """The table of that number.
 
     Raises:
@@ -195,14 +195,18 @@ def read_table(number: str) -> Table:
     rows = tuple(row[key] for row in printed)
     repairs = {(r["column"], r["row"]): r for r in _read("repairs.csv") if r["table"] == number}
 
-    def cell(column: str, row: str, text: str) -> Cell:
+    def cell(column: str, row: str, text: str) -> TableCell:
         repair = repairs.get((column, row)) or repairs.get((column, EVERY_ROW))
-        return Cell(repair["printed"], float(repair["best"]), repair["reason"]) if repair else Cell(text, float(text))
+        return (
+            TableCell(repair["printed"], float(repair["best"]), repair["reason"])
+            if repair
+            else TableCell(text, float(text))
+        )
 
     columns = {
         name: tuple(cell(name, row[key], row[name]) for row in printed) for name in printed[0] if name != key
     }  # fmt: skip
-    return Table(number, title, key, rows, MappingProxyType(columns), doubt)
+    return ThesisTable(number, title, key, rows, MappingProxyType(columns), doubt)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """How much groups of repeats scatter beyond what the repeats within them do, and whether that can be told from nothing.
 
 found = between_groups([[0.221, 0.230, 0.226], [0.215, 0.223, 0.219], [0.228, 0.224, 0.233]])
-found.u, found.bound_u, found.told
+found.u, found.bound_u, found.significant
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Between:
         return math.sqrt(max(self.means_u**2 - self.within_u**2, 0.0))
 
     @property
-    def told(self) -> bool:
+    def significant(self) -> bool:
         """Whether the means lie farther apart than those of groups that are alike do in 95 % of cases (F)."""
         from scipy.special import fdtri
 

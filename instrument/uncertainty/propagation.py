@@ -96,7 +96,7 @@ class Propagated:
 
 
 @dataclass(frozen=True, slots=True)
-class _Problem:
+class _PropagationProblem:
     function: Function
     inputs: tuple[Input, ...]
     correlations: Correlations = field(default_factory=dict)
@@ -154,7 +154,7 @@ def propagate(
         EstimateError: an input is not finite, the method is unknown, rectangular inputs are correlated, or the function
             is not finite at the estimates or somewhere in the distributions.
     """
-    problem = _Problem(function, tuple(inputs), correlations or {})
+    problem = _PropagationProblem(function, tuple(inputs), correlations or {})
     if method not in (None, LINEAR, MONTE_CARLO):
         raise EstimateError(f"no method {method!r} of propagation; valid: {LINEAR}, {MONTE_CARLO}")
     budget = _linear(problem, quantity, unit, sensitivities)
@@ -176,7 +176,7 @@ def _of_budget(budget: Budget, why: str) -> Propagated:
     return Propagated(budget.value, budget.u, *budget.interval(), LINEAR, why, budget)
 
 
-def _linear(problem: _Problem, quantity: str, unit: str, sensitivities: Sequence[float] | None) -> Budget:
+def _linear(problem: _PropagationProblem, quantity: str, unit: str, sensitivities: Sequence[float] | None) -> Budget:
     value = float(problem.at(problem.values)[0])
     slopes = _slopes(problem) if sensitivities is None else sensitivities
     components = tuple(
@@ -186,7 +186,7 @@ def _linear(problem: _Problem, quantity: str, unit: str, sensitivities: Sequence
     return Budget(quantity, value, unit, components, problem.correlations)
 
 
-def _slopes(problem: _Problem) -> Floats:
+def _slopes(problem: _PropagationProblem) -> Floats:
     """Derivatives by each input, from differences over ± u and ± u/2 that are extrapolated.
 
     Where u is lost in the digits of the estimate, the difference spans a thousand steps of a float64. The step is the
@@ -212,7 +212,7 @@ def _slopes(problem: _Problem) -> Floats:
     return found
 
 
-def _curvature(problem: _Problem, budget: Budget) -> float:
+def _curvature(problem: _PropagationProblem, budget: Budget) -> float:
     """Greatest departure from a straight line, in standard uncertainties of the result.
 
     It is looked for within two standard uncertainties of each input and of pairs of inputs.
@@ -231,13 +231,13 @@ def _curvature(problem: _Problem, budget: Budget) -> float:
     return 0.0 if worst == 0 else worst / budget.u if budget.u > 0 else math.inf
 
 
-def _rectangular(problem: _Problem, budget: Budget) -> str:
+def _rectangular(problem: _PropagationProblem, budget: Budget) -> str:
     """Name of a rectangular input that holds most of the variance, or ""."""
     shares = {row["name"]: row["share"] for row in budget.rows()}
     return next((i.name for i in problem.inputs if i.shape == "rectangular" and shares[i.name] > MOSTLY), "")
 
 
-def _trials(problem: _Problem, budget: Budget, seed: int, because: str) -> Propagated:
+def _trials(problem: _PropagationProblem, budget: Budget, seed: int, because: str) -> Propagated:
     found = np.sort(problem.at(_draw(problem, np.random.default_rng(seed))))
     lost = int(np.count_nonzero(~np.isfinite(found)))
     if lost:
@@ -268,7 +268,7 @@ def _trials(problem: _Problem, budget: Budget, seed: int, because: str) -> Propa
     )
 
 
-def _draw(problem: _Problem, generator: np.random.Generator) -> Floats:
+def _draw(problem: _PropagationProblem, generator: np.random.Generator) -> Floats:
     """Random values (inputs, TRIALS) of the inputs."""
     drawn = generator.standard_normal((len(problem.inputs), TRIALS))
     if problem.correlations:

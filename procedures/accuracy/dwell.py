@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from palpate.instrument.allocation.allocate import BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.errors import EstimateError, RangeError, UnknownName
 from palpate.instrument.signals.dwell import Floor, check_dwell, floor_u, ratio_noise
 from palpate.instrument.signals.estimate import SineFit, amplitude_ratio, fit_sine
@@ -35,7 +35,7 @@ SURE = 2.0  # standard uncertainties; a smaller bias does not show
 COHERENT, SCATTER, NOISE = "in step with the drive", "gain scatter", "noise"
 
 
-class LongRecord(Protocol):
+class TwoFilmRecord(Protocol):
     """Record of two films under a settled load, with the true ratio; see `palpate.simulators.planning.long_record`."""
 
     @property
@@ -51,7 +51,7 @@ class LongRecord(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class EstimatorPoint:
     """One estimator over one dwell. All numbers are relative to the ratio.
 
     Attributes:
@@ -82,7 +82,7 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class Recommended:
+class RecommendedDwell:
     """The quickest way to a target: load sets, each of a dwell.
 
     Attributes:
@@ -113,12 +113,12 @@ class DwellPrices:
         saturated: whether a film was over-ranged, so that no number here holds.
     """
 
-    points: tuple[Point, ...]
+    points: tuple[EstimatorPoint, ...]
     floor: Mapping[str, float]
     floor_u: float
     noise: float
     saturated: bool
-    recommended: tuple[Recommended, ...]
+    recommended: tuple[RecommendedDwell, ...]
 
     def summary(self) -> dict[str, Any]:
         """The prices as JSON has them."""
@@ -153,7 +153,7 @@ def check(dwells: Sequence[float], estimators: Sequence[str], frequency: float, 
 
 
 def measure(
-    record: LongRecord, frequency: float, dwells: Sequence[float], estimators: Sequence[str] = tuple(ESTIMATORS)
+    record: TwoFilmRecord, frequency: float, dwells: Sequence[float], estimators: Sequence[str] = tuple(ESTIMATORS)
 ) -> DwellPrices:
     """Cut a record up by each dwell, and read each piece by each estimator.
 
@@ -185,7 +185,9 @@ def measure(
     )
 
 
-def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: float, floor: Sequence[Floor]) -> Point:
+def _point(
+    estimator: str, record: TwoFilmRecord, whole: SineFit, n: int, rate: float, floor: Sequence[Floor]
+) -> EstimatorPoint:
     repeats = min(record.time.size // n, MOST)
     time = record.time[:n]
     pieces = record.voltage[:, : repeats * n].reshape(2, repeats, n).swapaxes(0, 1)
@@ -198,7 +200,7 @@ def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: flo
     bound = ratio_bound(time, whole.frequency, whole.amplitude[:2], whole.phase[:2], whole.noise[:2], correlation)
     bias = float(relative.mean()) - 1
     scatter, coherent = (part.u for part in floor)
-    return Point(
+    return EstimatorPoint(
         estimator=estimator,
         dwell_s=n / rate,
         repeats=repeats,
@@ -216,15 +218,19 @@ def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: flo
 
 
 def _recommend(
-    target: float, points: Sequence[Point], frequency: float, scatter: float, coherent: float
-) -> Recommended:
+    target: float, points: Sequence[EstimatorPoint], frequency: float, scatter: float, coherent: float
+) -> RecommendedDwell:
     """The quickest number of load sets and dwell, which is one of the priced ones or longer."""
     between = Costs(0.0, 0.0, costs_of(LOAD, frequency).set)
     least, found = math.inf, None
     for point in points:
         bias = max(coherent, abs(point.bias) if abs(point.bias) > SURE * point.bias_u else 0.0)
         noise = point.u * math.sqrt(point.dwell_s)
-        lines = [Line(SCATTER, scatter, Unit.SET), Line(NOISE, noise, Unit.SECOND), Line(COHERENT, bias, Unit.NOTHING)]
+        lines = [
+            BudgetLine(SCATTER, scatter, RepeatUnit.SET),
+            BudgetLine(NOISE, noise, RepeatUnit.SECOND),
+            BudgetLine(COHERENT, bias, RepeatUnit.NOTHING),
+        ]
         try:
             plan = allocate(lines, between, target, shortest=point.dwell_s)
         except BelowFloor as refused:
@@ -233,8 +239,8 @@ def _recommend(
         if found is None or plan.seconds < (found.seconds or math.inf):
             dwell = max(point.dwell_s, math.ceil(plan.dwell * frequency * (1 - 1e-9)) / frequency)
             u, seconds = budget(lines, 1, plan.sets, dwell).u, between.seconds(1, plan.sets, dwell)
-            found = Recommended(target, point.estimator, plan.sets, dwell, u, seconds)
+            found = RecommendedDwell(target, point.estimator, plan.sets, dwell, u, seconds)
     if found is not None:
         return found
     why = f"neither dwell nor load sets: what is {COHERENT} leaves {least:.2%}; {REMEDY}"
-    return Recommended(target, why=why)
+    return RecommendedDwell(target, why=why)

@@ -10,7 +10,7 @@ from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 if TYPE_CHECKING:
-    from palpate.procedures.accuracy.dwell import DwellPrices, Recommended
+    from palpate.procedures.accuracy.dwell import DwellPrices, RecommendedDwell
 
 PLOT = "dwell.png"
 
@@ -44,7 +44,7 @@ def print_dwell(prices: DwellPrices, title: str, plot: Path | None) -> None:
     print_all(table, *lines, *([] if plot is None else [f"plot           {plot}"]))
 
 
-def way_of(found: Recommended) -> str:
+def way_of(found: RecommendedDwell) -> str:
     """The way to a target in words, or why there is none."""
     if found.sets is None or found.dwell_s is None or found.seconds is None:
         return found.why

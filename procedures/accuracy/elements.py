@@ -21,7 +21,7 @@ from palpate.procedures.accuracy.meshes import (
     MIDDLES,
     MODULI,
     TIMED,
-    Mesh,
+    MeshedProblem,
     Results,
     Values,
     refinements,
@@ -49,7 +49,7 @@ def element_prices(
         middles, uncertain = between(np.array(MIDDLES)).tolist(), surface_errors
     for name, family in refinements(design, PHYSICAL.load(TIMED)).items():
         spent = 0.0
-        own: list[Mesh] = []
+        own: list[MeshedProblem] = []
         for mesh in family:
             found = solved[mesh]
             errors = by_interval(errors_of(_ratios(mesh, solved, MODULI), truth))
@@ -126,5 +126,5 @@ def _beside(parameters: Parameters, meshes: int) -> float:
     return sum((sum(solid.curve_on(*each).seconds) for each in solid.beside(parameters, meshes)), 0.0)
 
 
-def _ratios(mesh: Mesh, solved: Results, moduli: Sequence[float]) -> Values:
+def _ratios(mesh: MeshedProblem, solved: Results, moduli: Sequence[float]) -> Values:
     return [solved[mesh.at(modulus)].force_ratio for modulus in moduli]

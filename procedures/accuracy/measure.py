@@ -15,7 +15,7 @@ from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models import beam
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from palpate.instrument.models.parameters import Parameters
-from palpate.instrument.models.price_list import Price, PriceList, Reference, stored
+from palpate.instrument.models.price_list import Price, PriceList, ReferenceRatios, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.stored import surface
 from palpate.instrument.models.stored.surface import Surface
@@ -35,7 +35,7 @@ BEAM_ELEMENTS = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class DesignCase:
     """One design and its shipped curves, which give the force ratios between the moduli.
 
     Attributes:
@@ -64,7 +64,7 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
         truth = truth_of(design, solved)
         at_moduli = known.force_ratios(np.array(MODULI))
         errors = np.array(by_interval(errors_of(at_moduli.tolist(), truth)), dtype=np.float64)
-        case = Case(design, known, errors)
+        case = DesignCase(design, known, errors)
         found.append(truth.reference)
         prices += _closed_forms(case)
         if len(design.teeth) > 1:
@@ -98,7 +98,7 @@ def expected_curve_seconds(name: str) -> float:
         return math.fsum(price.build_s or 0.0 for price in _stored([name])[0] if price.model == "surface")
 
 
-def _stored(designs: Sequence[str]) -> tuple[list[Price], list[Reference]]:
+def _stored(designs: Sequence[str]) -> tuple[list[Price], list[ReferenceRatios]]:
     """Stored prices and references of some designs; none where the list is missing or damaged: it is made anew then."""
     try:
         known = stored()
@@ -123,7 +123,7 @@ def sensor_of(name: str, parameters: str) -> Parameters:
 # --- what answers at once ------------------------------------------------------------------------------
 
 
-def _closed_forms(case: Case) -> Iterator[Price]:
+def _closed_forms(case: DesignCase) -> Iterator[Price]:
     for name in ("column", "column_fitted", "experiment", "beam_printed", "beam_exact"):
         yield _at_once(case, name, "closed form", functools.partial(_ask, case.design, name))
     for elements in BEAM_ELEMENTS:
@@ -131,7 +131,9 @@ def _closed_forms(case: Case) -> Iterator[Price]:
         yield _at_once(case, "beam", f"{elements} elements a stretch", ratio, offered=elements == beam.ELEMENTS)
 
 
-def _at_once(case: Case, model: str, refinement: str, ratio: Callable[[float], float], offered: bool = True) -> Price:
+def _at_once(
+    case: DesignCase, model: str, refinement: str, ratio: Callable[[float], float], offered: bool = True
+) -> Price:
     errors: list[float | None] = []
     failure = ""
     for (low, high), own in zip(itertools.pairwise(MODULI), case.surface_errors, strict=True):
@@ -158,7 +160,7 @@ def _at_once(case: Case, model: str, refinement: str, ratio: Callable[[float], f
     )
 
 
-def _surfaces(case: Case) -> Iterator[Price]:
+def _surfaces(case: DesignCase) -> Iterator[Price]:
     """The shipped curves."""
     ends = [np.geomspace(low, high, BETWEEN) for low, high in itertools.pairwise(MODULI)]
     many = np.geomspace(MODULI[0], MODULI[-1], 10_000)

@@ -45,7 +45,7 @@ FINER = 2  # refinement that is the second way of many teeth, and not priced
 
 
 @dataclass(frozen=True, slots=True)
-class Mesh:
+class MeshedProblem:
     """A problem and the mesh on which it is solved.
 
     Attributes:
@@ -70,13 +70,13 @@ class Mesh:
             return (TIMED,) if self.second else MODULI
         return MODULI if self.second else (*MODULI, *MIDDLES)
 
-    def at(self, modulus: float) -> Mesh:
+    def at(self, modulus: float) -> MeshedProblem:
         """The same mesh under an object of that modulus [Pa]."""
         return replace(self, parameters=replace(self.parameters, sensed_modulus=modulus))
 
 
 @dataclass(frozen=True, slots=True)
-class Solved:
+class MeshSolution:
     """The solution on a mesh.
 
     Attributes:
@@ -92,29 +92,33 @@ class Solved:
     curve: Curve | None = None
 
 
-Results = Mapping[Mesh, Solved]
+Results = Mapping[MeshedProblem, MeshSolution]
 Values = Sequence[float | None]
 
 
-def refinements(design: Design, load: Load) -> dict[str, list[Mesh]]:
+def refinements(design: Design, load: Load) -> dict[str, list[MeshedProblem]]:
     """The meshes of each finite-element model that holds for the design, from the coarsest one."""
     around = round_parameters(design, load) if len(design.teeth) == 1 else None
-    found = {"axisymmetric": [Mesh(around, refinement) for refinement in axisymmetric.REFINEMENTS]} if around else {}
+    found = (
+        {"axisymmetric": [MeshedProblem(around, refinement) for refinement in axisymmetric.REFINEMENTS]}
+        if around
+        else {}
+    )
     square = solid_parameters(design, load)
     own = ladders.refinements(square)[: FINER if ladders.has_many_teeth(square) else None]
-    return {**found, "solid": [Mesh(square, refinement) for refinement in (COARSEST, *own)]}
+    return {**found, "solid": [MeshedProblem(square, refinement) for refinement in (COARSEST, *own)]}
 
 
-def references(design: Design, load: Load) -> list[Mesh]:
+def references(design: Design, load: Load) -> list[MeshedProblem]:
     """The meshes that only the reference needs: a finer one for the round design, and the second way."""
     if design.outline == "round":
-        finest = Mesh(round_parameters(design, load), axisymmetric.REFINEMENTS[-1] + 1)
+        finest = MeshedProblem(round_parameters(design, load), axisymmetric.REFINEMENTS[-1] + 1)
         return [finest, replace(finest, second=True)]
     square = solid_parameters(design, load)
-    return [Mesh(square, ladders.refinements(square)[-1], second=True)]
+    return [MeshedProblem(square, ladders.refinements(square)[-1], second=True)]
 
 
-def solve(mesh: Mesh) -> Solved:
+def solve(mesh: MeshedProblem) -> MeshSolution:
     """Solve. A mesh of the solid model is eliminated once for all moduli, where these are asked in one process."""
     try:
         if isinstance(mesh.parameters, RoundParameters):
@@ -123,32 +127,32 @@ def solve(mesh: Mesh) -> Solved:
             found = found_on(mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, mixed=not mesh.second)
             built = time.process_time()
             ratio = float(found.force_ratios(np.array([mesh.parameters.sensed_modulus]))[0, 0])
-            return Solved(ratio, curve=found, seconds=(0.0, built - start, time.process_time() - built))
+            return MeshSolution(ratio, curve=found, seconds=(0.0, built - start, time.process_time() - built))
         resolution = _resolution(mesh.parameters, mesh)
         answer = solid.solve_on(mesh.parameters, resolution)
         whole = solid.curve_on(mesh.parameters, resolution)
-        return Solved(answer.force_ratio, curve=whole.poles, seconds=(*answer.seconds, 0.0))
+        return MeshSolution(answer.force_ratio, curve=whole.poles, seconds=(*answer.seconds, 0.0))
     except EstimateError as error:
-        return Solved(None, failure=str(error))
+        return MeshSolution(None, failure=str(error))
 
 
-def _resolution(of: SolidParameters, mesh: Mesh) -> Resolution:
+def _resolution(of: SolidParameters, mesh: MeshedProblem) -> Resolution:
     if mesh.second:
         return ladders.resolution(of, FINER) if ladders.has_many_teeth(of) else OTHER_FAMILY
     return COARSEST_MESH if mesh.refinement == COARSEST else ladders.resolution(of, mesh.refinement)
 
 
-def solve_all(designs: Sequence[Design], progress: Progress) -> dict[Mesh, Solved]:
+def solve_all(designs: Sequence[Design], progress: Progress) -> dict[MeshedProblem, MeshSolution]:
     """Every mesh of every design at its moduli: first where it is timed, for a mesh that fails there is left alone."""
     load = PHYSICAL.load(TIMED)
     families = [family for design in designs for family in refinements(design, load).values()]
     priced = list(dict.fromkeys(mesh for family in families for mesh in family))
     checks = [mesh.at(modulus) for design in designs for mesh in references(design, load) for modulus in mesh.moduli]
     total = len(checks) + sum(len(mesh.moduli) for mesh in priced)
-    solved: dict[Mesh, Solved] = {}
+    solved: dict[MeshedProblem, MeshSolution] = {}
     with side_by_side() as apply:
 
-        def take(meshes: Sequence[Mesh], what: str) -> None:
+        def take(meshes: Sequence[MeshedProblem], what: str) -> None:
             for mesh, found in zip(meshes, apply(solve, meshes), strict=True):
                 solved[mesh] = found
                 progress(len(solved), total, what)

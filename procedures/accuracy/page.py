@@ -25,7 +25,7 @@ SCALE, ABSOLUTE, MEAN = "on the model's scale", "absolute", "mean of load sets"
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class MethodPoint:
     """One method at one setting: relative error (None where it fails) and seconds."""
 
     name: str
@@ -35,7 +35,7 @@ class Way:
 
 
 @dataclass(frozen=True, slots=True)
-class Recommended:
+class RecommendedMethod:
     """The cheapest method that meets a tolerance, or the reason why there is none."""
 
     tolerance: float
@@ -47,7 +47,7 @@ class Recommended:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class PagePart:
     """One part of the page.
 
     Attributes:
@@ -60,8 +60,8 @@ class Part:
     name: str
     error_of: str
     time: str
-    ways: tuple[Way, ...]
-    recommended: tuple[Recommended, ...]
+    ways: tuple[MethodPoint, ...]
+    recommended: tuple[RecommendedMethod, ...]
     floor: float = 0.0
     floor_of: str = ""
     note: str = ""
@@ -71,14 +71,14 @@ class Part:
         return asdict(self)
 
 
-def of_modulus(front: ModulusFront) -> Part:
+def of_modulus(front: ModulusFront) -> PagePart:
     """Part for the modulus of an object: the front of `palpate accuracy modulus`, and plans on the model's scale."""
-    ways = [Way(SCALE, plan_text(point.plan), point.plan.scale_u, point.after) for point in front.points]
-    ways += [Way(ABSOLUTE, plan_text(point.plan), point.plan.absolute_u, point.after) for point in front.points]
+    ways = [MethodPoint(SCALE, plan_text(point.plan), point.plan.scale_u, point.after) for point in front.points]
+    ways += [MethodPoint(ABSOLUTE, plan_text(point.plan), point.plan.absolute_u, point.after) for point in front.points]
     recommended = [
-        Recommended(each.tolerance, SCALE, plan_text(each.plan), each.plan.scale_u, each.after)
+        RecommendedMethod(each.tolerance, SCALE, plan_text(each.plan), each.plan.scale_u, each.after)
         if each.plan is not None
-        else Recommended(each.tolerance, why=each.why)
+        else RecommendedMethod(each.tolerance, why=each.why)
         for each in front.targets
         if not each.absolute
     ]
@@ -88,7 +88,7 @@ def of_modulus(front: ModulusFront) -> Part:
         if front.model_u is None
         else f"absolute: no bench time gets below {front.model_u:.2g}, the validation error of model {model!r}"
     )
-    return Part(
+    return PagePart(
         name=MODULUS,
         error_of=f"Young modulus of an object of {show(front.modulus, 'Pa')}",
         time=BENCH,
@@ -100,7 +100,7 @@ def of_modulus(front: ModulusFront) -> Part:
     )
 
 
-def of_models(prices: PriceList, design: str) -> Part:
+def of_models(prices: PriceList, design: str) -> PagePart:
     """Part for the models, from the stored list: each answer that a caller gets, with promised error and whole time."""
     (reference,) = (r for r in prices.references if r.design == design)
     smallest = min(reference.force_ratios[INTERVAL : INTERVAL + 2])
@@ -108,27 +108,27 @@ def of_models(prices: PriceList, design: str) -> Part:
     for price in prices.prices:
         promise = price.promise(slice(INTERVAL, INTERVAL + 1))
         if price.design == design and promise is not None and price.answer_s is not None:
-            ways.append(Way(price.model, price.refinement, promise / smallest, price.answer_s))
+            ways.append(MethodPoint(price.model, price.refinement, promise / smallest, price.answer_s))
     return _part(MODELS, f"force ratio of design {design}, one answer", CPU, ways)
 
 
-def of_integrators(ways: Sequence[Way]) -> Part:
+def of_integrators(ways: Sequence[MethodPoint]) -> PagePart:
     """Part for the integrators of a stiff chain."""
     return _part(INTEGRATORS, "output of a stiff chain over 10 s", CPU, ways)
 
 
-def of_dwells(prices: DwellPrices, scene: str) -> Part:
+def of_dwells(prices: DwellPrices, scene: str) -> PagePart:
     """Part for the dwells: the whole uncertainty of one load set by each estimator, and means of sets for targets."""
-    ways = [Way(p.estimator, f"{p.dwell_s:g} s", p.whole_u, p.seconds) for p in prices.points]
+    ways = [MethodPoint(p.estimator, f"{p.dwell_s:g} s", p.whole_u, p.seconds) for p in prices.points]
     recommended = []
     for r in prices.recommended:
         if r.u is None or r.seconds is None:
-            recommended.append(Recommended(r.target, why=r.why))
+            recommended.append(RecommendedMethod(r.target, why=r.why))
             continue
         setting = f"{r.sets:,} x {r.dwell_s:g} s by {r.estimator}"
-        recommended.append(Recommended(r.target, MEAN, setting, r.u, r.seconds))
-        ways.append(Way(MEAN, setting, r.u, r.seconds))
-    return Part(
+        recommended.append(RecommendedMethod(r.target, MEAN, setting, r.u, r.seconds))
+        ways.append(MethodPoint(MEAN, setting, r.u, r.seconds))
+    return PagePart(
         name=DWELL,
         error_of=f"force ratio of scene {scene}",
         time=BENCH,
@@ -139,28 +139,31 @@ def of_dwells(prices: DwellPrices, scene: str) -> Part:
     )
 
 
-def of_arithmetic(measured: Sequence[ArithmeticPrice]) -> list[Part]:
+def of_arithmetic(measured: Sequence[ArithmeticPrice]) -> list[PagePart]:
     """Parts for the arithmetic, one for each task."""
     tasks = dict.fromkeys(m.task for m in measured)
     return [
         _part(
-            f"{ARITHMETIC}: {task}", task, CPU, [Way(m.way, "", m.error, m.seconds) for m in measured if m.task == task]
+            f"{ARITHMETIC}: {task}",
+            task,
+            CPU,
+            [MethodPoint(m.way, "", m.error, m.seconds) for m in measured if m.task == task],
         )
         for task in tasks
     ]
 
 
-def _part(name: str, error_of: str, time: str, ways: Sequence[Way]) -> Part:
-    return Part(name, error_of, time, tuple(ways), tuple(cheapest(ways, t) for t in TOLERANCES))
+def _part(name: str, error_of: str, time: str, ways: Sequence[MethodPoint]) -> PagePart:
+    return PagePart(name, error_of, time, tuple(ways), tuple(cheapest(ways, t) for t in TOLERANCES))
 
 
-def cheapest(ways: Sequence[Way], tolerance: float) -> Recommended:
+def cheapest(ways: Sequence[MethodPoint], tolerance: float) -> RecommendedMethod:
     """The fastest method whose error is within the tolerance; of equally fast ones the most accurate."""
     known = [way for way in ways if way.error is not None]
     good = [way for way in known if way.error is not None and way.error <= tolerance]
     if not good:
         best = min((way.error for way in known if way.error is not None), default=None)
         why = "none answers" if best is None else f"the best is off by {best:.2g}"
-        return Recommended(tolerance, why=why)
+        return RecommendedMethod(tolerance, why=why)
     found = min(good, key=lambda way: (way.seconds, way.error))
-    return Recommended(tolerance, found.name, found.setting, found.error, found.seconds)
+    return RecommendedMethod(tolerance, found.name, found.setting, found.error, found.seconds)

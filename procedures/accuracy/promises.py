@@ -148,7 +148,7 @@ class KeptBy:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class StoredPromises:
     """The promises of a store.
 
     Attributes:
@@ -164,7 +164,7 @@ class Kept:
     unreadable: list[str]
 
 
-def promises(store: Path) -> Kept:
+def promises(store: Path) -> StoredPromises:
     """Compare what was predicted of the complete runs of a store with what they reached."""
     runs, without, unreadable = [], 0, []
     for each in list_runs(store):
@@ -181,7 +181,7 @@ def promises(store: Path) -> Kept:
             else:
                 runs.append(found)
     names = sorted({(run.procedure, run.simulated) for run in runs})
-    return Kept(runs, [_kept_by(runs, *name) for name in names], without, unreadable)
+    return StoredPromises(runs, [_kept_by(runs, *name) for name in names], without, unreadable)
 
 
 def _kept_by(runs: Sequence[Promised], procedure: str, simulated: bool) -> KeptBy:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from palpate.instrument.quantity import counted
-from palpate.procedures.accuracy.promises import Kept, Spread
+from palpate.procedures.accuracy.promises import Spread, StoredPromises
 from palpate.procedures.showing.text import new_table, number, percent, print_all
 
 MOST = 20  # runs that are listed one by one
 
 
-def print_promises(kept: Kept, store: Path) -> None:
+def print_promises(kept: StoredPromises, store: Path) -> None:
     """Print achieved over predicted time and uncertainty of each procedure and result, and of the newest runs."""
     table = new_table(
         None, "procedure", "bench", "runs", "time over\npredicted", "least to\ngreatest", "within the\nbound"

@@ -10,10 +10,19 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.price_list import Reference, fingerprint
+from palpate.instrument.models.price_list import ReferenceRatios, fingerprint
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.accuracy.meshes import MIDDLES, MODULI, TIMED, Mesh, Results, Values, references, refinements
+from palpate.procedures.accuracy.meshes import (
+    MIDDLES,
+    MODULI,
+    TIMED,
+    MeshedProblem,
+    Results,
+    Values,
+    references,
+    refinements,
+)
 
 Array = NDArray[np.float64]
 
@@ -32,7 +41,7 @@ class Truth:
             finest mesh is cheap.
     """
 
-    reference: Reference
+    reference: ReferenceRatios
     middles: Values
     middle_uncertainties: Values
 
@@ -61,7 +70,7 @@ def _round(design: Design, solved: Results) -> Truth:
     mesh, second_way = references(design, load)
     coarser_mesh = refinements(design, load)["axisymmetric"][-1]
 
-    def at(of: Mesh, moduli: tuple[float, ...]) -> Array:
+    def at(of: MeshedProblem, moduli: tuple[float, ...]) -> Array:
         return np.array([solved[of.at(modulus)].force_ratio for modulus in moduli], dtype=np.float64)
 
     ratios, second = at(mesh, MODULI), at(second_way, MODULI)
@@ -78,10 +87,10 @@ def _round(design: Design, solved: Results) -> Truth:
     return Truth(reference, tuple(middles.tolist()), tuple(uncertain.tolist()))
 
 
-def _reference(design: Design, solved: Results, ratios: Array, uncertainties: Array, how: str) -> Reference:
+def _reference(design: Design, solved: Results, ratios: Array, uncertainties: Array, how: str) -> ReferenceRatios:
     load = PHYSICAL.load(TIMED)
     own = [solved[mesh.at(modulus)] for mesh in references(design, load) for modulus in mesh.moduli]
-    return Reference(
+    return ReferenceRatios(
         design=design.name,
         fingerprint=fingerprint(design, load),
         force_ratios=tuple(ratios.tolist()),

@@ -12,13 +12,13 @@ from palpate.procedures.showing.text import new_table, print_all, stamped
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from palpate.procedures.accuracy.page import Part
+    from palpate.procedures.accuracy.page import PagePart
 
 PLOT = "accuracy.png"
 LEAST = 1e-16  # an exact result is drawn at this error
 
 
-def print_page(parts: Sequence[Part], plot: Path | None) -> None:
+def print_page(parts: Sequence[PagePart], plot: Path | None) -> None:
     """Print a table for each part: the quickest way within each tolerance, or the reason why there is none."""
     from palpate.procedures.accuracy.page import BENCH
 
@@ -40,7 +40,7 @@ def print_page(parts: Sequence[Part], plot: Path | None) -> None:
         print_all(f"plot           {plot}")
 
 
-def plot_page(parts: Sequence[Part], folder: Path) -> Path:
+def plot_page(parts: Sequence[PagePart], folder: Path) -> Path:
     """Draw `accuracy.png` in a folder: a panel for each part, and one for all of arithmetic.
 
     Raises:
@@ -62,7 +62,7 @@ def plot_page(parts: Sequence[Part], folder: Path) -> Path:
     return save_in_new(figure, folder, PLOT)
 
 
-def _draw(part: Part, ax: Axes) -> None:
+def _draw(part: PagePart, ax: Axes) -> None:
     """Error against time of the ways of one part; rings: the ways that the table recommends."""
     from palpate.procedures.accuracy.page import BENCH
 
@@ -83,7 +83,7 @@ def _draw(part: Part, ax: Axes) -> None:
     ax.legend(fontsize=7.5)
 
 
-def _draw_tasks(tasks: Sequence[Part], ax: Axes) -> None:
+def _draw_tasks(tasks: Sequence[PagePart], ax: Axes) -> None:
     """A row for each way of each task of arithmetic, with its error and its time."""
     rows = [(number, part, way) for number, part in enumerate(tasks) for way in part.ways if way.error is not None]
     for row, (number, _, way) in enumerate(rows):

@@ -13,12 +13,12 @@ from palpate.procedures.commands.accuracy_page import page
 from palpate.procedures.commands.accuracy_promises import promises_command
 from palpate.procedures.commands.accuracy_scene import scene_command
 from palpate.procedures.commands.integrators import integrators
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, make_folder, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictGroup, make_folder, option, output_options
 from palpate.procedures.commands.validation import validation
 
 
 @click.group(
-    cls=Group,
+    cls=StrictGroup,
     invoke_without_command=True,
     epilog="Examples:\n\n  palpate accuracy\n\n  palpate accuracy --out prices --json\n\n  palpate accuracy dwell",
 )

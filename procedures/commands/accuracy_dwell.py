@@ -8,11 +8,11 @@ import click
 
 from palpate.procedures.commands import texts
 from palpate.procedures.commands.explain import question_options
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, make_folder, option, output_options
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate accuracy dwell\n\n  palpate accuracy dwell --scene noisy_lab --load '1.5 N'"
     "\n\n  palpate accuracy dwell --estimator 'least squares' --dwell '0.5 s, 5 s' --json",
 )

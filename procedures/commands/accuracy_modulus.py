@@ -48,7 +48,7 @@ def modulus_command(
     too. Nothing is measured.
     """
     from palpate.instrument.sensor.sample import get_sample
-    from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
+    from palpate.procedures.accuracy.modulus.front import ModulusFront, PlanningCase
     from palpate.procedures.commands.measure_modulus import object_to_touch
     from palpate.procedures.engine.settings import made
     from palpate.procedures.lab.chosen import choose
@@ -67,7 +67,7 @@ def modulus_command(
     with output.prices():
         asked.check(target)
         question, references = asked.model_question(target.design), asked.references_on(target)
-        setting = Setting(target.design, question, asked.loads_on(target), asked.wanted(target), references)
+        setting = PlanningCase(target.design, question, asked.loads_on(target), asked.wanted(target), references)
         front = ModulusFront.of(setting, object_.modulus)
     plot = None
     if out is not None:

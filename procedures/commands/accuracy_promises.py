@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, option, output_options
 from palpate.procedures.lab.store import store as usual
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate accuracy promises\n\n  palpate accuracy promises --store elsewhere --json",
 )
 @option("--store", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs (default: runs/).")

@@ -9,8 +9,8 @@ import click
 from palpate.procedures.commands.explain import question_options
 from palpate.procedures.commands.options import (
     FILE_NAME,
-    Command,
     Output,
+    StrictCommand,
     dwell_option,
     make_folder,
     option,
@@ -19,7 +19,7 @@ from palpate.procedures.commands.options import (
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate accuracy scene noisy_lab"
     "\n\n  palpate accuracy scene everything --sample 6 --load '4 N' --out prices --json",
 )

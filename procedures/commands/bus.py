@@ -9,10 +9,10 @@ import click
 
 from palpate.procedures.commands.bus_lss import lss
 from palpate.procedures.commands.bus_scan import scan
-from palpate.procedures.commands.options import FILE_NAME, OUT, Group, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, OUT, Output, StrictGroup, output_options
 
 
-@click.group(cls=Group)
+@click.group(cls=StrictGroup)
 def bus() -> None:
     """Find devices on buses, and look at the traffic of a run, which `--log FILE` of a command with a bench records."""
 
@@ -33,12 +33,12 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
     Times are those of the bench's clock, in seconds since the first message. Exit status 1: the log is damaged, or was
     cut off; what precedes that is shown.
     """
-    from palpate.procedures.logs.shown import Line, read_log
+    from palpate.procedures.logs.shown import ShownMessage, read_log
     from palpate.procedures.records.chain import check_holes
 
     output = Output(as_json, quiet)
     check_holes(log)
-    messages: list[Line] = []
+    messages: list[ShownMessage] = []
     try:
         messages.extend(read_log(log))  # keeps the messages before a damage
         if output.as_json:
@@ -66,7 +66,7 @@ def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
     log does not have at this place.
     """
     from palpate.procedures.commands.procedures import tell
-    from palpate.procedures.engine.known import class_of
+    from palpate.procedures.engine.catalogue import class_of
     from palpate.procedures.engine.replay import do_again
     from palpate.procedures.lab.logged import LoggedRun
     from palpate.procedures.records.chain import check_holes

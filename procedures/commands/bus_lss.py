@@ -7,7 +7,7 @@ import re
 import click
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.commands.options import Command, Output, option, output_options
+from palpate.procedures.commands.options import Output, StrictCommand, option, output_options
 
 NUMBER = re.compile(r"0x(?P<hex>[0-9a-f]{1,8})|(?P<suffixed>[0-9a-f]{1,8})h|(?P<decimal>\d{1,10})", re.IGNORECASE)
 LARGEST = 0xFFFF_FFFF
@@ -25,7 +25,7 @@ def number(_context: click.Context, given: click.Parameter, text: str) -> int:
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate bus lss --can socketcan:can0 --vendor 26Ch --product 10h --revision 6720000h "
     "--serial 1234 --node 5\n\n  palpate bus lss --can socketcan:can0 --at 125000 --vendor 0x5F --product 1 "
     "--revision 1 --serial 7 --to-bitrate 500000 --save",

@@ -9,14 +9,14 @@ import click
 
 from palpate.instrument.errors import UsageError
 from palpate.procedures.commands import texts
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, option, output_options
 
 if TYPE_CHECKING:
-    from palpate.drivers.scan.found import Found, Search
+    from palpate.drivers.scan.found import FoundDevice, Search
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate bus scan --tcp 192.168.1.20\n\n"
     "  palpate bus scan --line /dev/ttyUSB0 --units 1-32 --out my_bench.toml\n\n"
     "  palpate bus scan --line /dev/ttyUSB0 --baudrates 9600,19200 --parities N,E --every-setting\n\n"
@@ -68,10 +68,10 @@ def scan(
     Exit status 1: nobody answers.
     """
     from palpate.procedures.lab.begun_bench import begun_bench
-    from palpate.procedures.lab.scan import Plan
+    from palpate.procedures.lab.scan import ScanPlan
 
     output = Output(as_json, quiet)
-    plan = Plan.asked(
+    plan = ScanPlan.asked(
         tcp=tcp, lines=line, can=can, units=units, nodes=nodes, baudrates=baudrates, parities=parities,
         every=every_setting, bitrates=bitrates, listen=listen, talk=talk, timeout=timeout, within=within, maps=maps,
     )  # fmt: skip
@@ -81,7 +81,7 @@ def scan(
         click.echo(f"up to {plan.questions} questions, about {plan.seconds:.0f} s if nobody answers", err=True)
     try:
         with output.progress("opening") as progress:
-            plan.search.told = progress
+            plan.search.progress = progress
             plan.go()
     finally:  # also after Ctrl-C
         search = plan.search
@@ -113,7 +113,7 @@ def _tell(output: Output, search: Search) -> None:
         output.line(f"not tried: {text}")
 
 
-def _where(each: Found) -> str:
+def _where(each: FoundDevice) -> str:
     from palpate.drivers.scan.modbus_scan import setting_of
     from palpate.instrument.bench.links import SerialLine, TcpLink
 
@@ -124,7 +124,7 @@ def _where(each: Found) -> str:
     return f"{each.link.interface}:{each.link.channel} node {each.unit}"
 
 
-def _what(each: Found) -> str:
+def _what(each: FoundDevice) -> str:
     simulated = "SIMULATED " if each.simulated else ""
     if each.fits:
         return f"{simulated}is {' or '.join(each.fits)}"

@@ -10,7 +10,7 @@ from palpate.procedures.commands import options
 from palpate.procedures.commands.settings import conducting
 
 
-@click.group(cls=options.Group)
+@click.group(cls=options.StrictGroup)
 def calibrate() -> None:
     """Calibrate a part of the bench."""
 

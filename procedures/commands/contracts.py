@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 
 from palpate.instrument.errors import PalpateError, UsageError
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictGroup, option, output_options
 
 
-@click.group(cls=Group)
+@click.group(cls=StrictGroup)
 def contracts() -> None:
     """Check, make and write the devices' register and object maps."""
 

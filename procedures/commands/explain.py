@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from palpate.procedures.commands import texts
-from palpate.procedures.commands.options import Command, F, Output, dwell_option, option, output_options
+from palpate.procedures.commands.options import F, Output, StrictCommand, dwell_option, option, output_options
 
 
 def question_options(command: F) -> F:
@@ -20,7 +20,7 @@ def question_options(command: F) -> F:
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate scene explain thesis_single\n\n  palpate scene explain my_scene.toml --load '1.5 N'"
     " --tolerance 1e-3 --strict --json\n\n  palpate scene explain everything --steady",
 )

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, make_folder, option, output_options
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate accuracy integrators\n\n  palpate accuracy integrators --out prices --json",
 )
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot integrators.png (default: no plot).")

@@ -10,7 +10,7 @@ from palpate.instrument.errors import ConfigError, PalpateError
 from palpate.procedures.commands import calibrate, sweep
 from palpate.procedures.commands.characterise import characterise
 from palpate.procedures.commands.measure_modulus import modulus
-from palpate.procedures.commands.options import LONGEST, Group
+from palpate.procedures.commands.options import LONGEST, StrictGroup
 from palpate.procedures.commands.settings import SettingsCommand, conducting
 from palpate.procedures.commands.softness import softness
 from palpate.procedures.commands.test import modulus as test_modulus
@@ -25,11 +25,11 @@ OURS = {
 }  # fmt: skip
 
 
-class Known(Group):
+class Known(StrictGroup):
     """A group with a command for each known procedure: palpate's own, and those of installed packages."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        from palpate.procedures.engine.known import names
+        from palpate.procedures.engine.catalogue import names
 
         return ["modulus", *(name for name in names() if name != modulus.procedure)]
 
@@ -73,7 +73,7 @@ def _command(name: str) -> SettingsCommand:
     """
     if ours := modulus if name == "modulus" else OURS.get(name):
         return ours
-    from palpate.procedures.engine.known import procedure_class
+    from palpate.procedures.engine.catalogue import procedure_class
     from palpate.procedures.engine.settings import asked_of
 
     kind = procedure_class(name)

@@ -39,7 +39,7 @@ def modulus(
     thickness: float | None,
     settings: Mapping[str, object],
     dry_run: bool,
-    choice: options.Choice,
+    choice: options.BenchChoice,
     output: options.Output,
 ) -> None:
     """Measure the Young modulus of one object to a tolerance, or as well as a time allows.
@@ -50,7 +50,7 @@ def modulus(
     """
     from palpate.instrument.additions import check_ours
     from palpate.procedures.commands.procedures import chosen_by, measure, plan
-    from palpate.procedures.engine.known import GROUP, WHAT
+    from palpate.procedures.engine.catalogue import GROUP, WHAT
     from palpate.procedures.engine.settings import made
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 

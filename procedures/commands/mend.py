@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, option, output_options
 from palpate.procedures.lab.store import store
 
 
 @click.command(
-    cls=Command, epilog="Examples:\n\n  palpate runs check first-day\n\n  palpate runs check first-day --json"
+    cls=StrictCommand, epilog="Examples:\n\n  palpate runs check first-day\n\n  palpate runs check first-day --json"
 )
 @click.argument("run")
 @output_options
@@ -31,7 +31,7 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
     return 1 if found.faults else 0
 
 
-@click.command(cls=Command, epilog="Examples:\n\n  palpate runs repair first-day --out mended")
+@click.command(cls=StrictCommand, epilog="Examples:\n\n  palpate runs repair first-day --out mended")
 @click.argument("run")
 @option("--out", required=True, type=FILE_NAME, metavar="DIR", help="Folder of the new run.")
 @output_options
@@ -51,7 +51,7 @@ def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate runs install 20260102T030405Z-calibrate-load-cell"
     "\n\n  PALPATE_STORE=/other/store palpate runs install first-day --json",
 )

@@ -14,11 +14,11 @@ from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from palpate.procedures.commands import texts
 from palpate.procedures.commands.model_shear import shear
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictGroup, option, output_options
 from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
 
 # Settings that replace values of the parameter set, with their units and help.
 _SETTINGS = {
@@ -34,7 +34,7 @@ _SETTINGS = {
 }
 
 
-@click.group(cls=Group)
+@click.group(cls=StrictGroup)
 def model() -> None:
     """Ask the sensor models, without a bench."""
 
@@ -49,13 +49,13 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
     def asked(
         design: str, name: str, parameters: str, interface: str | None, tolerance: float | None, **given: object
     ) -> None:
-        from palpate.instrument.models.ratio import Question
+        from palpate.instrument.models.ratio import RatioQuestion
 
         values = {setting: given.pop(setting) for setting in _SETTINGS}
         settings: dict[str, float | str] = {name: value for name, value in values.items() if isinstance(value, float)}
         if interface is not None:
             settings["interface"] = interface
-        command(question=Question(design, name, parameters, settings, tolerance), **given)
+        command(question=RatioQuestion(design, name, parameters, settings, tolerance), **given)
 
     described = [
         option(f"--{name.replace('_', '-')}", callback=texts.quantity(unit, positive=bool(unit)), help=text)
@@ -113,7 +113,11 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
 @question_options
 @output_options
 def ratio(
-    sensed_modulus: tuple[float, ...], at: tuple[float, float] | None, question: Question, as_json: bool, quiet: bool
+    sensed_modulus: tuple[float, ...],
+    at: tuple[float, float] | None,
+    question: RatioQuestion,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Compute the force ratio (tooth force over total force) for objects with given moduli.
 
@@ -177,7 +181,7 @@ def modulus(
     force_ratio: tuple[float, ...],
     uncertainty: float | None,
     calibration: Path | None,
-    question: Question,
+    question: RatioQuestion,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -242,7 +246,9 @@ def modulus(
 @option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
 @question_options
 @output_options
-def plot(sensed_modulus: tuple[float, ...], out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:
+def plot(
+    sensed_modulus: tuple[float, ...], out: Path | None, question: RatioQuestion, as_json: bool, quiet: bool
+) -> None:
     """Draw the deformed sensor, the pressure on its face, and the force ratio over the modulus of the object.
 
     The section is drawn for the first modulus and 1 N. Only the axisymmetric and the solid model compute a section; for

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import click
 
-from palpate.procedures.commands.options import Command, Output, option, output_options
+from palpate.procedures.commands.options import Output, StrictCommand, option, output_options
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate model shear\n\n  palpate model shear --design different_base --sample 2 --json",
 )
 @option("--design", default="common_base", help="single, common_base or different_base.")
@@ -36,7 +36,7 @@ def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
     coarse, films = meshes
     if output.as_json:
         found = [{"film": name, **film.summary(coarse[name])} for name, film in films.items()]
-        output.json({"design": design, "sample": sample, "films": found, "told": model.told(films)})
+        output.json({"design": design, "sample": sample, "films": found, "told": model.shear_pattern(films)})
     elif output.for_people:
         from palpate.procedures.showing.shear import print_shear
 

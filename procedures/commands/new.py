@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictGroup, option, output_options
 
 PACKAGE = """
 Install it, and run its tests, which pass as they stand:
@@ -31,7 +31,7 @@ FOLDER = option(
 )
 
 
-@click.group(cls=Group)
+@click.group(cls=StrictGroup)
 def new() -> None:
     """Begin something of your own: a folder with tests that pass as they stand."""
 

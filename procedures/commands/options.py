@@ -28,7 +28,7 @@ MANY = 100  # entries of a list in JSON
 option = functools.partial(click.option, show_default=True)
 
 
-class Command(click.Command):
+class StrictCommand(click.Command):
     """A command that refuses an option that is given twice; click would silently take the last value."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -45,10 +45,10 @@ class Command(click.Command):
         return super().parse_args(ctx, args)
 
 
-class Group(Command, click.Group):
+class StrictGroup(StrictCommand, click.Group):
     """A group whose commands are of this kind."""
 
-    command_class = Command
+    command_class = StrictCommand
     group_class = type
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -129,7 +129,7 @@ OUT = option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (d
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class BenchChoice:
     """The bench of a command, and its files.
 
     Attributes:
@@ -150,7 +150,7 @@ class Choice:
     assume_mounted: bool = False
     fidelity: float | None = None
 
-    def simulated_on(self, scene: str) -> Choice:
+    def simulated_on(self, scene: str) -> BenchChoice:
         """The same choice, with this scene if neither a scene nor a bench is named."""
         return self if self.bench or self.scene else replace(self, scene=scene)
 
@@ -172,7 +172,7 @@ def bench_options(command: F) -> F:
         quiet: bool,
         **own: object,
     ) -> object:
-        choice = Choice(bench, scene, seed, out, log, assume_mounted, fidelity)
+        choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity)
         return command(choice=choice, output=Output(as_json, quiet), **own)
 
     options: Callable[..., object] = gathered
@@ -237,9 +237,9 @@ class Output:
 
     def prices(self) -> AbstractContextManager[None]:
         """A context in which people are told on stderr what a long computation costs, before it begins."""
-        from palpate.instrument.notice import told
+        from palpate.instrument.notice import notices_to
 
-        return nullcontext() if self.quiet else told(lambda text: say(f"palpate: note: {text}", err=True))
+        return nullcontext() if self.quiet else notices_to(lambda text: say(f"palpate: note: {text}", err=True))
 
     def progress(self, first: str = "opening the bench") -> AbstractContextManager[Progress]:
         """A progress bar on stderr if it is a terminal, else a line now and then, but none beside JSON."""

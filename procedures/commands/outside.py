@@ -14,7 +14,7 @@ def blamed(error: BaseException) -> str:
     from palpate.instrument.additions import additions
     from palpate.instrument.bench.kinds import GROUP as KINDS
     from palpate.instrument.sensor.designs import GROUP as DESIGNS
-    from palpate.procedures.engine.known import GROUP as PROCEDURES
+    from palpate.procedures.engine.catalogue import GROUP as PROCEDURES
     from palpate.procedures.virtual.effects import GROUP as EFFECTS
 
     origins = {

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.instrument.errors import PalpateError, RecordError
-from palpate.procedures.commands.options import Choice, Output
+from palpate.procedures.commands.options import BenchChoice, Output
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.run import open_and_run, prepared
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from palpate.instrument.uncertainty.propagation import Propagated
 
 
-def chosen_by(choice: Choice, model: str | None = None) -> Chosen:
+def chosen_by(choice: BenchChoice, model: str | None = None) -> Chosen:
     """The bench that a command will open. Raises as `choose` does."""
     return choose(choice.bench, choice.scene, choice.seed, model, None, choice.assume_mounted)
 
 
-def chosen_for(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None) -> Chosen:
+def chosen_for(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, model: str | None) -> Chosen:
     """The bench for a procedure: with --fidelity, without the effects that its result does not feel.
 
     Raises as `choose`, `refuse` and `at_fidelity` do.
@@ -52,7 +52,7 @@ def chosen_for(procedure: Procedure[S, P, R], choice: Choice, output: Output, mo
     return chosen
 
 
-def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
+def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, model: str | None = None) -> None:
     """Carry out a procedure on the bench of a command, and show its result. Raises as `open_and_run` does.
 
     What a run on a bench file will take is told before the bench is opened.
@@ -68,7 +68,7 @@ def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model
         tell(procedure, done, output)
 
 
-def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
+def plan(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, model: str | None = None) -> None:
     """Show what a procedure would do, without sending anything. Raises what the procedure's checks raise."""
     from palpate.procedures.showing.plan import print_plan
 

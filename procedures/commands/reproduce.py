@@ -9,12 +9,12 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictGroup, option, output_options
 from palpate.procedures.lab.store import result_folder
 
 
 @click.group(
-    cls=Group,
+    cls=StrictGroup,
     invoke_without_command=True,
     epilog="Examples:\n\n  palpate reproduce\n\n  palpate reproduce --out compared --json",
 )

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, assume_option, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, assume_option, option, output_options
 from palpate.procedures.lab.store import store
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate runs resume 20260102T030405Z-sweep-loads"
     "\n\n  palpate runs resume first-day --bench moved.toml --accept-change --json",
 )
@@ -29,7 +29,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
     another machine computed the stored points, they are compared to a relative 1e-6; the record says so.
     """
     from palpate.procedures.commands.procedures import tell
-    from palpate.procedures.engine.known import class_of
+    from palpate.procedures.engine.catalogue import class_of
     from palpate.procedures.engine.resume import begun, go_on
     from palpate.procedures.lab.keys import keyboard
     from palpate.procedures.records.run import Run, find_run

@@ -18,7 +18,7 @@ from palpate.procedures.commands.contracts import contracts
 from palpate.procedures.commands.measure import measure
 from palpate.procedures.commands.model import model
 from palpate.procedures.commands.new import new
-from palpate.procedures.commands.options import Group
+from palpate.procedures.commands.options import StrictGroup
 from palpate.procedures.commands.outside import blamed
 from palpate.procedures.commands.reproduce import reproduce
 from palpate.procedures.commands.runs import runs
@@ -37,7 +37,7 @@ MOST_FILES = 128  # files that may have to be open at once; a served bench with 
 
 
 @click.group(
-    cls=Group,
+    cls=StrictGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Examples:\n\n  palpate sweep loads\n\n  palpate calibrate load-cell\n\n  palpate runs list",
 )

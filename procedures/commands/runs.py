@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands.mend import check, install, repair
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictGroup, option, output_options
 from palpate.procedures.commands.resume import resume
 from palpate.procedures.lab.store import store
 
 
-@click.group(cls=Group)
+@click.group(cls=StrictGroup)
 def runs() -> None:
     """Look at recorded runs, resume them, repair them, install their calibrations."""
 

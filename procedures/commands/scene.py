@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands.explain import explain, question_options
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictGroup, option, output_options
 
 
-@click.group(cls=Group)
+@click.group(cls=StrictGroup)
 def scene() -> None:
     """Look at the scenes of simulated benches: shipped ones, or files of your own."""
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate.procedures.commands import texts
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, option, output_options
 
 if TYPE_CHECKING:
     from palpate.instrument.bench.description import BenchDescription
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate serve thesis_single --out bench.toml\n\n"
     "  palpate serve thesis_single --out bench.toml --samples 1-6\n\n"
     "  palpate sweep loads --bench bench.toml    (in another terminal)\n\n"

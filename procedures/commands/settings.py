@@ -9,16 +9,24 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate.instrument.errors import ConfigError, UsageError
-from palpate.procedures.commands.options import DRY_RUN, Choice, Command, Output, bench_options, budget_option, option
+from palpate.procedures.commands.options import (
+    DRY_RUN,
+    BenchChoice,
+    Output,
+    StrictCommand,
+    bench_options,
+    budget_option,
+    option,
+)
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.settings import Asked
+    from palpate.procedures.engine.settings import SettingField
 
 FIELD = "field_"  # prefix of a parameter for a field, so that no other parameter of the command has the same name
 MODEL = option("--model", metavar="NAME", help="Sensor model of the scene, as in `palpate model ratio`, or auto.")
 
 
-class SettingsCommand(Command):
+class SettingsCommand(StrictCommand):
     """A command with an option for each setting of a procedure; its function gets those that are given as `settings`.
 
     The options come before --dry-run or --out. They are made when they are asked for: only then is the procedure
@@ -69,9 +77,9 @@ class SettingsCommand(Command):
             self._params[place:place] = own
             self._complete = True
 
-    def settings(self) -> list[Asked]:
+    def settings(self) -> list[SettingField]:
         """The settings that are options. Raises UnknownName, ConfigError: the procedure cannot be used."""
-        from palpate.procedures.engine.known import procedure_class
+        from palpate.procedures.engine.catalogue import procedure_class
         from palpate.procedures.engine.settings import asked_of
 
         return [each for each in asked_of(procedure_class(self.procedure)) if each.name not in self._without]
@@ -105,10 +113,10 @@ def conducting(
     """
 
     def conduct(
-        settings: Mapping[str, object], choice: Choice, output: Output, dry_run: bool, model: str | None = None
+        settings: Mapping[str, object], choice: BenchChoice, output: Output, dry_run: bool, model: str | None = None
     ) -> None:
         from palpate.procedures.commands.procedures import measure, plan
-        from palpate.procedures.engine.known import procedure_class
+        from palpate.procedures.engine.catalogue import procedure_class
         from palpate.procedures.engine.settings import made
 
         chosen = choice if scene is None else choice.simulated_on(scene)
@@ -120,7 +128,7 @@ def conducting(
     return decorate(DRY_RUN(MODEL(benched) if model else benched))
 
 
-def _option(asked: Asked, required: bool) -> click.Option:
+def _option(asked: SettingField, required: bool) -> click.Option:
     says = asked.setting.help
     if asked.default and asked.kind is not bool:
         says = f"{says}  [default: {asked.default}]".lstrip()
@@ -139,7 +147,7 @@ def _option(asked: Asked, required: bool) -> click.Option:
 
 
 def _read(
-    asked: Asked, _context: click.Context, _option: click.Parameter, given: str | bool | tuple[str, ...] | None
+    asked: SettingField, _context: click.Context, _option: click.Parameter, given: str | bool | tuple[str, ...] | None
 ) -> object:
     return None if given is None or given == () else asked.value(given)
 

@@ -39,7 +39,7 @@ def softness(
     thickness: float | None,
     settings: Mapping[str, object],
     dry_run: bool,
-    choice: options.Choice,
+    choice: options.BenchChoice,
     output: options.Output,
 ) -> None:
     """Measure the softness of objects: the Young modulus with two uncertainties, and their order.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, option, output_options
 from palpate.procedures.lab.store import store
 
 AHEAD = 4  # cells that are handed out in advance for each worker, so that none has to wait
@@ -14,7 +14,7 @@ FOLDER = "studies"
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate study study.toml\n\n  palpate study study.toml --workers 8 --to parquet"
     "\n\n  palpate study study.toml --dask tcp://cluster:8786 --json",
 )
@@ -44,14 +44,14 @@ def study(
     from palpate.procedures.study.run import run
     from palpate.procedures.study.store import RECORD, Store
     from palpate.procedures.virtual.executors import executor_of
-    from palpate.procedures.virtual.study_cell import Sweep
+    from palpate.procedures.virtual.study_cell import StudyComputation
 
     output = Output(as_json, quiet)
     if workers is not None and dask is not None:
         raise UsageError("--workers and --dask: the scheduler has workers of its own; leave one option out")
     check_format(to)
     asked = read_study(study)
-    sweep = Sweep.of(asked, str(study))
+    sweep = StudyComputation.of(asked, str(study))
     folder = store() / FOLDER / study.stem if out is None else out
     described = {
         "palpate": metadata.version("palpate"),

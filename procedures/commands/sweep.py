@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import click
 
-from palpate.procedures.commands.options import Group
+from palpate.procedures.commands.options import StrictGroup
 from palpate.procedures.commands.settings import conducting
 
 
-@click.group(cls=Group)
+@click.group(cls=StrictGroup)
 def sweep() -> None:
     """Sweep a quantity and record the sensor's response. At a terminal `p` pauses between points, Ctrl-C stops."""
 

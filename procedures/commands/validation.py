@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import click
 
-from palpate.procedures.commands.options import Command, Output, option, output_options
+from palpate.procedures.commands.options import Output, StrictCommand, option, output_options
 
 
 @click.command(
-    cls=Command,
+    cls=StrictCommand,
     epilog="Examples:\n\n  palpate accuracy validation\n\n  palpate accuracy validation --design single --json",
 )
 @option("--design", help="single, common_base or different_base (default: all).")

@@ -7,8 +7,8 @@ from typing import Any
 
 from palpate.instrument.errors import RecordError
 from palpate.procedures.console.progress import Progress, silent
+from palpate.procedures.engine.catalogue import class_before, outside
 from palpate.procedures.engine.conduct import taken
-from palpate.procedures.engine.known import class_before, outside
 from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.engine.returned import planned
 from palpate.procedures.lab.before import Before, Earlier

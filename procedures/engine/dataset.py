@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.instrument.errors import ConfigError, UnknownName, UsageError
 from palpate.instrument.extras import library
-from palpate.procedures.engine.known import procedure_class
+from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.records.run import Run
 

@@ -59,13 +59,13 @@ class Predicted:
     Attributes:
         seconds: time on hardware, with a quick operator [s].
         u: relative standard uncertainty of the result; None: the procedure predicts none.
-        told: further values for JSON, by their names.
+        details: further values for JSON, by their names.
         lines: the plan for people, in place of a table of its steps.
     """
 
     seconds: float
     u: float | None
-    told: Mapping[str, Any] = field(default_factory=dict)
+    details: Mapping[str, Any] = field(default_factory=dict)
     lines: Sequence[str] = ()
 
 
@@ -79,19 +79,19 @@ class Plan(Generic[S, B]):
     Attributes:
         procedure: name of its procedure.
         steps: its points in order; the most there can be, where the course of the procedure may leave steps out.
-        likely: what the run is predicted to take and to give, where that does not follow from its steps.
+        forecast: what the run is predicted to take and to give, where that does not follow from its steps.
         basis: what the plan rests on, such as the load sets that a tolerance takes; None: only the settings.
     """
 
     procedure: str
     steps: Sequence[S]
-    likely: Predicted | None = None
+    forecast: Predicted | None = None
     basis: B = None  # type: ignore[assignment]  # the default of a procedure without one
 
     @property
     def predicted(self) -> Predicted:
         """What the run is predicted to take and to give; by its steps, if the procedure does not say."""
-        return self.likely or Predicted(math.fsum(step.seconds for step in self.steps), None)
+        return self.forecast or Predicted(math.fsum(step.seconds for step in self.steps), None)
 
     @property
     def seconds(self) -> float:
@@ -107,7 +107,7 @@ class Plan(Generic[S, B]):
             "expected_seconds": predicted.seconds,
             "predicted_seconds": predicted.seconds,
             "predicted_u": predicted.u,
-            **predicted.told,
+            **predicted.details,
             "points": [step.summary() for step in self.steps],
         }
 

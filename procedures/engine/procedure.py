@@ -17,7 +17,7 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
    - `course`, where the points themselves tell when to stop, or when a group of steps, such as a mounted sample, has
      enough: `plan` then lists the most steps, and its `basis` is what `course` and `evaluate` judge them by;
    - `evaluate` and `report` call the functions of 1 and 2.
-4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
+4. Its name goes into `engine/catalogue.py`: then its runs resume and replay, and `palpate measure` makes it a command.
 5. A shorter name, a longer help and a scene of its own are said in `commands/` by `commands.settings.conducting`; its
    options come from the fields. Where these do not suffice, a command of class `SettingsCommand` adds options.
 
@@ -41,7 +41,7 @@ from palpate.procedures.engine.result import Result
 from palpate.procedures.lab.calibrations import Unstored
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import Calibrating
-from palpate.procedures.lab.session import Kept, Outcome, Session
+from palpate.procedures.lab.session import CalibrationKeys, Outcome, Session
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.records.resumed import settings_of
@@ -52,7 +52,7 @@ from palpate.procedures.steps.flags import Judged, check_some_valid
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
     from palpate.instrument.sensor.design import Design
 
 
@@ -231,7 +231,7 @@ class Procedure(ABC, Generic[S, P, R, B]):
         """
         return None
 
-    def model_question(self, design: Design) -> Question | None:
+    def model_question(self, design: Design) -> RatioQuestion | None:
         """What `evaluate` asks a sensor model, for whose calibration by references the store is searched.
 
         None: it asks none, or shall not use a calibration.
@@ -260,7 +260,7 @@ class Procedure(ABC, Generic[S, P, R, B]):
     def evaluate(self, points: Sequence[P], plan: Plan[S, B], lab: Lab) -> R:
         """Compute the result from the points. Raises EstimateError: they give no result."""
 
-    def save_calibration(self, done: Finished[R]) -> Kept:
+    def save_calibration(self, done: Finished[R]) -> CalibrationKeys:
         """Store a calibration for later runs, after all else that follows from the points.
 
         The engine calls it before it calls the run complete, so a run that was killed here does it once more.

@@ -46,7 +46,7 @@ def predicted(steps: Sequence[Step], results: Sequence[Expected], u: float | Non
 
 def expected_of(plan: Plan[S]) -> list[Expected]:
     """The results that a plan predicts."""
-    return [Expected(**row) for row in plan.predicted.told.get(RESULTS, ())]
+    return [Expected(**row) for row in plan.predicted.details.get(RESULTS, ())]
 
 
 def achieved(expected: Sequence[Expected], result: Result) -> list[Expected]:

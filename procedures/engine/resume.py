@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from palpate.instrument.errors import UsageError
 from palpate.procedures.console.progress import Progress, silent
-from palpate.procedures.engine.known import class_of
+from palpate.procedures.engine.catalogue import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.result import Result
 from palpate.procedures.engine.run import open_and_run

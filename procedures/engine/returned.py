@@ -10,12 +10,12 @@ from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Finished, Measurement, P, Procedure, R, S, Work
 from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.lab.session import Kept, reserved
+from palpate.procedures.lab.session import CalibrationKeys, reserved
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.records.record import Recorder
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
     from palpate.instrument.sensor.design import Design
 
 
@@ -48,14 +48,14 @@ def planned(procedure: Procedure[S, P, R], target: Target) -> tuple[Procedure[S,
     return procedure, plan
 
 
-def asked(procedure: Procedure[S, P, R], design: Design) -> Question | None:
+def asked(procedure: Procedure[S, P, R], design: Design) -> RatioQuestion | None:
     """What it asks a sensor model. Raises ConfigError: `model_question` returned something else."""
     found = procedure.model_question(design)
     if found is None:
         return None
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
 
-    if not isinstance(found, Question):
+    if not isinstance(found, RatioQuestion):
         raise _wrong(procedure, f"model_question returned {quoted(found)}", "it must return a Question or None")
     return found
 
@@ -122,14 +122,14 @@ def evaluated(procedure: Procedure[S, P, R], points: Sequence[P], plan: Plan[S],
     return result
 
 
-def calibration_saved(procedure: Procedure[S, P, R], done: Finished[R]) -> Kept:
+def calibration_saved(procedure: Procedure[S, P, R], done: Finished[R]) -> CalibrationKeys:
     """Store a calibration for later runs. Raises RecordError; ConfigError: `save_calibration` returned other keys."""
     keys = procedure.save_calibration(done)
-    if not isinstance(keys, Mapping) or keys.keys() - Kept.__annotations__.keys():
+    if not isinstance(keys, Mapping) or keys.keys() - CalibrationKeys.__annotations__.keys():
         raise _wrong(
             procedure,
             f"save_calibration returned {quoted(keys)}",
-            f"it must return a mapping of {', '.join(Kept.__annotations__)}",
+            f"it must return a mapping of {', '.join(CalibrationKeys.__annotations__)}",
         )
     return keys
 

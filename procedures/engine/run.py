@@ -9,8 +9,8 @@ from pathlib import Path
 from palpate.instrument.additions import check_ours
 from palpate.procedures.console.progress import Progress, expect, silent
 from palpate.procedures.engine.again import bring_back
+from palpate.procedures.engine.catalogue import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.conduct import taken
-from palpate.procedures.engine.known import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.promise import achieved, expected_of, greatest

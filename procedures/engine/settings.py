@@ -62,7 +62,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class SettingField:
     """A field of a procedure that can be given as text.
 
     Attributes:
@@ -153,7 +153,7 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
             raise UsageError(f"{told}{inside} {wrong(first)}; its type is {kind}") from None
 
 
-def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
+def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[SettingField, ...]:
     """The settings of a procedure, in the order in which its class takes them.
 
     Raises ConfigError: one cannot be given as text.
@@ -185,7 +185,7 @@ def made(kind: type[T], values: Mapping[str, object]) -> T:
         raise UsageError(f"procedure {kind.name!r}: {error}") from error
 
 
-def _asked(field: Field[object], hint: object, who: str) -> Asked:
+def _asked(field: Field[object], hint: object, who: str) -> SettingField:
     where = f"{who}: field {field.name!r}"
     bare, setting = _unwrapped(hint)
     listed = get_origin(bare) is tuple
@@ -216,7 +216,7 @@ def _asked(field: Field[object], hint: object, who: str) -> Asked:
         raise ConfigError(f"{where} has no default: its factory fails ({type(error).__name__}: {error})") from error
     required = default is MISSING
     one = "|".join(choices) or (f"<{setting.unit}>" if setting.unit else PLAIN.get(kind, "TEXT"))
-    return Asked(
+    return SettingField(
         field.name,
         setting.option or "--" + field.name.strip("_").replace("_", "-"),
         kind,

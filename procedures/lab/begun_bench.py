@@ -7,21 +7,21 @@ from typing import Any
 
 import tomli_w
 
-from palpate.drivers.scan.found import Found
+from palpate.drivers.scan.found import FoundDevice
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import DeviceKind
-from palpate.instrument.bench.links import CanLink, Link, SerialLine, TcpLink
+from palpate.instrument.bench.links import CanBus, Link, SerialLine, TcpLink
 from palpate.instrument.config import check
 from palpate.instrument.errors import ConfigError
 
 NAMES: dict[type[Link], tuple[str, str]] = {
     TcpLink: ("modbus-tcp", "tcp"),
     SerialLine: ("modbus-rtu", "line"),
-    CanLink: ("canopen", "can"),
+    CanBus: ("canopen", "can"),
 }  # fmt: skip
 
 
-def begun_bench(found: Sequence[Found], kinds: Sequence[DeviceKind]) -> str:
+def begun_bench(found: Sequence[FoundDevice], kinds: Sequence[DeviceKind]) -> str:
     """The text of a bench file with each device that one kind fits; the others are comments in it.
 
     What such a file still lacks, as a kind for a device that is not known, stands in its first lines.
@@ -33,7 +33,7 @@ def begun_bench(found: Sequence[Found], kinds: Sequence[DeviceKind]) -> str:
     for each in found:
         link = _link(links, each.link)
         place = {"link": link, "node" if each.kind == "canopen" else "unit": each.unit}
-        if each.known:
+        if each.identified:
             kind = by_name[each.fits[0]]
             section = kind.key | place
             if kind.map is not None and each.kind != "modbus-tcp":

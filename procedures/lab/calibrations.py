@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, TypeVar
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.bench.kinds import Role
-from palpate.instrument.calibration.calibration import ANY, Calibration, Owner
+from palpate.instrument.calibration.calibration import ANY, Calibration, CalibrationOwner
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import read_hashed
 from palpate.instrument.durable import make_folder
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
@@ -30,7 +30,7 @@ from palpate.procedures.steps.checks import check_loads
 
 if TYPE_CHECKING:
     from palpate.instrument.findings.object_modulus import ByReferences
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
 
 NO_GAGE_FACTOR = 1.0  # of an indicator that has no such setting
 KEPT = "calibration.toml"  # in the folder of a run: what it has for later runs
@@ -42,13 +42,17 @@ class Unstored(RecordError):
     """A calibration is kept in the folder of its run, but cannot be put into the store for later runs."""
 
 
-def path_of(kind: type[Calibration], of: Owner) -> Path:
+def path_of(kind: type[Calibration], of: CalibrationOwner) -> Path:
     """File in the store for the calibration of a kind that belongs to an owner."""
     return store() / "calibrations" / of.file_name(kind.kind)
 
 
 def stored(
-    kind: type[C], of: Owner, certain: bool, today: date | None = None, check: Check[C] = lambda _calibration: None
+    kind: type[C],
+    of: CalibrationOwner,
+    certain: bool,
+    today: date | None = None,
+    check: Check[C] = lambda _calibration: None,
 ) -> list[C]:
     """What the store has of a kind for an owner, which may be of `ANY` device; the newest comes first.
 
@@ -68,7 +72,7 @@ def stored(
     return sorted(found, key=lambda each: each.created, reverse=True)
 
 
-def own(kind: type[C], of: Owner, today: date, check: Check[C] = lambda _calibration: None) -> C | None:
+def own(kind: type[C], of: CalibrationOwner, today: date, check: Check[C] = lambda _calibration: None) -> C | None:
     """The stored calibration of a kind that belongs to an owner; None: there is none.
 
     Raises ConfigError, which names the file: it cannot be read, was changed by hand, belongs to another owner, has
@@ -90,7 +94,11 @@ def _is_there(path: Path) -> bool:
 
 
 def _checked(
-    path: Path, found: C, today: date | None, check: Check[C] = lambda _calibration: None, of: Owner | None = None
+    path: Path,
+    found: C,
+    today: date | None,
+    check: Check[C] = lambda _calibration: None,
+    of: CalibrationOwner | None = None,
 ) -> C:
     """A calibration of a file, checked. Raises ConfigError, which names the file."""
     try:
@@ -187,13 +195,13 @@ def _before(calibration: Calibration) -> Calibration | None:
     return None
 
 
-def mountings_of(of: Owner, today: date) -> MountingScatter | None:
+def mountings_of(of: CalibrationOwner, today: date) -> MountingScatterCalibration | None:
     """The newest stored scatter of mountings of a sensor's design. None: none is stored, or it has expired.
 
     Raises ConfigError: it is damaged or was changed by hand. What may be of another real sensor does not count instead:
     the bench will tell of it when it is open.
     """
-    found = stored(MountingScatter, of, certain=of.scene is not None or of.device != ANY)
+    found = stored(MountingScatterCalibration, of, certain=of.scene is not None or of.device != ANY)
     return next((each for each in found if each.lasts_on(today)), None)
 
 
@@ -257,7 +265,7 @@ def check_store(loads: Sequence[float], extrapolate: bool, scene: str | None, to
     """
     told = False
     refusals: list[PalpateError] = []
-    pattern = path_of(LoadCellCalibration, Owner(ANY, scene, scene is not None))
+    pattern = path_of(LoadCellCalibration, CalibrationOwner(ANY, scene, scene is not None))
     for path in sorted(pattern.parent.glob(pattern.name)):
         try:
             found = read_hashed(path, LoadCellCalibration)
@@ -290,7 +298,9 @@ def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | Non
     return found
 
 
-def model_of(bench: Bench, question: Question, films: FilmCalibration | None, today: date) -> ModelCalibration | None:
+def model_of(
+    bench: Bench, question: RatioQuestion, films: FilmCalibration | None, today: date
+) -> ModelCalibration | None:
     """The stored calibration of the model that answers a question. None: there is none.
 
     Args:
@@ -310,8 +320,8 @@ def model_of(bench: Bench, question: Question, films: FilmCalibration | None, to
     return found
 
 
-def asked_of(question: Question) -> tuple[str, ...]:
-    """What a calibration by references is of that answers a question, as for `Owner`."""
+def asked_of(question: RatioQuestion) -> tuple[str, ...]:
+    """What a calibration by references is of that answers a question, as for `CalibrationOwner`."""
     from palpate.instrument.findings.object_modulus import answering
 
     thickness = question.load(question.sensor().ring.material.modulus).sensed.thickness

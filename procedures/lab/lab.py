@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SampleChanger, SensorNode
 from palpate.instrument.bench.kinds import DeviceKind, Role, frequency_step
-from palpate.instrument.calibration.calibration import UNKNOWN, Owner
+from palpate.instrument.calibration.calibration import UNKNOWN, CalibrationOwner
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.mounts import BY_HAND, Mounts, mounts_by
@@ -59,7 +59,7 @@ class Target:
     references: ByReferences | None = None
     load_cell: LoadCellCalibration | None = None
     scene: str | None = None
-    mountings: MountingScatter | None = None
+    mountings: MountingScatterCalibration | None = None
     mounts: Mounts = BY_HAND
 
 
@@ -74,9 +74,9 @@ def with_kinds(target: Target, kind_in: Callable[[Role], DeviceKind | None]) -> 
     )
 
 
-def owner(bench: Bench, role: type[Any], *of: str) -> Owner:
+def owner(bench: Bench, role: type[Any], *of: str) -> CalibrationOwner:
     """Whose the calibrations of an open bench's device are; `of` is what else tells them apart."""
-    return Owner(bench.role(role).serial or UNKNOWN, bench.description.scene, bench.simulated, of)
+    return CalibrationOwner(bench.role(role).serial or UNKNOWN, bench.description.scene, bench.simulated, of)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ class Lab:
     run: str = ""
     started: datetime = field(default_factory=lambda: datetime.now(UTC))
     references: ModelCalibration | None = None
-    mountings: MountingScatter | None = None
+    mountings: MountingScatterCalibration | None = None
 
     @property
     def scene(self) -> str | None:

@@ -12,7 +12,7 @@ from palpate.drivers.logs.bus_replay import BusReplay
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import check, parse
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.operator import Mounting
@@ -38,7 +38,7 @@ class Used:
     calibration: LoadCellCalibration
     films: FilmCalibration | None
     references: ModelCalibration | None
-    mountings: MountingScatter | None
+    mountings: MountingScatterCalibration | None
 
     @classmethod
     def of(cls, header: Mapping[str, Any], where: str) -> Self:
@@ -104,7 +104,7 @@ def load_cell_in(header: Mapping[str, Any], where: str) -> LoadCellCalibration:
     return check(header["calibration"], LoadCellCalibration, where)
 
 
-def mountings_in(header: Mapping[str, Any], where: str) -> MountingScatter | None:
+def mountings_in(header: Mapping[str, Any], where: str) -> MountingScatterCalibration | None:
     """The scatter of mountings that was stored when a run began, from its header. Raises ConfigError: it is wrong."""
     found = header.get("mounting_scatter")
-    return None if found is None else check(found, MountingScatter, where)
+    return None if found is None else check(found, MountingScatterCalibration, where)

@@ -10,8 +10,7 @@ from typing import Self
 from palpate.drivers.bench_lock import BenchLock
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.lss import BIT_TIMING, LssAddress, selected
-from palpate.instrument.bench import links
-from palpate.instrument.bench.links import Link
+from palpate.instrument.bench.links import CanBus, Link
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError, DeviceError, LinkTimeout, RangeError, UsageError
 
@@ -30,7 +29,7 @@ class Change:
         save: whether the device keeps both when it is switched off.
     """
 
-    bus: links.CanLink
+    bus: CanBus
     address: LssAddress
     node: int | None
     bitrate: int | None
@@ -58,7 +57,7 @@ class Change:
     ) -> Self:
         """Read the arguments of the command. Raises UsageError, RangeError, ConfigError."""
         interface, _, channel = can.partition(":")
-        bus = check({"interface": interface, "channel": channel, "bitrate": at}, links.CanLink, f"--can {can}")
+        bus = check({"interface": interface, "channel": channel, "bitrate": at}, CanBus, f"--can {can}")
         return cls(bus, address, node, bitrate, save)
 
     def __str__(self) -> str:

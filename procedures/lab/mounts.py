@@ -35,7 +35,7 @@ class Mounts:
         """The part of a mounting that a person takes [s]."""
         return 0.0 if self.changer else self.seconds
 
-    def told(self, mountings: int, again: bool = False) -> str:
+    def described(self, mountings: int, again: bool = False) -> str:
         """Who takes how long of a plan for so many mountings, which are `again` those of one object; for people."""
         following = self.again if again else self.seconds
         seconds = self.seconds + (mountings - 1) * following

@@ -41,7 +41,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
 
 Calibrating = Literal["load cell", "films"]
 
@@ -91,7 +91,7 @@ class OpenBench:
         run: str,
         started: datetime,
         calibrating: Calibrating | None = None,
-        question: Question | None = None,
+        question: RatioQuestion | None = None,
         used: Used | None = None,
     ) -> Lab:
         """The bench with the calibrations that are stored now; a logged run has its own calibrations.

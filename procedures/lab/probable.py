@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import UTC, date, datetime
 from typing import TYPE_CHECKING
 
-from palpate.instrument.calibration.calibration import ANY, Owner
+from palpate.instrument.calibration.calibration import ANY, CalibrationOwner
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
@@ -14,7 +14,7 @@ from palpate.procedures.lab.calibrations import asked_of, stored
 
 if TYPE_CHECKING:
     from palpate.instrument.findings.object_modulus import ByReferences
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
     from palpate.procedures.lab.lab import Target
 
 
@@ -23,10 +23,10 @@ def probable_load_cell(scene: str | None) -> LoadCellCalibration | None:
 
     `scene` is the identity of the scene that simulates the bench; None: it may be real.
     """
-    return next(iter(stored(LoadCellCalibration, Owner(ANY, scene, scene is not None), certain=False)), None)
+    return next(iter(stored(LoadCellCalibration, CalibrationOwner(ANY, scene, scene is not None), certain=False)), None)
 
 
-def probable_references(question: Question, scene: str | None, today: date) -> ByReferences | None:
+def probable_references(question: RatioQuestion, scene: str | None, today: date) -> ByReferences | None:
     """The newest stored calibration of the model that answers a question, before it is known which bench will answer.
 
     One of another scene is of another sensor. Of a real bench one that is damaged or has expired does not count: the
@@ -42,11 +42,11 @@ def probable_references(question: Question, scene: str | None, today: date) -> B
     from palpate.instrument.findings.object_modulus import ByReferences
 
     certain = scene is not None
-    found = stored(ModelCalibration, Owner(ANY, scene, certain, asked_of(question)), certain, today)
+    found = stored(ModelCalibration, CalibrationOwner(ANY, scene, certain, asked_of(question)), certain, today)
     return ByReferences(found[0], found[0].film_calibration is None) if found else None
 
 
-def references_on(target: Target, question: Question) -> ByReferences | None:
+def references_on(target: Target, question: RatioQuestion) -> ByReferences | None:
     """The model's calibration by references on a bench; before it is open, the one that it probably has."""
     if target.calibrated is not None:
         return target.references
@@ -62,6 +62,6 @@ def with_films(target: Target) -> Target:
     if target.calibrated is not None:
         return target
     design, today = target.design, datetime.now(UTC).date()
-    whose = Owner(ANY, target.scene, target.scene is not None, (design.name,))
+    whose = CalibrationOwner(ANY, target.scene, target.scene is not None, (design.name,))
     found = stored(FilmCalibration, whose, certain=False, today=today, check=lambda c: c.check_films(design))
     return replace(target, design=found[0].apply(design)) if found else target

@@ -13,7 +13,7 @@ from palpate.drivers.scan.can_scan import check_allowed, scan_can
 from palpate.drivers.scan.found import Search
 from palpate.drivers.scan.modbus_scan import LAST, scan_line, scan_tcp, settings
 from palpate.instrument.bench.kinds import DeviceKind, all_kinds, check_identities, kind_in_file
-from palpate.instrument.bench.links import CanLink, Link, SerialLine, TcpLink
+from palpate.instrument.bench.links import CanBus, Link, SerialLine, TcpLink
 from palpate.instrument.config import check
 from palpate.instrument.contracts.declaration import ITSELF
 from palpate.instrument.errors import RangeError, UsageError
@@ -28,7 +28,7 @@ PER_UNIT = 2  # time-outs that a unit costs that does not answer: the second mak
 
 
 @dataclass
-class Plan:
+class ScanPlan:
     """What a search asks.
 
     Attributes:
@@ -49,7 +49,7 @@ class Plan:
     kinds: list[DeviceKind]
     tcp: list[TcpLink]
     lines: list[list[SerialLine]]
-    buses: list[CanLink]
+    buses: list[CanBus]
     units: list[int]
     nodes: list[int]
     every: bool
@@ -102,7 +102,7 @@ class Plan:
             buses = [
                 check(
                     {"interface": interface, "channel": channel, "bitrate": rate, "timeout": f"{timeout} s"},
-                    CanLink,
+                    CanBus,
                     f"--can {can}",
                 )
                 for rate in rates

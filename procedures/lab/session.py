@@ -37,7 +37,7 @@ from palpate.procedures.records.run import Run
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import Question
+    from palpate.instrument.models.ratio import RatioQuestion
 
 
 class Promise(TypedDict):
@@ -84,7 +84,7 @@ class Reduced(TypedDict, total=False):
     left_out: list[str]
 
 
-class Kept(TypedDict, total=False):
+class CalibrationKeys(TypedDict, total=False):
     """Keys that a calibration run adds to its outcome, or replaces there."""
 
     calibration: str
@@ -223,7 +223,7 @@ def recording(
     folder: Path,
     *,
     calibrating: Calibrating | None = None,
-    question: Question | None = None,
+    question: RatioQuestion | None = None,
     manual_work: str = "",
     automated_by: Role | None = None,
     outside: Addition | None = None,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.drivers.logs.bus_log import RUN, WHOLE_FORMAT, kind_called, logged
-from palpate.drivers.logs.can_frames import Frame, frame_of, read_frames
+from palpate.drivers.logs.can_frames import CanFrame, frame_of, read_frames
 from palpate.drivers.logs.pcapng import Link, NotALog, Packet, read_pcapng
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.contracts import sensor_node
@@ -30,7 +30,7 @@ EXPEDITED = 2  # bit of an SDO command
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class ShownMessage:
     """One message for people.
 
     Attributes:
@@ -48,7 +48,7 @@ class Line:
     channel: str = ""
 
 
-def read_log(path: Path) -> Iterator[Line]:
+def read_log(path: Path) -> Iterator[ShownMessage]:
     """The messages of a log, in their order.
 
     Raises:
@@ -68,7 +68,7 @@ def read_log(path: Path) -> Iterator[Line]:
         raise RecordError(f"{path}: damaged: {error}; the messages before the damage are good") from error
 
 
-def _messages(packets: Iterator[Packet]) -> Iterator[Line]:
+def _messages(packets: Iterator[Packet]) -> Iterator[ShownMessage]:
     talks: dict[str, Conversation] = {}  # by device
     maps: dict[str, Contract] = {}
     for packet in packets:
@@ -81,7 +81,7 @@ def _messages(packets: Iterator[Packet]) -> Iterator[Line]:
         yield _line(packet, talk)
 
 
-def _line(packet: Packet, talk: Conversation) -> Line:
+def _line(packet: Packet, talk: Conversation) -> ShownMessage:
     if packet.link is Link.CAN:
         return _frame(frame_of(packet), talk.contract or NODE, talk.known)
     return _modbus(packet, talk)
@@ -98,11 +98,11 @@ def described(packet: Packet) -> str:
 # --- Modbus --------------------------------------------------------------------------------------------
 
 
-def _modbus(packet: Packet, talk: Conversation) -> Line:
+def _modbus(packet: Packet, talk: Conversation) -> ShownMessage:
     pdu = packet.data[1:-2] if packet.link is Link.LINE else packet.data[7:]
     arrow = "<-" if packet.sent else "->"
     text = talk.pdu(pdu, sent=packet.sent) if pdu else "empty"
-    return Line(packet.time_ns / 1e9, packet.who, f"{arrow} {text}", packet.data.hex(" "))
+    return ShownMessage(packet.time_ns / 1e9, packet.who, f"{arrow} {text}", packet.data.hex(" "))
 
 
 def _contract(who: str) -> Contract | None:
@@ -126,16 +126,16 @@ def _maps(packet: Packet) -> dict[str, Contract]:
 # --- CANopen -------------------------------------------------------------------------------------------
 
 
-def _frame(frame: Frame, contract: Contract = NODE, known: dict[str, float] | None = None) -> Line:
+def _frame(frame: CanFrame, contract: Contract = NODE, known: dict[str, float] | None = None) -> ShownMessage:
     if frame.kind != "data" or frame.extended:
-        return Line(frame.time, "bus", _no_message(frame), frame.data.hex(" "), frame.channel)
+        return ShownMessage(frame.time, "bus", _no_message(frame), frame.data.hex(" "), frame.channel)
     node, kind = frame.identifier & NODE_BITS, frame.identifier & ~NODE_BITS
     who = f"node {node}" if node else "all nodes"
     text = _message(contract, frame.identifier, node, kind, frame.data, {} if known is None else known)
-    return Line(frame.time, who, text, frame.data.hex(" "), frame.channel)
+    return ShownMessage(frame.time, who, text, frame.data.hex(" "), frame.channel)
 
 
-def _no_message(frame: Frame) -> str:
+def _no_message(frame: CanFrame) -> str:
     """Text of a frame that is no message of CANopen: those have 11 bits and data."""
     if frame.kind == "error":
         return "error frame"

@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 
 from palpate.instrument.allocation.allocate import Allocation
-from palpate.instrument.allocation.lines import Costs, Line, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, budget
 
 MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without the tolerance
 MOST_SETS = 10_000  # of a plan, and of a run
 
 
-def in_rounds(lines: Sequence[Line], costs: Costs, sets: int, dwell: float, each: int = 1) -> Allocation:
+def in_rounds(lines: Sequence[BudgetLine], costs: Costs, sets: int, dwell: float, each: int = 1) -> Allocation:
     """The plan of one mounting with `sets` sets or a few more, in whole rounds of `each`, and a dwell of a set [s]."""
     sets = each * math.ceil(sets / each)
     reached = budget(lines, 1, sets, dwell)

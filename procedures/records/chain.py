@@ -48,7 +48,7 @@ Content = tuple[bytes, int, Sequence[Bytes]]  # kind and id of a frame, parts of
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class RecordFrame:
     """A frame in a file: `at` is where it begins, `hash` is the hash that it holds of itself."""
 
     chain: bytes
@@ -155,7 +155,7 @@ class ChainFile:
             at, length = at + len(part), length - len(part)
         return b"".join(parts)
 
-    def frame(self, at: int) -> Frame | None:
+    def frame(self, at: int) -> RecordFrame | None:
         """The frame that begins at a place; None: none begins there and ends within the file.
 
         Its content is not checked.
@@ -167,9 +167,9 @@ class ChainFile:
         if length > LARGEST_ROW or at + AROUND + length > self.size:
             return None
         check = self.read(at + FRAME.size + length, HASH)
-        return Frame(chain, number, kind, own, flags, length, before, check, at) if len(check) == HASH else None
+        return RecordFrame(chain, number, kind, own, flags, length, before, check, at) if len(check) == HASH else None
 
-    def content(self, frame: Frame) -> bytes | None:
+    def content(self, frame: RecordFrame) -> bytes | None:
         """Content of a frame; None: the frame is damaged."""
         whole = self.read(frame.at, AROUND + frame.length)
         body = memoryview(whole)[:-HASH]
@@ -177,7 +177,7 @@ class ChainFile:
             return None
         return bytes(body[FRAME.size :])
 
-    def walk(self, head: Head | None) -> Iterator[Frame]:
+    def walk(self, head: Head | None) -> Iterator[RecordFrame]:
         """Frames of the chain from the first one to where the chain breaks or ends.
 
         Of frames that the head counts only the links are checked, because the head's hash proves them. Behind them each
@@ -192,7 +192,7 @@ class ChainFile:
             yield frame
             at, number, before, chain = frame.end, number + 1, frame.hash, frame.chain
 
-    def scan(self) -> Iterator[Frame]:
+    def scan(self) -> Iterator[RecordFrame]:
         """Every undamaged frame, wherever it lies. The search ends after too many bytes of false frames."""
         at, in_vain = 0, 0
         while (at := self._find(MAGIC, at)) >= 0 and in_vain < MOST_IN_VAIN:
@@ -221,16 +221,16 @@ class ChainFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Chain:
+class HashChain:
     """A chain whose links are checked as far as its head counts. Contents are verified when they are read."""
 
     file: ChainFile
     head: Head
-    frames: list[Frame]
+    frames: list[RecordFrame]
 
 
 @contextlib.contextmanager
-def opened(path: Path, head_path: Path) -> Iterator[Chain]:
+def opened(path: Path, head_path: Path) -> Iterator[HashChain]:
     """Open the chain in a file, also while it is being written. Raises OSError: no file; ValueError: it is damaged."""
     with ChainFile(path) as file:
         told = read_head(head_path)
@@ -245,7 +245,7 @@ def opened(path: Path, head_path: Path) -> Iterator[Chain]:
         yield chain
 
 
-def _linked(file: ChainFile, head: Head | None, fault: str, name: str) -> Chain:
+def _linked(file: ChainFile, head: Head | None, fault: str, name: str) -> HashChain:
     frames = list(file.walk(head))
     if head is None or fault:
         raise ValueError(fault)
@@ -258,7 +258,7 @@ def _linked(file: ChainFile, head: Head | None, fault: str, name: str) -> Chain:
     ends = [frame.end for frame in frames[head.frames :] if frame.flags & LAST]
     if len(ends) > 1 or not all(map(file.only_zeros, ends)):  # the writer is never further ahead
         raise ValueError(f"{name} is older than the rows that it counts")
-    return Chain(file, head, frames)
+    return HashChain(file, head, frames)
 
 
 # --- writing -------------------------------------------------------------------------------------------

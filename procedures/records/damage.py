@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records.chain import ChainFile, Frame, check_holes, read_head
+from palpate.procedures.records.chain import ChainFile, RecordFrame, check_holes, read_head
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD, SIMULATED, WAVE, Record, whole_waveforms
 from palpate.procedures.records.run import Run, last_modified, reading
 
 
 @dataclass(slots=True)
-class Found:
+class DamageReport:
     """Result of a check.
 
     Attributes:
@@ -38,9 +38,9 @@ class Found:
     faults: list[str] = field(default_factory=list)
 
 
-def check(folder: Path) -> Found:
+def check(folder: Path) -> DamageReport:
     """Verify every row of a run, that none is missing, and that they make sense together. Raises nothing."""
-    found = Found(folder.absolute())
+    found = DamageReport(folder.absolute())
     try:
         run = Run.open(folder)
         with reading(run.folder) as stored:
@@ -59,7 +59,7 @@ def check(folder: Path) -> Found:
     return found
 
 
-def _faults(stored: Record, found: Found) -> Iterator[str]:
+def _faults(stored: Record, found: DamageReport) -> Iterator[str]:
     yield from stored.faults()
     last_ns = 0
     for expected, point in enumerate(stored.points(), 1):
@@ -138,12 +138,12 @@ def _of_chain(file: ChainFile, head_file: Path) -> Left:
     chain, _ = Counter(frame.chain for frame in found).most_common(1)[0] if found else (b"", 0)
     if head is not None and head.chain != chain:
         head, fault = None, f"{HEAD_FILE} is that of another run"
-    numbered: dict[int, Frame] = {}
+    numbered: dict[int, RecordFrame] = {}
     for frame in found:
         if frame.chain == chain:
             numbered.setdefault(frame.number, frame)
     frames = [frame for _, frame in sorted(numbered.items())]
-    waves: dict[int, list[Frame]] = {}
+    waves: dict[int, list[RecordFrame]] = {}
     listed: dict[int, list[Any]] = {}
     left = Left()
     for frame in frames:

@@ -27,7 +27,7 @@ import numpy as np
 
 from palpate.instrument.errors import RangeError
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import LARGEST_ROW, Chain, ChainFile, Content, Frame, Head
+from palpate.procedures.records.chain import LARGEST_ROW, ChainFile, Content, HashChain, Head, RecordFrame
 
 RECORD, HEAD_FILE = "run.record", "run.head"
 FORMAT = 4
@@ -55,7 +55,7 @@ class Waveform:
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class StoredPoint:
     """A point as it is stored: `text` is its data as canonical JSON, `waveforms` are the names of its waveforms."""
 
     id: int
@@ -177,15 +177,15 @@ class Record:
         header: the header, without `status` and `summary`.
     """
 
-    def __init__(self, linked: Chain) -> None:
+    def __init__(self, linked: HashChain) -> None:
         """Read the frames of a chain. Raises ValueError: it is no run, or damaged."""
         self._file, self.head, self.frames = linked.file, linked.head, linked.frames
         head = self.head
         self.status = "running"
         self.summary: Mapping[str, Any] = {}
-        self._points: dict[int, Frame] = {}
-        self._waves: dict[int, list[Frame]] = {}
-        self._events: list[Frame] = []
+        self._points: dict[int, RecordFrame] = {}
+        self._waves: dict[int, list[RecordFrame]] = {}
+        self._events: list[RecordFrame] = []
         header = self.json(self.frames[0])
         if self.frames[0].kind != HEADER or header["format"] != FORMAT:
             raise ValueError(f"its record format is not {FORMAT}")
@@ -213,11 +213,13 @@ class Record:
         """Number of points."""
         return len(self._points)
 
-    def points(self) -> Iterator[Point]:
+    def points(self) -> Iterator[StoredPoint]:
         """All points in order."""
         for point_id, frame in self._points.items():
             found = self.json(frame)
-            yield Point(point_id, found["bench_ns"], as_json(found["data"]), tuple(w[0] for w in found["waveforms"]))
+            yield StoredPoint(
+                point_id, found["bench_ns"], as_json(found["data"]), tuple(w[0] for w in found["waveforms"])
+            )
 
     def events(self) -> list[dict[str, Any]]:
         """All events in order: `bench_ns`, `kind`, `message`."""
@@ -257,7 +259,7 @@ class Record:
         """Bytes of the whole frames that the head does not count yet."""
         return self._file.read(self.head.length, self.head_at_end().length - self.head.length)
 
-    def json(self, frame: Frame) -> Any:
+    def json(self, frame: RecordFrame) -> Any:
         """The content of a frame. Raises ValueError: it is damaged."""
         content = self._file.content(frame)
         if content is None:
@@ -265,7 +267,7 @@ class Record:
         return json.loads(content)
 
 
-def whole_waveforms(file: ChainFile, frames: Iterable[Frame], listed: list[Any]) -> dict[str, np.ndarray]:
+def whole_waveforms(file: ChainFile, frames: Iterable[RecordFrame], listed: list[Any]) -> dict[str, np.ndarray]:
     """Samples (n,) float32 by name, of each waveform of a point that its WAVE frames hold completely.
 
     Args:
@@ -292,7 +294,7 @@ def whole_waveforms(file: ChainFile, frames: Iterable[Frame], listed: list[Any])
     return found
 
 
-def named(frame: Frame) -> str:
+def named(frame: RecordFrame) -> str:
     """Name of a frame in messages."""
     match frame.kind:
         case b"HEAD":

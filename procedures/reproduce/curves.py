@@ -21,7 +21,7 @@ from palpate.instrument.models.parameter_sets import ParameterSet, get_parameter
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.thesis import Table
+from palpate.instrument.thesis import ThesisTable
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.reproduce.solutions import Solutions
 
@@ -38,13 +38,13 @@ Solved = tuple[float, float, float, float, float]
 QUANTITIES = 5
 
 
-def ring_of(table: Table) -> float:
+def ring_of(table: ThesisTable) -> float:
     """Young modulus of the ring in a table of finite elements [Pa]."""
     return float(table.values("compliant_modulus_Pa")[0])
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class CurveCase:
     """Case of one curve: sensor, finite-element model, parameter set, and modulus of the ring [Pa]."""
 
     design: str
@@ -68,7 +68,7 @@ class Case:
         return (round_parameters if self.model == "axisymmetric" else solid_parameters)(sensor, load)
 
     @property
-    def like(self) -> Case | None:
+    def like(self) -> CurveCase | None:
         """A case with nearly the same curve over the ratio of moduli: the softer ring's, or the common base's."""
         if self.ring != RING:
             return replace(self, ring=RING)
@@ -83,7 +83,7 @@ class Case:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class SensorCurve:
     """Curves of a sensor under 1 N.
 
     Attributes:
@@ -137,14 +137,14 @@ class Curves:
 
     def __init__(
         self,
-        wanted: Iterable[Case],
+        wanted: Iterable[CurveCase],
         extra: int = 0,
         progress: Progress = lambda *_: None,
         solutions: Solutions | None = None,
     ) -> None:
         self.solutions = Solutions() if solutions is None else solutions
-        self._curves: dict[Case, Curve] = {}
-        self._solved: dict[tuple[Case, float, int], Solved] = {}
+        self._curves: dict[CurveCase, SensorCurve] = {}
+        self._solved: dict[tuple[CurveCase, float, int], Solved] = {}
         self._progress = progress
         self._done, self._total = 0, extra + sum(_cost(case) for case in dict.fromkeys(wanted))
 
@@ -153,7 +153,7 @@ class Curves:
         self._done += 1
         self._progress(self._done, self._total, what)
 
-    def of(self, case: Case) -> Curve:
+    def of(self, case: CurveCase) -> SensorCurve:
         """The curve of a case.
 
         Raises:
@@ -163,7 +163,7 @@ class Curves:
             self._curves[case] = self._make(case)
         return self._curves[case]
 
-    def _make(self, case: Case) -> Curve:
+    def _make(self, case: CurveCase) -> SensorCurve:
         mesh = ROUND_MESH if case.model == "axisymmetric" else COARSE_MESH
         if case.like is not None:
             curve = replace(self.of(case.like), sensor=case.sensor())
@@ -174,10 +174,12 @@ class Curves:
         log_odds, *stresses = (self._interpolate(case, mesh, NODES, quantity) for quantity in range(QUANTITIES))
         if case.model == "solid":
             log_odds += self._interpolate(case, FINE_MESH, FINE_NODES, less=(case, COARSE_MESH))
-        return Curve(case.sensor(), log_odds, {TOOTH: (stresses[0], stresses[1]), BASE: (stresses[2], stresses[3])})
+        return SensorCurve(
+            case.sensor(), log_odds, {TOOTH: (stresses[0], stresses[1]), BASE: (stresses[2], stresses[3])}
+        )
 
     def _interpolate(
-        self, case: Case, mesh: int, nodes: int, quantity: int = 0, less: tuple[Case, int] | None = None
+        self, case: CurveCase, mesh: int, nodes: int, quantity: int = 0, less: tuple[CurveCase, int] | None = None
     ) -> Chebyshev:
         """Interpolant of a case's quantity over log(modulus ratio), less that of another case where one is given."""
 
@@ -187,7 +189,7 @@ class Curves:
 
         return Chebyshev.interpolate(sampled, nodes - 1, domain=[math.log(LOWEST), math.log(HIGHEST)])
 
-    def _solve(self, case: Case, place: float, mesh: int) -> Solved:
+    def _solve(self, case: CurveCase, place: float, mesh: int) -> Solved:
         """The result of `solve` at a logarithm of the modulus ratio."""
         key = (case, round(place, 9), mesh)  # nodes of two interpolants differ by rounding only
         if key not in self._solved:
@@ -198,7 +200,7 @@ class Curves:
         return self._solved[key]
 
 
-def solve(case: Case, modulus: float, mesh: int) -> Solved:
+def solve(case: CurveCase, modulus: float, mesh: int) -> Solved:
     """Logarithm of the odds, tooth force over the rest, and mean stresses of films [Pa], under 1 N.
 
     The stresses are those of the first tooth's film and then of the base's, along their axes 1 and 2. They are zero on
@@ -226,7 +228,7 @@ def solve(case: Case, modulus: float, mesh: int) -> Solved:
     return (math.log(ratio / (1 - ratio)), *tooth, *base)
 
 
-def _cost(case: Case) -> int:
+def _cost(case: CurveCase) -> int:
     """Number of finite-element solutions for a curve, once the curve of `like` is known."""
     if case.like is not None:
         return 0 if case.as_like else LIKE_NODES

@@ -27,7 +27,7 @@ from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import RATIO
-from palpate.procedures.reproduce.figures.chapter5 import Measured, pictures
+from palpate.procedures.reproduce.figures.chapter5 import BenchMeasurements, pictures
 from palpate.procedures.reproduce.judging.criterion import write_classes
 from palpate.procedures.reproduce.judging.rows import RowTable
 from palpate.procedures.reproduce.judging.slips import write_slips
@@ -109,7 +109,7 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
     curves = models.run(models.SETS, done.models, progress)
     add(percent.of_bench(found, sweeps) for found, _ in done.models.tables if found.table.number == "5.8")
     add([percent.definitions()])
-    measured = Measured(sweeps, done.order_evidence, blind_sweeps, tested)
+    measured = BenchMeasurements(sweeps, done.order_evidence, blind_sweeps, tested)
     done.models.pictures += pictures(measured, models.SETS, curves, folder)
     write_slips(folder)
     write_classes(done.verdicts(), folder)

@@ -8,7 +8,7 @@ from html import escape
 
 from palpate.instrument.thesis import Content, contents
 from palpate.procedures.records.run import storing
-from palpate.procedures.reproduce.figures.picture import Picture
+from palpate.procedures.reproduce.figures.picture import SavedPicture
 
 ALL = "All tables and figures of the thesis"
 WITH_SECTION = ("Figure 4.", "Figure 5.")
@@ -16,12 +16,12 @@ HEADER = ("number", "section", "shows", "here", "what it is of palpate", "doubt"
 KINDS = {"compared": "compared", "drawn": "drawn", "part": "a part of palpate", "none": "nothing"}
 
 
-def figure_sections(pictures: Sequence[Picture]) -> list[str]:
+def figure_sections(pictures: Sequence[SavedPicture]) -> list[str]:
     """A section for each figure of chapters 4 and 5: what it shows, what palpate has for it, and a picture of data."""
     return [_section(each, pictures) for each in contents().values() if each.number.startswith(WITH_SECTION)]
 
 
-def pictures_of(number: str, pictures: Sequence[Picture]) -> str:
+def pictures_of(number: str, pictures: Sequence[SavedPicture]) -> str:
     """The pictures of a figure or table with their captions."""
     return "\n".join(_figure(picture) for picture in pictures if picture.number == number)
 
@@ -51,7 +51,7 @@ def listed(anchors: Container[str]) -> list[str]:
     ]
 
 
-def _section(content: Content, pictures: Sequence[Picture]) -> str:
+def _section(content: Content, pictures: Sequence[SavedPicture]) -> str:
     beside = (
         f"Nothing of palpate stands beside it: {content.part}" if content.ours == "none" else f"Palpate: {content.part}"
     )
@@ -65,7 +65,7 @@ def _section(content: Content, pictures: Sequence[Picture]) -> str:
     )
 
 
-def _figure(picture: Picture) -> str:
+def _figure(picture: SavedPicture) -> str:
     with storing(picture.file):
         data = base64.b64encode(picture.file.read_bytes()).decode()
     words = escape(f"{picture.number}: {picture.shows}")

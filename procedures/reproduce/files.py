@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.procedures.records.run import storing
-from palpate.procedures.reproduce.figures.picture import Picture
+from palpate.procedures.reproduce.figures.picture import SavedPicture
 from palpate.procedures.reproduce.judging.comparison import Comparison
 from palpate.procedures.reproduce.judging.rows import counts_record, counts_said
 
@@ -38,7 +38,7 @@ def write_table(comparison: Comparison, folder: Path) -> Path:
     return path
 
 
-def write_summary(tables: Sequence[tuple[Comparison, Path]], pictures: Sequence[Picture], folder: Path) -> Path:
+def write_summary(tables: Sequence[tuple[Comparison, Path]], pictures: Sequence[SavedPicture], folder: Path) -> Path:
     """Write all tables' deviations and sentences, first columns, repaired cells and pictures as Markdown.
 
     Raises:
@@ -62,7 +62,7 @@ def table_object(comparison: Comparison, file: Path) -> dict[str, Any]:
         "file": str(file),
         "evidence": counts_record(comparison.row_table()),
         "summary": [deviation.record() for deviation in comparison.deviations()],
-        "said": list(comparison.said),
+        "said": list(comparison.sentences),
         "repaired": [
             {table.key: row, "column": column, "printed": cell.printed, "best": cell.value, "reason": cell.reason}
             for row, column, cell in table.repaired()
@@ -76,7 +76,7 @@ def _section(comparison: Comparison, file: Path) -> str:
     lines = [f"## Table {table.number}: {table.title}", "", f"[{file.name}]({file.name})", ""]
     if table.doubt:
         lines += [f"Doubtful as a whole: {table.doubt}.", ""]
-    lines += [f"- {sentence}." for sentence in (*counts_said(comparison.row_table()), *comparison.said)]
+    lines += [f"- {sentence}." for sentence in (*counts_said(comparison.row_table()), *comparison.sentences)]
     lines += ["", *_markdown(_deviations(comparison)), "", *_markdown(_side_by_side(comparison))]
     if repaired := table.repaired():
         rows = [(row, column, c.printed, f"{c.value:g}", c.reason) for row, column, c in repaired]

@@ -11,9 +11,9 @@ from types import MappingProxyType
 from palpate.instrument.errors import UnknownName
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.reproduce.chapter4 import pair, position, single, theory
-from palpate.procedures.reproduce.curves import RINGS, Case, Curves
+from palpate.procedures.reproduce.curves import RINGS, CurveCase, Curves
 from palpate.procedures.reproduce.figures import chapter4, chapter5
-from palpate.procedures.reproduce.figures.picture import Picture
+from palpate.procedures.reproduce.figures.picture import SavedPicture
 from palpate.procedures.reproduce.files import write_summary, write_table
 from palpate.procedures.reproduce.judging.comparison import Comparison
 from palpate.procedures.reproduce.solutions import Solutions
@@ -46,7 +46,7 @@ class Reproduction:
 
     folder: Path
     tables: list[tuple[Comparison, Path]] = field(default_factory=list)
-    pictures: list[Picture] = field(default_factory=list)
+    pictures: list[SavedPicture] = field(default_factory=list)
     summary: Path | None = None
 
 
@@ -61,7 +61,7 @@ def parameter_sets(name: str) -> tuple[str, ...]:
     return SETS if name == BOTH else (name,)
 
 
-def cases(parameters: Sequence[str]) -> list[Case]:
+def cases(parameters: Sequence[str]) -> list[CurveCase]:
     """Every curve that tables and figures need."""
     pairs = [pair.cases(parameters, design, ring) for design in ("common_base", "different_base") for ring in RINGS]
     singles = [single.cases(parameters, ring) for ring in RINGS]

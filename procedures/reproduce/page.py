@@ -9,7 +9,7 @@ from pathlib import Path
 
 from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.records.run import storing
-from palpate.procedures.reproduce.chapter5.blind import told
+from palpate.procedures.reproduce.chapter5.blind import distance_sentence
 from palpate.procedures.reproduce.figure_page import ALL, anchor, figure_sections, heading, listed, pictures_of
 from palpate.procedures.reproduce.judging.cells import every_cell
 from palpate.procedures.reproduce.judging.comparison import Comparison
@@ -71,7 +71,7 @@ def write_page(done: Everything, folder: Path) -> Path:
         _list(orders(done)),
         *_overview(done.all_tables()),
         _title("Models beside the experiments"),
-        _list([f"blind run, {told(found)}" for found in done.blind]),
+        _list([f"blind run, {distance_sentence(found)}" for found in done.blind]),
         f"<p>{escape(CAUSES)}</p>",
         _title("Experiments"),
         *(_section(table) for table in tables),
@@ -156,7 +156,7 @@ def absent_said(tables: Sequence[RowTable]) -> str:
 
 def _verdict(verdict: Verdict) -> str:
     name = verdict.evidence.value
-    return f'<div class="verdict {name}"><h3>{name.capitalize()}</h3>{_list(verdict.said())}</div>'
+    return f'<div class="verdict {name}"><h3>{name.capitalize()}</h3>{_list(verdict.sentences())}</div>'
 
 
 def _section(table: RowTable) -> str:
@@ -164,7 +164,7 @@ def _section(table: RowTable) -> str:
     return "\n".join(
         [
             f"{heading(f'Table {table.number}', table.title)}{doubt}",
-            _list([*counts_said(table), *table.said]),
+            _list([*counts_said(table), *table.sentences]),
             f"<table><tr>{_cells('th', HEADER)}</tr>",
             *(_row(row) for row in table.rows),
             "</table>",
@@ -218,7 +218,7 @@ def _comparison(comparison: Comparison, taken: Container[str]) -> str:
     return "\n".join(
         [
             heading(f"Table {table.number}{' (theories)' if table.number in taken else ''}", table.title),
-            _list([*counts_said(comparison.row_table()), *comparison.said, *doubt]),
+            _list([*counts_said(comparison.row_table()), *comparison.sentences, *doubt]),
             f"<table><tr>{_cells('th', header)}</tr>",
             *(f'<tr class="{evidence}">{_cells("td", row)}</tr>' for evidence, row in rows),
             "</table>",

@@ -28,7 +28,7 @@ def print_reproduction(done: Reproduction) -> None:
             )  # fmt: skip
         doubt = [f"doubtful as a whole: {table.doubt}"] if table.doubt else []
         repaired = f"repaired cells: {len(table.repaired())}; the CSV has them as printed, with the reason"
-        sentences = (*counts_said(comparison.row_table()), *comparison.said, *doubt, repaired)
+        sentences = (*counts_said(comparison.row_table()), *comparison.sentences, *doubt, repaired)
         print_all(shown, *(f"- {sentence}" for sentence in sentences), "")
     print_all(*(f"{p.number}: {p.shows}   {p.file}" for p in done.pictures))
     print_all(f"summary   {done.summary}", f"tables    {done.folder}")

@@ -46,7 +46,7 @@ def logarithmic(axes: Axes, low: float, high: float) -> None:
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
-class LoadSet(Protocol):
+class PlottedLoadSet(Protocol):
     """A point of a run that has a force ratio."""
 
     @property
@@ -59,7 +59,7 @@ class LoadSet(Protocol):
     def valid(self) -> bool: ...
 
 
-def plot_over_loads(axes: Axes, number: int, label: str, sets: Sequence[LoadSet]) -> None:
+def plot_over_loads(axes: Axes, number: int, label: str, sets: Sequence[PlottedLoadSet]) -> None:
     """Draw load sets with their uncertainties, and one line through the mean of the valid ones at each load.
 
     `number` chooses colour and marker.

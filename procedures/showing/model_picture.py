@@ -14,7 +14,7 @@ from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
-from palpate.instrument.models.ratio import Answer, Question, ask
+from palpate.instrument.models.ratio import RatioAnswer, RatioQuestion, ask
 from palpate.instrument.models.solid.ladders import has_many_teeth
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design
@@ -33,7 +33,7 @@ LARGEST = 0.12  # greatest drawn displacement, as a fraction of the section's he
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class PlottedBody:
     """A piece of a body in the plane of a section, as a grid of points.
 
     Attributes:
@@ -50,7 +50,7 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PlottedSection:
     """The plane through the teeth's axes, under 1 N.
 
     Attributes:
@@ -64,7 +64,7 @@ class Section:
     """
 
     across: str
-    bodies: Mapping[str, tuple[Body, ...]]
+    bodies: Mapping[str, tuple[PlottedBody, ...]]
     x: Array
     pressure: Array
     teeth: tuple[tuple[float, float], ...]
@@ -86,14 +86,16 @@ class Section:
         return float(max(piece.z.max() for piece in pieces) - min(piece.z.min() for piece in pieces))
 
 
-def _round_section(design: Design, load: Load) -> Section:
+def _round_section(design: Design, load: Load) -> PlottedSection:
     from palpate.instrument.models.axisymmetric import direct
 
     parameters = round_parameters(design, load)
     solution = direct.solve(parameters, SECTION_REFINEMENT)
-    bodies = {name: _both_sides(Body(f.radius, f.height, f.radial, f.axial)) for name, f in solution.fields.items()}
+    bodies = {
+        name: _both_sides(PlottedBody(f.radius, f.height, f.radial, f.axial)) for name, f in solution.fields.items()
+    }
     tooth, end = parameters.tooth_radius, min(parameters.sensed_radius, parameters.ring_outer_radius)
-    return Section(
+    return PlottedSection(
         across="radius",
         bodies=bodies,
         x=solution.face.radius,
@@ -104,16 +106,16 @@ def _round_section(design: Design, load: Load) -> Section:
     )
 
 
-def _both_sides(half: Body) -> tuple[Body, ...]:
+def _both_sides(half: PlottedBody) -> tuple[PlottedBody, ...]:
     """A body of revolution from its half at x >= 0: one piece if it reaches the axis, else two."""
-    other = Body(-half.x[::-1], half.z[::-1], -half.right[::-1], half.up[::-1])
+    other = PlottedBody(-half.x[::-1], half.z[::-1], -half.right[::-1], half.up[::-1])
     if half.x.min() > 0:
         return other, half
     pairs = ((other.x, half.x), (other.z, half.z), (other.right, half.right), (other.up, half.up))
-    return (Body(*(np.concatenate([left[:-1], right]) for left, right in pairs)),)
+    return (PlottedBody(*(np.concatenate([left[:-1], right]) for left, right in pairs)),)
 
 
-def _solid_section(design: Design, load: Load) -> Section:
+def _solid_section(design: Design, load: Load) -> PlottedSection:
     from palpate.instrument.models.solid import system as solid_section
 
     parameters = solid_parameters(design, load)
@@ -124,10 +126,10 @@ def _solid_section(design: Design, load: Load) -> Section:
     if parameters.ring_outline == "round":
         radii = np.append(radii, parameters.ring_outer_radius)
     edges = np.concatenate([(axes[:, None] + np.array([-1, 1])[:, None, None] * radii).ravel(), [0, parameters.length]])
-    return Section(
+    return PlottedSection(
         across="place along the sensor",
         bodies={
-            name: tuple(Body(piece.x, piece.z, piece.along, piece.up) for piece in pieces)
+            name: tuple(PlottedBody(piece.x, piece.z, piece.along, piece.up) for piece in pieces)
             for name, pieces in found.bodies.items()
         },
         x=found.x,
@@ -139,11 +141,14 @@ def _solid_section(design: Design, load: Load) -> Section:
 
 
 # The models that compute displacements inside the sensor.
-SECTIONS: Mapping[str, Callable[[Design, Load], Section]] = {"axisymmetric": _round_section, "solid": _solid_section}
+SECTIONS: Mapping[str, Callable[[Design, Load], PlottedSection]] = {
+    "axisymmetric": _round_section,
+    "solid": _solid_section,
+}
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ModelPicture:
     """The numbers of a picture.
 
     Attributes:
@@ -154,9 +159,9 @@ class Picture:
         thesis: moduli [Pa] and force ratios that the thesis gives for the design, by their origin.
     """
 
-    question: Question
-    answers: list[Answer]
-    sections: list[Section]
+    question: RatioQuestion
+    answers: list[RatioAnswer]
+    sections: list[PlottedSection]
     curves: dict[str, tuple[Array, Array]]
     thesis: dict[str, tuple[Array, Array]]
 
@@ -210,7 +215,7 @@ def _columns(lines: Mapping[str, tuple[Array, Array]]) -> dict[str, Any]:
     }
 
 
-def solve(question: Question, moduli: Sequence[float]) -> Picture:
+def solve(question: RatioQuestion, moduli: Sequence[float]) -> ModelPicture:
     """Compute the picture for objects with these moduli [Pa].
 
     Raises:
@@ -228,13 +233,13 @@ def solve(question: Question, moduli: Sequence[float]) -> Picture:
     for model in CURVES:
         parameters = _parameters(question, model)
         label = model if parameters == question.parameters else f"{model}, {parameters} parameters"
-        line = _line(Question(question.design, model, parameters, question.settings), shown)
+        line = _line(RatioQuestion(question.design, model, parameters, question.settings), shown)
         if line is not None:
             curves[label] = line
-    return Picture(question, answers, sections, curves, thesis)
+    return ModelPicture(question, answers, sections, curves, thesis)
 
 
-def _parameters(question: Question, model: str) -> str:
+def _parameters(question: RatioQuestion, model: str) -> str:
     """Name of the question's parameter set, or of the physical set if the model has no set of that name."""
     try:
         get_parameter_set(question.parameters, model)
@@ -243,7 +248,7 @@ def _parameters(question: Question, model: str) -> str:
     return question.parameters
 
 
-def _line(question: Question, shown: Array) -> tuple[Array, Array] | None:
+def _line(question: RatioQuestion, shown: Array) -> tuple[Array, Array] | None:
     """Moduli [Pa] and force ratios of a model over the shown range; None: the model does not hold for the sensor."""
     sensor, tolerance = question.sensor(), MODELS[question.model].default_tolerance
     load = question.load(sensor.ring.material.modulus)

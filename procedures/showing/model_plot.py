@@ -13,7 +13,7 @@ from palpate.instrument.errors import UsageError
 from palpate.instrument.quantity import show
 from palpate.procedures.records.run import storing
 from palpate.procedures.showing.figure import write
-from palpate.procedures.showing.model_picture import Picture
+from palpate.procedures.showing.model_picture import ModelPicture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,7 @@ def place(subject: str, out: Path | None, store: Path) -> Path:
     return out.absolute()
 
 
-def draw(picture: Picture, file: Path) -> None:
+def draw(picture: ModelPicture, file: Path) -> None:
     """Draw a picture into a PNG file.
 
     Raises:
@@ -65,7 +65,7 @@ def draw(picture: Picture, file: Path) -> None:
     write(figure, file)
 
 
-def _draw_deformation(picture: Picture, axes: Axes) -> None:
+def _draw_deformation(picture: ModelPicture, axes: Axes) -> None:
     section, scale = picture.sections[0], picture.scale
     largest = 1e6 * max(section.largest.values())
     for name, pieces in section.bodies.items():
@@ -90,7 +90,7 @@ def _outline(values: Array) -> Array:
     return np.concatenate([values[:, 0], values[-1], values[::-1, -1]])
 
 
-def _draw_pressure(picture: Picture, axes: Axes) -> None:
+def _draw_pressure(picture: ModelPicture, axes: Axes) -> None:
     highest = 0.0
     for answer, section in zip(picture.answers, picture.sections, strict=True):
         pressure = np.where(section.pressure > 0, section.pressure, np.nan) / 1e3
@@ -120,7 +120,7 @@ def _taken(response: Response) -> str:
     return f"{who} {100 * response.force_ratio:z.1f} %"
 
 
-def _draw_ratio(picture: Picture, axes: Axes) -> None:
+def _draw_ratio(picture: ModelPicture, axes: Axes) -> None:
     for name, (moduli, ratios) in picture.curves.items():
         axes.plot(moduli / 1e3, ratios, lw=1.2, label=name)
     for (name, (moduli, ratios)), style in zip(picture.thesis.items(), THESIS_STYLES, strict=False):

@@ -16,13 +16,13 @@ from palpate.procedures.showing.validation import brief, lines
 
 if TYPE_CHECKING:
     from palpate.instrument.models.price_list import PriceList
-    from palpate.instrument.models.ratio import Answer
+    from palpate.instrument.models.ratio import RatioAnswer
     from palpate.instrument.models.stored.surface import Surface
     from palpate.instrument.models.validation import Validation, ValidationLine
 
 
 def print_ratios(
-    design: str, answers: list[Answer], compared: Sequence[Validation], changed: Sequence[str] = ()
+    design: str, answers: list[RatioAnswer], compared: Sequence[Validation], changed: Sequence[str] = ()
 ) -> None:
     """Print a row for each modulus.
 

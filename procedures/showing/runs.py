@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.instrument.quantity import counted
-from palpate.procedures.records.damage import Found, Repaired
+from palpate.procedures.records.damage import DamageReport, Repaired
 from palpate.procedures.records.run import Run, RunSummary
 from palpate.procedures.showing.marks import legend
 from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, new_table, number, print_all, stamped
@@ -102,13 +102,13 @@ def _flagged(point: dict[str, Any]) -> dict[str, Any]:
     return {**point, "flags": " ".join(map(str, flags)) or None} if isinstance(flags, list) else point
 
 
-def check_object(found: Found) -> dict[str, Any]:
+def check_object(found: DamageReport) -> dict[str, Any]:
     """The findings of a check as JSON."""
     counts = {key: value for key, value in asdict(found).items() if key != "folder"}
     return {"run": str(found.folder), "damaged": bool(found.faults), **counts}
 
 
-def print_check(found: Found) -> None:
+def print_check(found: DamageReport) -> None:
     """Print the findings of a check."""
     table = new_table(None, "status", "points", "waveforms", "verdict")
     table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from palpate.instrument.models.shear import ALIKE, DRAGGED, FilmShear, told
+from palpate.instrument.models.shear import ALIKE, DRAGGED, FilmShear, shear_pattern
 from palpate.procedures.showing.marks import NO_VALUE, legend
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
@@ -36,4 +36,4 @@ def print_shear(what: str, films: Mapping[str, FilmShear], coarse: Mapping[str, 
             off = film.off_centre(place)
             cells += [f"{film.cleaned(place):+z.5f}", "-" if off is None else f"{1e3 * off:+z.3f}"]
         table.add_row(name, f"{film.pressed:z.4f}", *cells, f"{film.change(coarse[name]):z.5f}")
-    print_all(table, *legend(table, marks=NO_VALUE), TOLD[told(films)])
+    print_all(table, *legend(table, marks=NO_VALUE), TOLD[shear_pattern(films)])

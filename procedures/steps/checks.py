@@ -115,7 +115,7 @@ def preload_for(loads: Sequence[float]) -> float:
     return PRELOAD_MARGIN * max(loads) / 2
 
 
-class Driven(Protocol):
+class LoadLimits(Protocol):
     """What is known of the loads of a bench before it is opened; see `palpate.procedures.lab.lab.Target`."""
 
     @property
@@ -124,7 +124,7 @@ class Driven(Protocol):
     def drivable(self) -> Callable[[float], object]: ...
 
 
-def check_frequency(frequency: float, target: Driven | None, allowed: tuple[float, float] = FREQUENCIES) -> None:
+def check_frequency(frequency: float, target: LoadLimits | None, allowed: tuple[float, float] = FREQUENCIES) -> None:
     """Refuse a frequency [Hz] that is outside the limits, or that the bench cannot have by its file.
 
     What the file does not tell, the drivers refuse before anything moves. A target of None: no bench is known yet.

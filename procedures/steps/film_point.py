@@ -20,7 +20,7 @@ from palpate.drivers.roles import Exciter
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.film_forces import LEAST_SIGNAL, FilmForces, film_forces
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.signals.dwell import Dwell
+from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.agreement import forces_differ, frequencies_differ
@@ -48,7 +48,7 @@ LARGEST_HUM = 0.01  # part of the hum that may be in an amplitude before the poi
 MOST_OF = 0.7  # part of an amplitude's uncertainty that is hum's: half of its variance
 
 Floats = npt.NDArray[np.float64]
-DwellChoice = Callable[[SineFit], Dwell]
+DwellChoice = Callable[[SineFit], RequiredDwell]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,7 +25,7 @@ from palpate.procedures.records.export import check_format
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import hashable, storing
 from palpate.procedures.study.description import Study, StudyFile, Value, parted, study_of
-from palpate.procedures.study.store import RECORD, Outcome, stored
+from palpate.procedures.study.store import RECORD, CellOutcome, stored
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,7 +57,7 @@ class CellMean:
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class SeedGroup:
     """Cells that differ in their seeds alone.
 
     Attributes:
@@ -81,7 +81,7 @@ class Results:
     """A study and the outcomes of its cells, in their order."""
 
     study: Study
-    outcomes: Sequence[Outcome]
+    outcomes: Sequence[CellOutcome]
 
     def digest(self) -> str:
         """SHA-256 over the points of all cells, hexadecimal, whatever computed them in whatever order."""
@@ -110,7 +110,7 @@ class Results:
             )
         return means
 
-    def groups(self) -> list[Group]:
+    def groups(self) -> list[SeedGroup]:
         """Groups of cells that agree in everything but the seed."""
         alike: dict[str, list[CellMean]] = {}
         for mean in self.means():
@@ -230,11 +230,11 @@ class _RatioPoint:
         self.degrees_of_freedom: float | None = stored["degrees_of_freedom"]
 
 
-def _group(means: Sequence[CellMean]) -> Group:
+def _group(means: Sequence[CellMean]) -> SeedGroup:
     ratios = [mean.force_ratio for mean in means if mean.force_ratio is not None]
     expected = [mean.model_force_ratio for mean in means if mean.model_force_ratio is not None]
     uncertainties = [mean.force_ratio_u for mean in means if mean.force_ratio_u is not None]
-    return Group(
+    return SeedGroup(
         axes={name: value for name, value in means[0].axes.items() if name != "seed"},
         cells=len(means),
         failed=sum(bool(mean.reason) for mean in means),

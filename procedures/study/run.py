@@ -14,7 +14,7 @@ from palpate.instrument.errors import BenchError, PalpateError
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.study.description import Study, Value
-from palpate.procedures.study.store import Outcome, Store
+from palpate.procedures.study.store import CellOutcome, Store
 
 Points = Iterable[Mapping[str, object]]
 Evaluate = Callable[[Mapping[str, Value]], Points]
@@ -40,7 +40,7 @@ def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, prog
     """
     total = len(study)
     missing = (number for number in range(total) if number not in store.done)
-    begun: set[Future[Outcome]] = set()
+    begun: set[Future[CellOutcome]] = set()
     progress(len(store.done), total, "")
     try:
         while True:
@@ -68,17 +68,17 @@ def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, prog
         raise
 
 
-def attempt(evaluate: Evaluate, number: int, cell: Mapping[str, Value]) -> Outcome:
+def attempt(evaluate: Evaluate, number: int, cell: Mapping[str, Value]) -> CellOutcome:
     """Outcome of a cell; called in whatever process computes it."""
     try:
-        return Outcome(number, "", as_json(list(evaluate(cell))))
+        return CellOutcome(number, "", as_json(list(evaluate(cell))))
     except PalpateError as error:
-        return Outcome(number, str(error), "[]")
+        return CellOutcome(number, str(error), "[]")
     except Exception as error:  # a defect in one cell must not take the others with it
-        return Outcome(number, f"{type(error).__name__}: {error}", "[]")
+        return CellOutcome(number, f"{type(error).__name__}: {error}", "[]")
 
 
-def _lost(future: Future[Outcome]) -> bool:
+def _lost(future: Future[CellOutcome]) -> bool:
     try:
         return future.exception() is not None
     except CancelledError:

@@ -24,7 +24,7 @@ from typing import Any, Self
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import Chain, ChainWriter, Frame, create
+from palpate.procedures.records.chain import ChainWriter, HashChain, RecordFrame, create
 from palpate.procedures.records.run import storing
 
 RECORD, HEAD_FILE = "study.record", "study.head"
@@ -33,7 +33,7 @@ LONGEST_VALUE = 60  # characters, in a message
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CellOutcome:
     """Outcome of a cell: `data`, the JSON list of its points, or the reason why it failed."""
 
     cell: int
@@ -91,7 +91,7 @@ class Store:
                 self._writer.confirm(tail, at_end)
             self._undo = undo.pop_all()
 
-    def add(self, outcomes: Iterable[Outcome]) -> None:
+    def add(self, outcomes: Iterable[CellOutcome]) -> None:
         """Store the outcomes of some cells. They are on disk when this returns. Stored cells stay as they are."""
         new = {outcome.cell: outcome for outcome in outcomes if outcome.cell not in self.done}
         frames = [(CELL, cell, [f"{json.dumps(new[cell].reason)}\n{new[cell].data}".encode()]) for cell in new]
@@ -109,7 +109,7 @@ class Store:
         self._undo.close()
 
 
-def stored(folder: Path) -> tuple[dict[str, Any], list[Outcome]]:
+def stored(folder: Path) -> tuple[dict[str, Any], list[CellOutcome]]:
     """Description and known cells, by their numbers, of the study in a folder; also while it runs.
 
     Raises:
@@ -123,10 +123,10 @@ def stored(folder: Path) -> tuple[dict[str, Any], list[Outcome]]:
         return _asked(found), sorted(_outcomes(found), key=lambda outcome: outcome.cell)
 
 
-def _outcomes(found: Chain) -> Iterator[Outcome]:
+def _outcomes(found: HashChain) -> Iterator[CellOutcome]:
     for frame in found.frames[1:]:
         reason, _, data = _content(found, frame).partition("\n")
-        yield Outcome(frame.id, json.loads(reason), data)
+        yield CellOutcome(frame.id, json.loads(reason), data)
 
 
 def _is_begun_in_vain(folder: Path) -> bool:
@@ -136,7 +136,7 @@ def _is_begun_in_vain(folder: Path) -> bool:
     return names <= {HEAD_FILE, f"{RECORD}.new"} and (head is None or not head.frames)
 
 
-def _asked(found: Chain) -> dict[str, Any]:
+def _asked(found: HashChain) -> dict[str, Any]:
     if found.frames[0].kind != STUDY:
         raise ValueError("it is no study of palpate")
     text = _content(found, found.frames[0])
@@ -146,7 +146,7 @@ def _asked(found: Chain) -> dict[str, Any]:
     return asked
 
 
-def _content(found: Chain, frame: Frame) -> str:
+def _content(found: HashChain, frame: RecordFrame) -> str:
     content = found.file.content(frame)
     if content is None:
         raise ValueError(f"{f'cell {frame.id}' if frame.kind == CELL else 'what was asked'} is not as it was written")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from palpate.instrument.additions import additions
-from palpate.procedures.engine.known import GROUP, SHIPPED
+from palpate.procedures.engine.catalogue import GROUP, SHIPPED
 from palpate.procedures.templates.new_files import check_name, project_of, write_package
 
 

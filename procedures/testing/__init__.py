@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from palpate.drivers.watched_clock import WatchedClock
     from palpate.instrument.bench.description import BenchDescription
     from palpate.instrument.bench.operator import Operator
-    from palpate.procedures.testing.benches import Watch
+    from palpate.procedures.testing.benches import WatchedBench
     from palpate.simulators.scenes.scene import Scene
 
 REAL: pytest.StashKey[BenchDescription] = pytest.StashKey()
-WATCH: pytest.StashKey[Watch] = pytest.StashKey()
+WATCH: pytest.StashKey[WatchedBench] = pytest.StashKey()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -130,7 +130,7 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     if report.failed and WATCH in item.stash:
-        from palpate.procedures.testing.benches import told
+        from palpate.procedures.testing.benches import failure_report
 
-        report.sections.append((f"palpate bench at {call.when}", told(item, item.stash[WATCH])))
+        report.sections.append((f"palpate bench at {call.when}", failure_report(item, item.stash[WATCH])))
     return report

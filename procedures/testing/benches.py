@@ -30,7 +30,7 @@ CYCLE = 0.002  # s that closing a bus waits; short, because tests close many
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
+class WatchedBench:
     """The bench of a test.
 
     Attributes:
@@ -78,30 +78,30 @@ def _read(name: str) -> Scene:
 
 
 @contextmanager
-def simulated_bench(scene: Scene) -> Iterator[Watch]:
+def simulated_bench(scene: Scene) -> Iterator[WatchedBench]:
     """Serve a scene, and give its bench."""
     canopen.Network.NOTIFIER_CYCLE = CYCLE
     with SimulatedBench(scene) as simulated:
         bench = Bench(simulated.description, simulated.clock, simulated.operator)
         faults = [f"fault {table}" for table in scene.file.fault or ()]
-        yield Watch(bench, "\n".join([f"scene {scene.name}, seed {scene.seed}", *faults]), Traffic(bench))
+        yield WatchedBench(bench, "\n".join([f"scene {scene.name}, seed {scene.seed}", *faults]), Traffic(bench))
 
 
 @contextmanager
-def real_bench(description: BenchDescription) -> Iterator[Watch]:
+def real_bench(description: BenchDescription) -> Iterator[WatchedBench]:
     """The real bench of a bench file."""
     bench = Bench(description, WallClock(), ConsoleOperator())
     bench.waits = lambda why: click.echo(f"palpate: note: {why}", err=True)
     for caution in bench.cautions:
         click.echo(f"palpate: note: {caution}", err=True)
-    yield Watch(bench, f"bench {description.name}", Traffic(bench))
+    yield WatchedBench(bench, f"bench {description.name}", Traffic(bench))
 
 
-def told(item: pytest.Item, watch: Watch) -> str:
+def failure_report(item: pytest.Item, watch: WatchedBench) -> str:
     """A report about the bench of a failed test, with the command that runs the test again."""
     config = item.config
     place = os.path.relpath(item.path, config.invocation_params.dir)
     name = item.nodeid.partition("::")[2]
     real = config.getoption("palpate_bench")
     command = ["pytest", f"{place}::{name}", *(["--bench", real] if real else [])]
-    return f"{watch.what}\n{watch.traffic.told()}\nagain: {shlex.join(command)}"
+    return f"{watch.what}\n{watch.traffic.report()}\nagain: {shlex.join(command)}"

@@ -52,4 +52,4 @@ class OnTheBench:
                             bench.device(NAME).get("probe")
                 except BenchError as error:
                     assert device_kind(self.kind).contract.title in str(error), kind
-                assert sim.injection.given[0].told().endswith("once"), kind
+                assert sim.injection.given[0].summary().endswith("once"), kind

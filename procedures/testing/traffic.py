@@ -22,7 +22,7 @@ BROADCAST = 0x7F  # bits of a COB-ID that hold the node id
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class TrafficEntry:
     """One transaction or frame.
 
     Attributes:
@@ -48,7 +48,7 @@ class Traffic:
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
-        self._messages: deque[Message] = deque(maxlen=MOST)
+        self._messages: deque[TrafficEntry] = deque(maxlen=MOST)
         self._contracts: dict[str, Contract] = {device.name: device.contract for device in bench.devices}
         links = {id(device.link): device.link for device in bench.devices}
         for link in links.values():
@@ -58,7 +58,7 @@ class Traffic:
                 self._listen_modbus(link)
 
     def _keep(self, who: str, verb: str, address: int, data: bytes, trouble: str = "") -> None:
-        self._messages.append(Message(self._bench.clock.now_ns(), who, verb, address, data, trouble))
+        self._messages.append(TrafficEntry(self._bench.clock.now_ns(), who, verb, address, data, trouble))
 
     def _answered(self, who: str, verb: str, address: int, sent: bytes, ask: Callable[[], Any]) -> Any:
         """The result of `ask`; the message is kept with the sent bytes or, if there are none, with the reply."""
@@ -127,7 +127,7 @@ class Traffic:
         link.command, link.subscribe = commanded, subscribed  # type: ignore[method-assign]
         link.send = sent  # type: ignore[method-assign]
 
-    def told(self) -> str:
+    def report(self) -> str:
         """The messages of the last `SPAN` seconds of bench time, one in a line.
 
         Successive frames with process data are only counted.
@@ -145,11 +145,11 @@ class Traffic:
                 lines += [_line(m.time_ns, m.who, self._described(m)) for m in messages]
         return "\n".join(lines if kept else [*lines, "  none"])
 
-    def _described(self, message: Message) -> str:
+    def _described(self, message: TrafficEntry) -> str:
         trouble = message.trouble.removeprefix(f"{message.who}: ")
         return " ".join(filter(None, (message.verb, self._decoded(message), trouble and f"failed: {trouble}")))
 
-    def _decoded(self, message: Message) -> str:
+    def _decoded(self, message: TrafficEntry) -> str:
         data, contract = message.data, self._contracts.get(message.who)
         if message.verb in ("frame", "send"):
             pdo = self._pdo(message)
@@ -167,7 +167,7 @@ class Traffic:
             ]
         return ", ".join(contract.shown(f.name, own) for f, own in fields if own)
 
-    def _pdo(self, message: Message) -> Pdo | None:
+    def _pdo(self, message: TrafficEntry) -> Pdo | None:
         """The process data in a frame, by the contract of its device; None: it holds something else."""
         contract = self._contracts.get(message.who)
         if contract is None:
@@ -175,7 +175,7 @@ class Traffic:
         known = contract.receives if message.verb == "send" else contract.pdos
         return next((pdo for pdo in known if pdo.node_of(message.address)), None)
 
-    def _is_stream(self, message: Message) -> bool:
+    def _is_stream(self, message: TrafficEntry) -> bool:
         return message.verb == "frame" and self._pdo(message) is not None
 
 

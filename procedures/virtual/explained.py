@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.procedures.showing.text import print_all
-from palpate.simulators.planning.plan import Plan, plan
+from palpate.simulators.planning.plan import AnswerPlan, plan
 from palpate.simulators.planning.plan import Question as Question  # commands ask by it
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.weights import DRAWS, Progress, Weight, weigh
@@ -34,7 +34,7 @@ class Explained:
     """
 
     scene: Scene
-    answer: Plan
+    answer: AnswerPlan
     tolerance: float
     weights: Mapping[str, Weight]
     unmeasured: str = ""

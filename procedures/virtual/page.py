@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from palpate.instrument.models.price_list import stored
-from palpate.instrument.models.ratio import Question as ModelQuestion
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy import arithmetic
-from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
+from palpate.procedures.accuracy.modulus.front import ModulusFront, PlanningCase
 from palpate.procedures.accuracy.page import (
-    Part,
-    Way,
+    MethodPoint,
+    PagePart,
     of_arithmetic,
     of_dwells,
     of_integrators,
@@ -28,12 +28,12 @@ DESIGN, SCENE = "single", "thesis_single"
 OBJECT, MODEL = "4", "auto"  # as palpate accuracy modulus has them
 
 
-def collect(progress: Progress) -> list[Part]:
+def collect(progress: Progress) -> list[PagePart]:
     """The parts of the page: modulus, dwell, models, time integration, arithmetic."""
     integrated = []
     for done in integrators.compare():
         step = "" if done.setting is None else f"{done.setting:.3g}"
-        integrated.append(Way(done.method, step, done.error, done.seconds))
+        integrated.append(MethodPoint(done.method, step, done.error, done.seconds))
         progress(len(integrated), 0, done.method)
     progress(0, 0, "dwell")
     question = Question()
@@ -41,8 +41,8 @@ def collect(progress: Progress) -> list[Part]:
     progress(0, 0, "arithmetic")
     measured = list(arithmetic.measure())
     object_ = SAMPLES[OBJECT]
-    asked = ModelQuestion(DESIGN, MODEL, settings={"sensed_thickness": object_.thickness})
-    setting = Setting(get_design(DESIGN), asked, LOADS, Wanted(None, None, True, question.frequency, None, None))
+    asked = RatioQuestion(DESIGN, MODEL, settings={"sensed_thickness": object_.thickness})
+    setting = PlanningCase(get_design(DESIGN), asked, LOADS, Wanted(None, None, True, question.frequency, None, None))
     front = ModulusFront.of(setting, object_.modulus)
     return [
         of_modulus(front),

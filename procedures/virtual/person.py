@@ -82,10 +82,10 @@ class Person:
     def _clear(self, words: list[str]) -> str:
         if not 0 < len(words) <= PLACE_AND_KIND:
             raise UsageError(f"clear: needs a PLACE and perhaps a KIND, or all; type one of: {HANDLING}")
-        return "\n".join(f"cleared: {given.told()}" for given in self._sim.injection.clear(*words))
+        return "\n".join(f"cleared: {given.summary()}" for given in self._sim.injection.clear(*words))
 
     def _listed(self, _words: list[str]) -> str:
-        return "\n".join(given.told() for given in self._sim.injection.given) or "no fault is given"
+        return "\n".join(given.summary() for given in self._sim.injection.given) or "no fault is given"
 
 
 PLACE_AND_KIND = 2  # number of words
@@ -130,7 +130,7 @@ def _several(words: list[str], count: int) -> list[str]:
     return words
 
 
-class Traffic:
+class TransactionRate:
     """Counts the Modbus transactions per second between two calls."""
 
     def __init__(self, sim: SimulatedBench) -> None:

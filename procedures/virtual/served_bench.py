@@ -23,8 +23,8 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.console.terminal import console, say
 from palpate.procedures.records.record_file import RECORD
 from palpate.procedures.records.run import storing
-from palpate.procedures.virtual.person import Person, Traffic, status
-from palpate.simulators.bench import NAMED, Place, SimulatedBench
+from palpate.procedures.virtual.person import Person, TransactionRate, status
+from palpate.simulators.bench import NAMED, BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.pace import Pacer
@@ -50,7 +50,7 @@ class Wish:
     """
 
     scene: Scene
-    place: Place
+    place: BenchAddresses
     line: Path | None
     speed: float
     step: float | None
@@ -82,7 +82,7 @@ class Wish:
         if out is not None:
             _check_unused(out)
         interface, _, channel = can.partition(":")
-        place = Place(listen, port or 0, interface, channel or None)
+        place = BenchAddresses(listen, port or 0, interface, channel or None)
         chosen = read_scene(scene)
         held = () if samples is None else tuple(get_sample(name) for name in samples)
         return cls(chosen if seed is None else chosen.with_seed(seed), place, line, speed, step, held, out)
@@ -225,7 +225,7 @@ def _unseen() -> None:
 def _page(served: Served) -> Iterator[Callable[[], None]]:
     from rich.live import Live
 
-    traffic = Traffic(served.sim)
+    traffic = TransactionRate(served.sim)
     with Live(console=console(), auto_refresh=False) as live:
 
         def look() -> None:

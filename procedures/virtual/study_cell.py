@@ -41,7 +41,7 @@ EPOCH = "2000-01-01T00:00:00+00:00"  # start time in records that are thrown awa
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class StudyComputation:
     """Computes the cells of a study; a worker process can receive it, because it holds all that the cells share.
 
     Attributes:
@@ -59,7 +59,7 @@ class Sweep:
     dwell: float
 
     @classmethod
-    def of(cls, study: Study, where: str) -> Sweep:
+    def of(cls, study: Study, where: str) -> StudyComputation:
         """Read the scenes of a study; messages begin with `where`.
 
         Raises:

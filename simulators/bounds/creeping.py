@@ -14,7 +14,7 @@ from bisect import bisect_left
 import numpy as np
 
 from palpate.simulators.linear.lti import Times
-from palpate.simulators.physics.dwells import GONE, Dwell, superposed
+from palpate.simulators.physics.dwells import GONE, SimulatedDwell, superposed
 from palpate.simulators.physics.effect import Case, Floats
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.stages import LeakEffect
@@ -29,7 +29,7 @@ def held(case: Case, leak: LeakEffect) -> LeakEffect:
     return leak.held(min(leak.conductance(leak.middle(time)) for time in (0.0, case.settled + case.dwell)))
 
 
-def crept(case: Case, effects: Effects, dwell: Dwell, linear: bool) -> tuple[Floats, Floats] | None:
+def crept(case: Case, effects: Effects, dwell: SimulatedDwell, linear: bool) -> tuple[Floats, Floats] | None:
     """Voltages and rates that the change of a leak adds, shapes (phases, films, n) [V, V/s]; None: nothing changes."""
     leak, amplifier = effects.leak, effects.amplifier
     if leak is None or amplifier is None:
@@ -56,7 +56,7 @@ def crept(case: Case, effects: Effects, dwell: Dwell, linear: bool) -> tuple[Flo
     return (superposed(both[0]), superposed(both[1])) if linear else both
 
 
-def offsets(case: Case, effects: Effects, dwell: Dwell) -> Floats:
+def offsets(case: Case, effects: Effects, dwell: SimulatedDwell) -> Floats:
     """Voltages (films, n) [V] by which offsets of amplifiers differ from those with the held leak."""
     leak, amplifier = effects.leak, effects.amplifier
     if leak is None or amplifier is None:
@@ -79,7 +79,7 @@ def _epochs(leak: LeakEffect, end_ns: int) -> tuple[Times, list[float]]:
     return np.arange(1, count + 1, dtype=np.int64) * leak.epoch_ns, [conductance(number) for number in range(count + 1)]
 
 
-def _points(case: Case, dwell: Dwell, edges: Times, slowest: float) -> Times:
+def _points(case: Case, dwell: SimulatedDwell, edges: Times, slowest: float) -> Times:
     """Ascending times [ns] up to the dwell's end: its samples, the leak's changes, and some in each period.
 
     They begin with the drive, or when all that came before has been forgotten.

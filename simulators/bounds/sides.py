@@ -10,7 +10,7 @@ import numpy as np
 from palpate.simulators.bounds.creeping import ERROR, crept, held, offsets
 from palpate.simulators.bounds.fits import SIGMAS, fitted, weights
 from palpate.simulators.linear.lti import Complexes
-from palpate.simulators.physics.dwells import Dwell
+from palpate.simulators.physics.dwells import SimulatedDwell
 from palpate.simulators.physics.effect import Case, Floats, Rates
 from palpate.simulators.physics.in_order import Effects
 
@@ -30,7 +30,7 @@ class Side:
     """
 
     effects: Effects
-    dwell: Dwell
+    dwell: SimulatedDwell
     linear: bool
     volts: Floats
     all_rates: Rates
@@ -70,7 +70,7 @@ def _side(case: Case, effects: Effects, followed: Effects, linear: bool) -> Side
     return Side(effects, dwell, linear, volts, rates, uncertain, passed, added, scatter)
 
 
-def _signals(case: Case, effects: Effects, dwell: Dwell, linear: bool) -> tuple[Floats, Rates, Floats]:
+def _signals(case: Case, effects: Effects, dwell: SimulatedDwell, linear: bool) -> tuple[Floats, Rates, Floats]:
     """Voltages and rates (phases, films, n) behind the amplifiers, and by how much voltages (films,) may be wrong."""
     more = crept(case, effects, dwell, linear)  # first, because a long motion forgets how it began
     if more is None:

@@ -12,7 +12,7 @@ TICKETS = 64  # number of unused tickets that stay valid: more than the clients 
 SPREAD = 2_654_435_761  # of tickets that anybody can guess: odd, so that none repeats, and they differ in many bits
 
 
-class Owner:
+class AmplifierOwner:
     """Keeps which client owns the amplifier: the one that has claimed it with a ticket, until it releases it.
 
     Attributes:

@@ -14,7 +14,14 @@ from palpate.instrument.bench.can_ends import MULTICAST, leave
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.devices.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
+from palpate.simulators.devices.sensor_node import (
+    CONTRACT,
+    ROLLOVER,
+    SATURATED,
+    VOLTAGE_ERROR,
+    SampleBlock,
+    SimulatedSensorNode,
+)
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.attached import attach, local_node
 from palpate.simulators.wire.can_bus import VirtualNetwork, burst, open_bus
@@ -51,7 +58,9 @@ class CanSegment:
         # number of our own SYNCs that multicast has still to deliver back to us; None: the interface does not do that
         self._echoes: int | None = 0 if interface == MULTICAST else None
         self._network = VirtualNetwork(self._bus, clock)
-        self.nodes = [SensorNode(clock, node_id, SERIAL + number, rig) for number, node_id in enumerate(node_ids, 1)]
+        self.nodes = [
+            SimulatedSensorNode(clock, node_id, SERIAL + number, rig) for number, node_id in enumerate(node_ids, 1)
+        ]
         self.guests: list[SimulatedNode] = []
         self._local = {node.id: local_node(node) for node in self.nodes}
         self._sync_from_ns = NEVER
@@ -196,7 +205,7 @@ def _sync_period(node: SimulatedNode) -> int:
     return round(at[SYNC_PERIOD].to_raw(node.settings[at[SYNC_PERIOD].name]))
 
 
-def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]:
+def _frames(node: SimulatedSensorNode, samples: SampleBlock) -> list[tuple[int, list[bytes]]]:
     """The identifiers of a node's two messages, each with the data of all its frames."""
     data = samples.counts.tobytes()
     size = samples.counts.itemsize * samples.counts.shape[1]

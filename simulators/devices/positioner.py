@@ -7,18 +7,18 @@ from typing import Self
 from palpate.instrument.contracts import positioner
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import ILLEGAL_VALUE, Place, Refused, SimulatedDevice
+from palpate.simulators.wire.device import ILLEGAL_VALUE, Refused, SimulatedDevice, SimulatedPlace
 
 HOMING_SPEED = 5e-3  # m/s [A]
 
 
-class Positioner(SimulatedDevice):
+class SimulatedPositioner(SimulatedDevice):
     """The micro-positioner. The rig takes the new position when a move has ended."""
 
     contract = positioner.CONTRACT
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: SimulatedPlace) -> Self:
         return cls(place.clock, place.serial, place.rig)
 
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig) -> None:

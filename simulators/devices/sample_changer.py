@@ -11,10 +11,17 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE, Place, Refused, SimulatedDevice
+from palpate.simulators.wire.device import (
+    DEVICE_BUSY,
+    DEVICE_FAILURE,
+    ILLEGAL_VALUE,
+    Refused,
+    SimulatedDevice,
+    SimulatedPlace,
+)
 
 
-class SampleChanger(SimulatedDevice):
+class SimulatedSampleChanger(SimulatedDevice):
     """The sample changer. A new sample is mounted when the carriage stops; until then nothing lies under the probe.
 
     The rig knows the sample under the probe. The tag reader therefore also sees a sample that was mounted by hand.
@@ -23,7 +30,7 @@ class SampleChanger(SimulatedDevice):
     contract = sample_changer.CONTRACT
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: SimulatedPlace) -> Self:
         return cls(place.clock, place.serial, place.rig, place.samples)
 
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig, samples: Sequence[Sample]) -> None:

@@ -26,7 +26,7 @@ VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
 
 
 @dataclass(frozen=True)
-class Samples:
+class SampleBlock:
     """A block of samples of one node.
 
     Attributes:
@@ -40,7 +40,7 @@ class Samples:
     counter: int
 
 
-class SensorNode(SimulatedNode):
+class SimulatedSensorNode(SimulatedNode):
     """The state of one sensor node."""
 
     contract = CONTRACT
@@ -77,7 +77,7 @@ class SensorNode(SimulatedNode):
         else:
             super().write(field, value)
 
-    def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
+    def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> SampleBlock:
         """Convert voltages to counts.
 
         Args:
@@ -101,7 +101,7 @@ class SensorNode(SimulatedNode):
         self.settings["sample_counter"] = float((first_number + len(time_ns) - 1) % ROLLOVER)
         self.settings["saturation"] = float(bits[-1])
         self._last = counts[-1]
-        return Samples(counts, bits, first_number)
+        return SampleBlock(counts, bits, first_number)
 
     @functools.cached_property
     def film_channels(self) -> npt.NDArray[np.float64]:

@@ -11,9 +11,9 @@ import numpy as np
 from palpate.instrument.contracts import shaker_amplifier
 from palpate.instrument.contracts.shaker_amplifier import FAULTS
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.devices.amplifier_owner import Owner
+from palpate.simulators.devices.amplifier_owner import AmplifierOwner
 from palpate.simulators.linear.periodic import Periodic
-from palpate.simulators.wire.device import DEVICE_FAILURE, ILLEGAL_VALUE, Place, Refused, SimulatedDevice
+from palpate.simulators.wire.device import DEVICE_FAILURE, ILLEGAL_VALUE, Refused, SimulatedDevice, SimulatedPlace
 
 AMBIENT = 25.0  # degC [A]
 THERMAL_RESISTANCE = 2.0  # K/W, warming for each watt in the coil [A]
@@ -24,7 +24,7 @@ OWNERS = {"counter", "order", "order_value"}  # fields that only an owner may wr
 COOL = 80.0  # degC, below which the over-temperature fault ends [A]
 
 
-class ShakerAmplifier(SimulatedDevice):
+class SimulatedShakerAmplifier(SimulatedDevice):
     """The shaker amplifier.
 
     Args:
@@ -38,7 +38,7 @@ class ShakerAmplifier(SimulatedDevice):
     contract = shaker_amplifier.CONTRACT
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: SimulatedPlace) -> Self:
         """Make the amplifier between the device in the role of the source and the rig's coil."""
         rig = place.rig
         made = cls(
@@ -62,7 +62,7 @@ class ShakerAmplifier(SimulatedDevice):
         self._source = source
         self._changed = changed
         self._resistance = coil_resistance
-        self._owner = Owner()
+        self._owner = AmplifierOwner()
         self._latched = 0
         self._rms = 0.0  # V, RMS of the output
         self._heated_from = self._heating_to = AMBIENT

@@ -11,19 +11,19 @@ from palpate.instrument.contracts import signal_generator
 from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.periodic import HERTZ, Periodic
-from palpate.simulators.wire.device import ILLEGAL_VALUE, Place, Refused, SimulatedDevice
+from palpate.simulators.wire.device import ILLEGAL_VALUE, Refused, SimulatedDevice, SimulatedPlace
 
 HARMONICS = 25  # order of the highest harmonic of a square or triangle wave
 FREQUENCY_STEPS = 1000  # steps per hertz: the resolution is 1 mHz
 
 
-class SignalGenerator(SimulatedDevice):
+class SimulatedSignalGenerator(SimulatedDevice):
     """The signal generator. Calls `changed` when its output may have changed."""
 
     contract = signal_generator.CONTRACT
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: SimulatedPlace) -> Self:
         return cls(place.clock, place.serial, lambda: place.find("amplifier").input_changed())
 
     def __init__(self, clock: VirtualClock, serial: str, changed: Callable[[], None]) -> None:

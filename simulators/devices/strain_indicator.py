@@ -7,9 +7,9 @@ from typing import Self
 
 from palpate.instrument.contracts import strain_indicator
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.rig.load_cell import LoadCell
+from palpate.simulators.rig.load_cell import RigLoadCell
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import DEVICE_BUSY, Place, Refused, SimulatedDevice
+from palpate.simulators.wire.device import DEVICE_BUSY, Refused, SimulatedDevice, SimulatedPlace
 
 UPDATE_NS = 100_000_000  # ns between two updates of the display [A]
 DETECTOR_RATE = 2400  # Hz, sample rate of the peak detector [A]
@@ -18,20 +18,20 @@ SETTLING = 7  # time constants of the filter after which a reading counts as sta
 COMMAND_NS = 50_000_000  # ns that a command takes [A]
 
 
-class StrainIndicator(SimulatedDevice):
+class SimulatedStrainIndicator(SimulatedDevice):
     """The strain indicator, with the load cell of the rig."""
 
     contract = strain_indicator.CONTRACT
     readings = ("reading", "reading_float", "updates")
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: SimulatedPlace) -> Self:
         return cls(place.clock, place.serial, place.rig)
 
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig) -> None:
         super().__init__(clock, serial)
         self._rig = rig
-        self._cell = LoadCell(rig)
+        self._cell = RigLoadCell(rig)
         self._set_at_ns = 0
         self._zero = 0.0
         self._tare = 0.0

@@ -103,7 +103,7 @@ def _processes(rate: float) -> tuple[Process, ...]:
 
 
 @dataclass(frozen=True)
-class Grid:
+class NoiseGrid:
     """The sum of the processes with the same step [samples].
 
     Attributes:
@@ -116,13 +116,13 @@ class Grid:
 
 
 @functools.cache
-def _grids(rate: float) -> tuple[Grid, ...]:
+def _grids(rate: float) -> tuple[NoiseGrid, ...]:
     """Grids at a rate of samples a second, the finest first."""
     together = itertools.groupby(_processes(rate), key=lambda process: process.step)
     return tuple(_grid(step, tuple(processes)) for step, processes in together)
 
 
-def _grid(step: int, processes: Sequence[Process]) -> Grid:
+def _grid(step: int, processes: Sequence[Process]) -> NoiseGrid:
     """Grid of processes of powers p (1 - a^2) / |1 - a z|^2: in sum |c(z)|^2 over the product of |1 - a z|^2."""
     falls = np.exp([-process.decay for process in processes])
     numerator = np.zeros(len(processes))  # of powers of w = z + 1 / z, highest first: |1 - a z|^2 = 1 + a^2 - a w
@@ -136,13 +136,13 @@ def _grid(step: int, processes: Sequence[Process]) -> Grid:
     fresh = np.atleast_1d(np.poly(roots / 2 - np.sqrt(roots * roots / 4 - 1)))
     fresh *= math.sqrt(float(np.polyval(numerator, 2.0))) / float(fresh.sum())  # by the power at w = 2, z = 1
     shares = [np.polyval(fresh, fall) / np.prod(fall - np.delete(falls, k)) for k, fall in enumerate(falls)]
-    return Grid(step, tuple(falls.tolist()), tuple(map(float, shares)))
+    return NoiseGrid(step, tuple(falls.tolist()), tuple(map(float, shares)))
 
 
 class _Sum:
     """Sum of all processes from a grid on, at its points. `deviation` is that of each process."""
 
-    def __init__(self, stream: Stream, deviation: float, grids: Sequence[Grid]) -> None:
+    def __init__(self, stream: Stream, deviation: float, grids: Sequence[NoiseGrid]) -> None:
         self._grid = replace(grids[0], shares=tuple(deviation * share for share in grids[0].shares))
         self._stream = stream.child(self._grid.step)
         self._blocks: dict[int, Floats] = {}
@@ -192,7 +192,7 @@ class _Weights:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _weights(grid: Grid, ratio: int | None) -> _Weights:
+def _weights(grid: NoiseGrid, ratio: int | None) -> _Weights:
     falls: Floats = np.array(grid.falls)[:, np.newaxis]
     shares: Floats = np.array(grid.shares)[:, np.newaxis]
     steps, rows = np.arange(ROW), BLOCK // ROW

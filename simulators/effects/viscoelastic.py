@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from palpate.instrument.quantity import Seconds
 from palpate.simulators.linear.lti import StateSpace
 from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.parts import Stack
+from palpate.simulators.physics.parts import SpringStack
 from palpate.simulators.physics.stages import StackEffect
 
 # These are the shares of the fast modulus that relax, and their time constants [s].
@@ -55,7 +55,7 @@ class Viscoelastic(StackEffect):
             return PRONY[self.material]
         return self.g, self.tau
 
-    def stack(self, stack: Stack) -> StateSpace:
+    def stack(self, stack: SpringStack) -> StateSpace:
         terms = [(g, tau) for g, tau in zip(*self.prony, strict=True) if g > 0]
         if not terms:
             return stack.elastic()

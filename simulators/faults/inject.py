@@ -42,7 +42,7 @@ class Given:
     trigger: Trigger
     happening: _Happening | None = None
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Text for people: where it is, what it is, its parameters, and whether it has struck."""
         own = self.fault.model_dump(mode="json", exclude={"kind", "on"}, exclude_defaults=True)
         if own.get("lasts") == FOREVER:

@@ -13,7 +13,7 @@ from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.faults.fault import Fault, Trigger
 from palpate.simulators.faults.places import Target
 from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
-from palpate.simulators.wire.relay import Listener
+from palpate.simulators.wire.relay import StoppableServer
 
 TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # places in a frame
 HEADER = 6  # bytes up to the length field, which the field does not count
@@ -153,7 +153,7 @@ class FaultyLink:
     def __init__(self, clock: VirtualClock, faults: Sequence[tuple[TcpFault, Trigger]]) -> None:
         self._clock = clock
         self._faults = faults
-        self._silent: Listener | None = None
+        self._silent: StoppableServer | None = None
         self._listens_again_ns = NEVER
         clock.add(self)
 
@@ -164,7 +164,7 @@ class FaultyLink:
             struck = [fault for fault, trigger in self._faults if trigger.strikes(now)]
         return struck[0] if struck else None
 
-    def refuse(self, server: Listener, lasts_ns: int) -> None:
+    def refuse(self, server: StoppableServer, lasts_ns: int) -> None:
         """Stop listening for a time, or until the clock goes on."""
         with self._clock.lock:
             if self._silent is None:  # else another connected client was struck before

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.simulators.linear.integrators import LOST, Measured
+from palpate.simulators.linear.integrators import LOST, IntegratorError
 from palpate.simulators.linear.lti import Floats
 
 PERIOD, CYCLES, FINEST = 0.1, 3, 10_000  # s; cycles; steps in a cycle of the reference
@@ -25,7 +25,7 @@ STEPS = (100, 1000)  # numbers of steps in a cycle
 STIFFNESS, SHARE = 60.0, 0.9  # k in units of 1 over the amplitude of x; b
 
 
-def compare() -> Iterator[Measured]:
+def compare() -> Iterator[IntegratorError]:
     """Compare both methods under a sine with the exact one in finer steps."""
     truth = exact(_sine(FINEST), STIFFNESS, SHARE)
     for method, solve in (("Bouc-Wen, exact", exact), ("Bouc-Wen, explicit Euler", explicit_euler)):
@@ -35,7 +35,7 @@ def compare() -> Iterator[Measured]:
             seconds = time.process_time() - start
             error = float(np.abs(found - truth[:: FINEST // steps]).max())
             lost = not error < LOST
-            yield Measured(method, PERIOD / steps, None if lost else error, seconds, "runs away" if lost else "")
+            yield IntegratorError(method, PERIOD / steps, None if lost else error, seconds, "runs away" if lost else "")
 
 
 def _sine(steps: int) -> Floats:

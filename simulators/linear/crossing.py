@@ -30,7 +30,7 @@ LOOKS = 64  # points in each period of the highest harmonic, which bound the lea
 ROUNDING = 1e-13
 
 
-class Part(NamedTuple):
+class TransientTerm(NamedTuple):
     """One term of a transient at a moment.
 
     Attributes:
@@ -46,7 +46,9 @@ class Part(NamedTuple):
     reach: float = math.inf
 
 
-Transient = Callable[[int], list[Part]]  # a function from a time after the start [ns] to the parts, the fastest first
+Transient = Callable[
+    [int], list[TransientTerm]
+]  # a function from a time after the start [ns] to the parts, the fastest first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +157,7 @@ class _Outputs:
         self.shapes = (rows[0] @ shapes)[:, self.fastest] * np.where(self.turning, 2.0, 1.0)
 
 
-class Watch:
+class CrossingWatch:
     """Outputs of a system under periodic inputs that should stay at or above zero.
 
     Args:
@@ -212,7 +214,7 @@ class Watch:
                 end_ns, failed = found_ns, k if found_ns < limit_ns else None
         return end_ns, failed
 
-    def _by_powers(self, row: Floats, gap: Floats, elapsed_ns: int) -> list[Part]:
+    def _by_powers(self, row: Floats, gap: Floats, elapsed_ns: int) -> list[TransientTerm]:
         """The transient as one part, by bounds that need no modes: for modes that are too nearly parallel."""
         a = self._steady.system.a
         state = self._steady.system.motion.moment(gap, elapsed_ns)
@@ -221,7 +223,7 @@ class Watch:
         least = -math.inf
         if measure is not None:
             least = -float(np.linalg.norm(np.linalg.solve(measure.T, row)) * np.linalg.norm(measure @ state))
-        return [Part(float(row @ state), float(row @ a @ state), float(bend), least, reach)]
+        return [TransientTerm(float(row @ state), float(row @ a @ state), float(bend), least, reach)]
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, Floats, Floats | None]:
@@ -231,20 +233,22 @@ class Watch:
         return reach, exponential(np.abs(a) * reach), _measure(a)
 
 
-def _by_modes(modes: Sequence[tuple[complex, complex]], elapsed_ns: int) -> list[Part]:
+def _by_modes(modes: Sequence[tuple[complex, complex]], elapsed_ns: int) -> list[TransientTerm]:
     """Parts by modes, from their weights at the start and their rates [1/s]."""
     parts, elapsed = [], elapsed_ns / SECOND
     for weight, rate in modes:
         if rate.imag:
             term = weight * cmath.exp(rate * elapsed)
             size = abs(term)
-            parts.append(Part(term.real, (rate * term).real, abs(rate) ** 2 * size, -size))
+            parts.append(TransientTerm(term.real, (rate * term).real, abs(rate) ** 2 * size, -size))
             continue
         # A mode that does not turn keeps its sign: a positive one falls ever more slowly and never below zero. A mode
         # without
         # a rate stays as it is.
         value, fall = weight.real * math.exp(rate.real * elapsed), rate.real
-        parts.append(Part(value, fall * value, max(-fall * fall * value, 0.0), min(value, 0.0) if fall else value))
+        parts.append(
+            TransientTerm(value, fall * value, max(-fall * fall * value, 0.0), min(value, 0.0) if fall else value)
+        )
     return parts
 
 

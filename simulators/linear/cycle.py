@@ -121,7 +121,7 @@ def periodic(steady: Steady, cycles: float) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class CycleTable:
     """Functions of time: their means (p, l) in all legs, and their weights (p, l) on waves, by the waves' numbers.
 
     `lag` is their distance from the settled functions, from the start on.
@@ -188,7 +188,7 @@ class Cycle:
         # rates (l,) of the first mode in each leg, of the second one, ...; 0 where there is none
         own = itertools.zip_longest(*(leg.modes[0].tolist() for leg in legs), fillvalue=0j)
         self._rates = [np.array(rates) for rates in own]
-        self._tables: dict[tuple[str, int, int], Table] = {}
+        self._tables: dict[tuple[str, int, int], CycleTable] = {}
         self._last: dict[tuple[int, int, int, int], Moments] = {}
 
     def at(self, name: str, rows: slice, row: Callable[[StateSpace], Rows], time_ns: Times, step_ns: int) -> Floats:
@@ -243,13 +243,15 @@ class Cycle:
             self._last = {key: Moments(legs, since, turns, self._rates)}
         return self._last[key]
 
-    def _table(self, key: tuple[str, int, int], row: Callable[[StateSpace], Rows]) -> Table:
+    def _table(self, key: tuple[str, int, int], row: Callable[[StateSpace], Rows]) -> CycleTable:
         if key not in self._tables:
             means, weights = zip(*(self._seen(leg, row(leg.mode.system)) for leg in self._legs), strict=True)
             waves = enumerate(np.array(weights).transpose(1, 2, 0).copy())
             listened = row(self._legs[0].mode.system)[0][:, self._listeners]
             lag = self._alone.motion.seen(listened, self._lag)
-            self._tables[key] = Table(np.array(means).T, {number: wave for number, wave in waves if wave.any()}, lag)
+            self._tables[key] = CycleTable(
+                np.array(means).T, {number: wave for number, wave in waves if wave.any()}, lag
+            )
         return self._tables[key]
 
     def _seen(self, leg: Leg, rows: Rows) -> tuple[Floats, Floats]:

@@ -43,7 +43,7 @@ REPEATED = 0.05  # s; faster methods are measured again, and the least time coun
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class IntegratorError:
     """One method at one setting.
 
     Attributes:
@@ -82,13 +82,15 @@ def chain() -> StateSpace:
     return functools.reduce(StateSpace.then, stages, first_order_low_pass(1e-6))
 
 
-def compare() -> Iterator[Measured]:
+def compare() -> Iterator[IntegratorError]:
     """Measure every method at every setting, from coarse to fine."""
     system = chain()
     times = np.arange(0, round(DURATION * SECOND) + 1, SAMPLE_NS)
     truth = _reference(system, times)
 
-    def measured(method: str, setting: float | None, solve: Callable[[], Floats], at: Floats = truth) -> Measured:
+    def measured(
+        method: str, setting: float | None, solve: Callable[[], Floats], at: Floats = truth
+    ) -> IntegratorError:
         taken: list[float] = []
         while not taken or (sum(taken) < REPEATED and len(taken) < 5):
             start = time.process_time()
@@ -96,13 +98,13 @@ def compare() -> Iterator[Measured]:
                 with np.errstate(all="ignore"):
                     found = solve()
             except ArithmeticError as failed:
-                return Measured(method, setting, None, time.process_time() - start, str(failed))
+                return IntegratorError(method, setting, None, time.process_time() - start, str(failed))
             taken.append(time.process_time() - start)
         with np.errstate(all="ignore"):
             error = float(np.abs(found - at).max() / np.abs(truth).max())
         if not error < LOST:
-            return Measured(method, setting, None, min(taken), "diverges")
-        return Measured(method, setting, error, min(taken), "")
+            return IntegratorError(method, setting, None, min(taken), "diverges")
+        return IntegratorError(method, setting, error, min(taken), "")
 
     for warm_up in (_closed_form(system, times[:1]), _stepped(system, _trapezoid, SECOND, 1)):
         assert warm_up.size  # the warm-up imports everything, so that no method's time contains an import

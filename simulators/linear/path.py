@@ -19,12 +19,12 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.instrument.errors import UnreachableError
-from palpate.simulators.linear.crossing import NEVER, Watch
+from palpate.simulators.linear.crossing import NEVER, CrossingWatch
 from palpate.simulators.linear.cycle import Cycle
 from palpate.simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times
 from palpate.simulators.linear.mode import Mode, Stretch
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
-from palpate.simulators.linear.recurrence import Recurrence, Section, depended_on, recurrence
+from palpate.simulators.linear.recurrence import PoincareSection, Recurrence, depended_on, recurrence
 
 LONGEST = 100 * SECOND  # time in which the transitions of a drive at rest are counted
 KEPT_NS = 12 * SECOND  # time for which stretches are kept; the indicator looks back 10 s at most
@@ -38,7 +38,7 @@ class _Known:
     mode: Mode
     steady: Steady
     seen: list[int]
-    watch: Watch
+    watch: CrossingWatch
 
 
 class Path:
@@ -66,7 +66,7 @@ class Path:
         frequency = inputs[0].frequency
         self._period = SECOND * HERTZ // frequency if frequency else LONGEST
         self._largest = np.abs(state)
-        self._section: Section | None = None
+        self._section: PoincareSection | None = None
         self._recurrence: Recurrence | None = None
         self._cycle: Cycle | None = None
         self._crowd = (start_ns, 0)
@@ -200,7 +200,7 @@ class Path:
             inputs = np.array([guard.row[1][0] for guard in mode.guards]).reshape(count, len(self._inputs))
             shape = count, system.order, len(self._inputs)
             seen, by_itself = _by_itself(system.a.tobytes(), system.b.tobytes(), states.tobytes(), shape)
-            watch = Watch(by_itself.drive(self._inputs), (states[:, seen], inputs))
+            watch = CrossingWatch(by_itself.drive(self._inputs), (states[:, seen], inputs))
             self._known[id(mode)] = _Known(mode, system.drive(self._inputs), seen, watch)
         return self._known[id(mode)]
 
@@ -211,7 +211,7 @@ class Path:
         time_ns = self._repeated_ns(number)
         if time_ns >= stay.end_ns:
             return
-        before, now = self._section, Section(number, time_ns, stay)
+        before, now = self._section, PoincareSection(number, time_ns, stay)
         if self._recurrence is not None and number >= self._recurrence.number:
             self._cycle, self._recurrence = self._recurrence.begun(now), None
         elif self._recurrence is None and before and before.number + 1 == number and before.stay is not stay:
@@ -219,13 +219,13 @@ class Path:
             self._recurrence = recurrence(before, now, within, self._largest, self._watch)
         if self._cycle is None and stay.end_ns < NEVER:
             number = (stay.end_ns - 1 - self.start_ns) * frequency // CYCLE
-            self._section = Section(number, self._repeated_ns(number), stay)
+            self._section = PoincareSection(number, self._repeated_ns(number), stay)
 
     def _repeated_ns(self, number: int) -> int:
         """The first nanosecond after so many periods of the drive."""
         return self.start_ns - (-number * CYCLE // self._inputs[0].frequency)
 
-    def _watch(self, mode: Mode) -> tuple[Watch, list[int]]:
+    def _watch(self, mode: Mode) -> tuple[CrossingWatch, list[int]]:
         known = self._know(mode)
         return known.watch, known.seen
 

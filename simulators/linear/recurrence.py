@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from palpate.simulators.linear.crossing import Watch
+from palpate.simulators.linear.crossing import CrossingWatch
 from palpate.simulators.linear.cycle import CLOSE, Cycle, Leg, inputs_at, period_of, periodic
 from palpate.simulators.linear.lti import Floats, StateSpace
 from palpate.simulators.linear.mode import Mode, Stretch
@@ -25,7 +25,7 @@ PERIODS = 300  # number of periods within which the fixed point must be found
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PoincareSection:
     """The first nanosecond after a number of periods of the drive, with the stretch that holds it."""
 
     number: int
@@ -57,7 +57,7 @@ class Recurrence:
     alone: StateSpace
     near: Floats
 
-    def begun(self, now: Section) -> Cycle | None:
+    def begun(self, now: PoincareSection) -> Cycle | None:
         """The recurring motion from a section on; None: the state there is not the expected one."""
         if not (np.abs(now.state() - self.legs[0].state) <= self.near)[self.seen].all():
             return None
@@ -72,11 +72,11 @@ class Recurrence:
 
 
 def recurrence(
-    before: Section,
-    now: Section,
+    before: PoincareSection,
+    now: PoincareSection,
     stays: Sequence[Stretch],
     largest: Floats,
-    watch: Callable[[Mode], tuple[Watch, list[int]]],
+    watch: Callable[[Mode], tuple[CrossingWatch, list[int]]],
 ) -> Recurrence | None:
     """Motion that will recur after two sections one period apart; None: they are too far from a fixed point.
 
@@ -155,7 +155,7 @@ class _Orbit:
         return legs, legs[-1].moment(1.0)
 
 
-def _certain(legs: Sequence[Leg], start_ns: int, watch: Callable[[Mode], tuple[Watch, list[int]]]) -> bool:
+def _certain(legs: Sequence[Leg], start_ns: int, watch: Callable[[Mode], tuple[CrossingWatch, list[int]]]) -> bool:
     """Whether the certified search finds just these transitions in the period from a section on."""
     drive = legs[0].steady.inputs[0]
     period = drive.frequency * (start_ns - drive.start_ns) // CYCLE

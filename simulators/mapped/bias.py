@@ -5,13 +5,13 @@ from __future__ import annotations
 from palpate.instrument.bench.role_maps.bias import BiasMap
 from palpate.instrument.contracts.contract import Command
 from palpate.simulators.mapped.twin import Twin
-from palpate.simulators.wire.device import DEVICE_FAILURE, Place, Refused
+from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
 
 
-class Bias(Twin):
+class SimulatedMappedBias(Twin):
     """A source: it takes a value only when it is ready, and gives it only when its output is on."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         self._map = place.kind.table(BiasMap)
         super().__init__(place)
 

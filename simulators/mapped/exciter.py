@@ -13,21 +13,21 @@ from palpate.simulators.clock import NEVER
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, sine
 from palpate.simulators.mapped.drive_state import OF_THE_STATE, DriveState
 from palpate.simulators.mapped.twin import CanopenTwin
-from palpate.simulators.wire.device import Place
+from palpate.simulators.wire.device import SimulatedPlace
 
 RATED = 5.0  # A, coil current at the rated torque or force [A]
 NODE_BITS, NODES = 16, 0x7F
 QUICK_STOP = 6  # 605Ah: it brakes and stays in the state of a quick stop, as an EPOS4 comes from its maker
 
 
-class StreamedExciter(CanopenTwin):
+class SimulatedStreamedExciter(CanopenTwin):
     """A drive without a sine of its own; its current controller is taken as ideal.
 
     What it puts out between two set-points is the last one, so a stream is a staircase. Of this it has the mean, the
     sine, and the two strongest of the lines that the steps make.
     """
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         self._map = place.kind.table(ExciterMap)
         self._heard_ns = NEVER  # the last heartbeat of its master; NEVER: it watches none
         self._stream: list[float] = []  # the set-points that come over and over [%]

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.contract import Command
 from palpate.simulators.mapped.twin import Twin
-from palpate.simulators.rig.load_cell import LoadCell
-from palpate.simulators.wire.device import Place
+from palpate.simulators.rig.load_cell import RigLoadCell
+from palpate.simulators.wire.device import SimulatedPlace
 
 Floats = npt.NDArray[np.float64]
 
@@ -45,14 +45,14 @@ def low_passed(force: Floats, low_pass: LowPass, rate: float) -> Floats:
     return found
 
 
-class LoadIndicator(Twin):
+class SimulatedMappedLoadIndicator(Twin):
     """A load indicator, with the fields and commands that its map names for the role."""
 
     readings: tuple[str, ...] = ("reading",)  # type: ignore[misc]  # that it has some; those of a device are its map's
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         self.rig = place.rig
-        self._cell = LoadCell(place.rig)
+        self._cell = RigLoadCell(place.rig)
         role = place.kind.table(LoadIndicatorMap)
         self._role, self._own = role, place.settings
         rate = self._own.rate or role.rate

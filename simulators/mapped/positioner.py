@@ -12,7 +12,7 @@ from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.mapped.axis import Axis
 from palpate.simulators.mapped.drive_state import DriveState
 from palpate.simulators.mapped.twin import CanopenTwin, Twin
-from palpate.simulators.wire.device import DEVICE_FAILURE, Place, Refused
+from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
 
 HOMING_SPEED = 5e-3  # m/s [A]
 LOST, BEYOND = 0x85, 0x70  # alarms of a master that is gone, and of a target beyond the limits (BLV-R)
@@ -32,7 +32,7 @@ class Moving:
     _homing = False  # whether it looks for its home
     _offset = 0.0  # position of the probe where the drive counts 0 [step]
 
-    def _put_on(self, place: Place) -> None:
+    def _put_on(self, place: SimulatedPlace) -> None:
         self._map, self._stage, self.rig = place.kind.table(PositionerMap), place.settings, place.rig
         self._axis = Axis()
         self._homed = False
@@ -115,18 +115,18 @@ class Moving:
         """Called when nothing was heard of the master for too long; it has stopped."""
 
 
-class PositionerTwin:
+class SimulatedMappedPositioner:
     """The twin of a positioner on the bus of its map."""
 
     @staticmethod
-    def at(place: Place) -> ModbusPositioner | DriveNode:
-        return (ModbusPositioner if place.kind.contract.bus == "modbus" else DriveNode)(place)
+    def at(place: SimulatedPlace) -> SimulatedModbusPositioner | SimulatedDriveNode:
+        return (SimulatedModbusPositioner if place.kind.contract.bus == "modbus" else SimulatedDriveNode)(place)
 
 
-class ModbusPositioner(Moving, Twin):
+class SimulatedModbusPositioner(Moving, Twin):
     """The twin of a positioner on Modbus, which a write starts."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         self._put_on(place)
         self._alarm = 0
         self._on = False
@@ -206,10 +206,10 @@ PROFILE_POSITION, HOMING = 1, 6  # modes
 BRAKES = 2  # 605Ah where the map does not have it: it brakes, and is disabled (CiA 402-2)
 
 
-class DriveNode(Moving, CanopenTwin):
+class SimulatedDriveNode(Moving, CanopenTwin):
     """The twin of a drive on CANopen, with the state machine and the modes of CiA 402: profile position and homing."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         self._put_on(place)
         self._names = {f.address: f.name for f in place.kind.contract.fields}
         super().__init__(place)

@@ -15,12 +15,12 @@ from palpate.simulators.linear.lti import Floats
 from palpate.simulators.mapped.twin import CanopenTwin
 from palpate.simulators.rig.film_inputs import FilmInputs
 from palpate.simulators.wire.canopen_device import Times
-from palpate.simulators.wire.device import Place
+from palpate.simulators.wire.device import SimulatedPlace
 
 SATURATED = 0xFF00  # emergency code, manufacturer-specific
 
 
-class NodeTwin(CanopenTwin):
+class SimulatedMappedNode(CanopenTwin):
     """The state of one node.
 
     Its converter has the steps of its counts, whatever converter the scene gives to our own nodes. What its input stage
@@ -28,7 +28,7 @@ class NodeTwin(CanopenTwin):
     beyond the range of its counts stays at the end of the range.
     """
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         table = place.kind.table(SensorNodeMap)
         self._channels = table.channels
         self._inputs = FilmInputs(place.rig, place.unit, place.number, len(table.channels))

@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from palpate.instrument.contracts.contract import Command, Condition, Contract, Field
 from palpate.simulators.wire.canopen_device import SimulatedNode
-from palpate.simulators.wire.device import Place, SimulatedDevice
+from palpate.simulators.wire.device import SimulatedDevice, SimulatedPlace
 
 
 def first_settings(contract: Contract) -> dict[str, float]:
@@ -59,10 +59,10 @@ class HoldsMap:
     settings: dict[str, float]
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: SimulatedPlace) -> Self:
         return cls(place)
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         self.kind, self.contract = place.kind, place.kind.contract
         self.texts = {f.name: str(f.default or "") for f in self.contract.fields if f.type == "text"}
         self.texts |= {mark.field: mark.value for mark in self.contract.marks if isinstance(mark.value, str)}
@@ -82,7 +82,7 @@ class HoldsMap:
 class Twin(HoldsMap, SimulatedDevice):
     """The twin of a Modbus device. A subclass per role reads and moves the rig."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         HoldsMap.__init__(self, place)
         SimulatedDevice.__init__(self, place.clock, place.serial)
         self.reset()
@@ -137,7 +137,7 @@ class Twin(HoldsMap, SimulatedDevice):
 class CanopenTwin(HoldsMap, SimulatedNode):
     """The twin of a CANopen node. A subclass per role reads and moves the rig."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         HoldsMap.__init__(self, place)
         self.rig = place.rig
         SimulatedNode.__init__(self, place.clock, place.unit, place.serial)

@@ -27,7 +27,7 @@ from palpate.simulators.physics.mechanics import INPUTS, Mechanics
 from palpate.simulators.physics.parts import Armature, Limits, Plays, Touch
 
 
-class Chain:
+class MeasuringChain:
     """The modes of one setting of the bench: a mounted sample, a position, gains.
 
     Args:

@@ -24,7 +24,7 @@ LIMITS = ("contact", "rail", "current", "stop")
 Seen = Callable[[Path, Times, slice], Floats]  # returns outputs of a path at some times, or their rates (films, n)
 
 
-class Driven(Protocol):
+class DrivenBench(Protocol):
     """A bench whose drive has just been set."""
 
     @property
@@ -45,7 +45,7 @@ class Driven(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Dwell:
+class SimulatedDwell:
     """The films over a dwell, of a rig whose drive has just been set.
 
     Attributes:
@@ -119,7 +119,7 @@ def superposed(starts: Floats) -> Floats:
     return np.asarray(np.tensordot(weights, starts, 1))
 
 
-def dwell_of(rig: Driven, films: int, settled: float, dwell: float, rate: float) -> Dwell:
+def dwell_of(rig: DrivenBench, films: int, settled: float, dwell: float, rate: float) -> SimulatedDwell:
     """Films over a dwell [s], from `settled` [s] after the drive was set, at `rate` samples a second."""
     times = (round(settled * rate) + np.arange(max(1, round(dwell * rate)))) * round(1e9 / rate)
     end_ns = round(1e9 * (settled + dwell))
@@ -130,15 +130,15 @@ def dwell_of(rig: Driven, films: int, settled: float, dwell: float, rate: float)
         starts.append(path)
         for touch in touched(path, end_ns):
             if met(touch, LIMITS):
-                return Dwell(times, films, period, starts, linear=False, limited=True)
+                return SimulatedDwell(times, films, period, starts, linear=False, limited=True)
             linear = linear and touch == Touch(drag=(0,) * len(touch.drag))
         if not linear and _settled(rig, films, settled):
             del starts[1:]  # the other phases follow from later times
             break
-    return Dwell(times, films, period, starts, linear, limited=False)
+    return SimulatedDwell(times, films, period, starts, linear, limited=False)
 
 
-def _settled(rig: Driven, films: int, settled: float) -> bool:
+def _settled(rig: DrivenBench, films: int, settled: float) -> bool:
     """Whether everything that films see, except plays, has forgotten how the drive began."""
     system, plays = rig.without_limits()
     seen = (system.c[:films] != 0).any(axis=0)
@@ -148,7 +148,7 @@ def _settled(rig: Driven, films: int, settled: float) -> bool:
     return bool((np.linalg.eigvals(system.a[np.ix_(seen, seen)]).real * settled < -GONE).all())
 
 
-def begun(rig: Driven, starts: int) -> Iterator[Path]:
+def begun(rig: DrivenBench, starts: int) -> Iterator[Path]:
     """Motion for each of some phases at which the drive that was just set begins."""
     yield rig.path
     for start in range(1, starts):

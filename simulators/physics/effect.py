@@ -14,7 +14,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.simulators.numbers import Numbers
 
 if TYPE_CHECKING:
-    from palpate.simulators.physics.dwells import Driven, Dwell
+    from palpate.simulators.physics.dwells import DrivenBench, SimulatedDwell
 
 Floats = npt.NDArray[np.float64]
 Rates = Callable[[], Floats]  # returns rates (p, n) [V/s] of a film in some phases of the drive
@@ -49,8 +49,8 @@ class Case:
     rate: float
     settled: float
     effects: Mapping[str, Effect]
-    driven: Callable[[Mapping[str, Effect]], Driven]
-    follow: Callable[[Mapping[str, Effect]], Dwell]
+    driven: Callable[[Mapping[str, Effect]], DrivenBench]
+    follow: Callable[[Mapping[str, Effect]], SimulatedDwell]
 
 
 class Effect(Numbers):

@@ -56,7 +56,7 @@ class Armature:
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
+class SpringStack:
     """Sample and sensor as springs: the tooth's branch is the object alone, the ring's is object and ring in series.
 
     tooth, ring: stiffness of the branches [N/m], each summed over the teeth. object_share: the part of the ring

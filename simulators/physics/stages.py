@@ -21,7 +21,7 @@ from palpate.simulators.physics.effect import Case, Effect, Floats, Rates
 
 if TYPE_CHECKING:
     from palpate.simulators.linear.lti import StateSpace, Times
-    from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack
+    from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack
     from palpate.simulators.randomness import Stream
 
 
@@ -58,7 +58,7 @@ class StackEffect(Effect, ABC):
     """Changes the springs of object and sensor."""
 
     @abstractmethod
-    def stack(self, stack: Stack) -> StateSpace:
+    def stack(self, stack: SpringStack) -> StateSpace:
         """System from the compressions over tooth and ring [m] to the forces on them [N]; neither acts on the other."""
 
 

@@ -26,7 +26,7 @@ from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS, GROUP, WHAT, effect_class, effect_names, origin
 from palpate.simulators.linear.periodic import HERTZ, Periodic
-from palpate.simulators.physics.dwells import Dwell, dwell_of
+from palpate.simulators.physics.dwells import SimulatedDwell, dwell_of
 from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.parts import Touch
@@ -109,7 +109,7 @@ class Omitted:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class AnswerPlan:
     """How a question about a scene is answered.
 
     Attributes:
@@ -131,7 +131,7 @@ class Plan:
     steady: SteadyState | None
 
 
-def plan(scene: Scene, question: Question) -> Plan:
+def plan(scene: Scene, question: Question) -> AnswerPlan:
     """Plan for a question: how the scene answers it, and how much the effects that it leaves out could have changed.
 
     Raises:
@@ -146,7 +146,7 @@ def plan(scene: Scene, question: Question) -> Plan:
     costs = _costs(scene, question, path, found)
     case = case_of(scene.design, scene.model, scene.effects, question, scene.rig, scene.file.parameters)
     omitted, problems = _omitted(scene, case)
-    return Plan(
+    return AnswerPlan(
         path=path,
         why=why,
         transitions=len(found) / LOOKED_AT,
@@ -191,7 +191,7 @@ def case_of(
         return driven(replace(bare, effects=chosen), question)
 
     @functools.cache  # the bounds of many effects examine the same scene without them
-    def followed(chosen: frozenset[tuple[str, Effect]]) -> Dwell:
+    def followed(chosen: frozenset[tuple[str, Effect]]) -> SimulatedDwell:
         return dwell_of(with_these(dict(chosen)), len(design.films), SETTLING, question.dwell, RATE)
 
     return Case(

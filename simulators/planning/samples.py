@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import Samples, SensorNode
+from palpate.simulators.devices.sensor_node import SampleBlock, SimulatedSensorNode
 from palpate.simulators.linear.lti import Floats, Times
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
@@ -24,7 +24,7 @@ def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Flo
     volts = rig.film_voltages(time_ns)
     samples, saturated = np.empty(volts.shape), np.empty(volts.shape, bool)
     for number in range(1, scene.nodes + 1):
-        node = SensorNode(VirtualClock(), number, number, rig)
+        node = SimulatedSensorNode(VirtualClock(), number, number, rig)
         wired = ((i, node.wired(film)) for i, film in enumerate(scene.design.films))
         films = {i: channel for i, channel in wired if channel is not None}
         fits = {i: HEADROOM * np.abs(volts[i]).max() <= min(RANGE_VOLTS) for i in films}
@@ -34,7 +34,7 @@ def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Flo
         clipped = {channel for channel in ranges if (taken.saturation >> (channel - 1) & 1).any()}
         if any(ranges[channel] != WIDEST for channel in clipped):
             ranges |= dict.fromkeys(clipped, WIDEST)
-            again = SensorNode(VirtualClock(), number, number, rig)
+            again = SimulatedSensorNode(VirtualClock(), number, number, rig)
             taken = _taken(again, ranges, time_ns, at_inputs, period_ns)
         for i, channel in films.items():
             samples[i] = taken.counts[:, channel - 1] * (RANGE_VOLTS[ranges[channel]] / FULL_SCALE_COUNTS)
@@ -42,7 +42,9 @@ def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Flo
     return samples, saturated
 
 
-def _taken(node: SensorNode, ranges: dict[int, int], time_ns: Times, volts: Floats, period_ns: int) -> Samples:
+def _taken(
+    node: SimulatedSensorNode, ranges: dict[int, int], time_ns: Times, volts: Floats, period_ns: int
+) -> SampleBlock:
     """Samples of a node with these ranges of its channels."""
     for channel, range_ in ranges.items():
         node.settings[f"range_{channel}"] = float(range_)

@@ -13,7 +13,7 @@ from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.linear.lti import StateSpace, gain
-from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.chain import MeasuringChain
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Armature, Limits, Plays
 from palpate.simulators.randomness import Stream
@@ -30,7 +30,7 @@ def chain_of(
     position: float,
     bridge_tau: float,
     weight: float,
-) -> Chain:
+) -> MeasuringChain:
     """The chain of a scene with its present settings.
 
     Args:
@@ -55,7 +55,7 @@ def chain_of(
     if amplifier is not None:
         amplifiers = [amplifier.system(film, scene.design, leakage) for film in films]
         offsets = np.array([amplifier.offset(film, scene.design, leakage) for film in films])
-    return Chain(
+    return MeasuringChain(
         armature,
         limits,
         yielding,

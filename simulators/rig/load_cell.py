@@ -13,7 +13,7 @@ GAGE_FACTOR = 8.98  # gage factor for which the sensitivities are given [T]
 IDEAL_DECIMALS = 4  # decimals of a display in a scene without the effect `load_cell`
 
 
-class LoadCell:
+class RigLoadCell:
     """The load cell under the probe. Call its methods under the clock's lock."""
 
     def __init__(self, rig: Rig) -> None:

@@ -9,7 +9,7 @@ from palpate.instrument.models.influence import tooth_shares
 from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.sensor.sample import Sample
-from palpate.simulators.physics.parts import Stack
+from palpate.simulators.physics.parts import SpringStack
 
 SUPPORT_STIFFNESS = 1e6  # N/m, rigid support with the load cell below it [A]
 PIN_STIFFNESS = 1e3  # N/m, rubber tip of the pin that presses one tooth [A]
@@ -50,7 +50,7 @@ class Mounted:
         tooth_shares(self.design, self.sample, (x, y))
         return replace(self, probe_at=(x, y))
 
-    def springs(self) -> Stack:
+    def springs(self) -> SpringStack:
         """The stack of sample and sensor as two parallel springs, one to the teeth and one to the ring.
 
         The scene's sensor model gives the total stiffness and the teeth's share of the force; the column model gives
@@ -61,15 +61,15 @@ class Mounted:
             pad = self.sample
             compliance = 0.0 if pad is None else pad.thickness / (pad.modulus * pad.area)
             whole = compliance + 1 / SUPPORT_STIFFNESS
-            return Stack(0.0, 1 / whole, object_share=compliance / whole)
+            return SpringStack(0.0, 1 / whole, object_share=compliance / whole)
         if self.tooth is not None:
-            return Stack(PIN_STIFFNESS, 0.0, object_share=1.0)
+            return SpringStack(PIN_STIFFNESS, 0.0, object_share=1.0)
         if self.response is None or self.sample is None:
-            return Stack(0.0, 0.0, 0.0)
+            return SpringStack(0.0, 0.0, 0.0)
         ring = self.design.ring
         hardness = self.sample.modulus * ring.height / (ring.material.modulus * self.sample.thickness)
         ratio, stiffness = self.response.force_ratio, self.response.stiffness
-        return Stack(ratio * stiffness, (1 - ratio) * stiffness, object_share=1 / (1 + hardness))
+        return SpringStack(ratio * stiffness, (1 - ratio) * stiffness, object_share=1 / (1 + hardness))
 
     def part(self, film: Film) -> float:
         """Fraction of the force on all teeth that the teeth of a film take; under a point probe, of the whole force."""

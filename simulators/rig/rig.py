@@ -21,7 +21,7 @@ from palpate.simulators.effects import in_order
 from palpate.simulators.linear.lti import Floats, StateSpace
 from palpate.simulators.linear.path import KEPT_NS, Path, split
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
-from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.chain import MeasuringChain
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Touch
 from palpate.simulators.randomness import Stream
@@ -250,7 +250,7 @@ class Rig:
         while len(self._paths) > 1 and self._paths[1].start_ns < now - KEPT_NS:
             self._paths.popleft()
 
-    def _chain(self) -> Chain:
+    def _chain(self) -> MeasuringChain:
         """The chain for the present settings.
 
         With unchanged settings it is the last chain, which has its modes solved already.

@@ -141,7 +141,7 @@ def burst(bus: can.BusABC, payloads: Sequence[Payload]) -> None:
         bus.send(_Frame.of(cob_id, data))
 
 
-class Listener(MessageListener):
+class MendedListener(MessageListener):
     """canopen's listener, with two of its faults mended; it also takes lists of cyclic frames for the bus.
 
     canopen takes an extended identifier for a standard one, and stops at the first data that are no frame.
@@ -176,7 +176,7 @@ class LockedNetwork(canopen.Network):
         super().__init__(bus)
         self._own = bus
         self.clock = clock
-        self.listeners = [Listener(self)]
+        self.listeners = [MendedListener(self)]
         self.cyclic: dict[int, Callable[[Sequence[bytes], int], object]] = {}
         self._receiver = Receiver()
 

@@ -14,7 +14,7 @@ from palpate.instrument.contracts.field import codec
 from palpate.instrument.contracts.pdo import is_relative
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.lti import Floats
-from palpate.simulators.wire.device import Place
+from palpate.simulators.wire.device import SimulatedPlace
 from palpate.simulators.wire.pdo_objects import PdoObjects
 
 Times = npt.NDArray[np.int64]
@@ -22,7 +22,7 @@ Times = npt.NDArray[np.int64]
 VALUE_RANGE = 0x0609_0030
 
 
-class Wire(Protocol):
+class NodeWire(Protocol):
     """What a node can do on the bus by itself."""
 
     @property
@@ -40,12 +40,12 @@ class SimulatedNode:
     """The state of one node. Methods are called under the clock's lock."""
 
     contract: Contract
-    wire: Wire | None = None  # None until the node is attached to a network
+    wire: NodeWire | None = None  # None until the node is attached to a network
     speed = 1.0  # speed of this clock relative to the clients' clock
     rig: Any  # that of its place, once it stands on a bench
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: SimulatedPlace) -> Self:
         """Make the node for its place on a bench; a node whose constructor takes more arguments overrides this."""
         made = cls(place.clock, place.unit, place.serial)
         made.rig = place.rig

@@ -13,7 +13,7 @@ from palpate.simulators.clock import NEVER, VirtualClock
 
 
 @dataclass(frozen=True)
-class Place:
+class SimulatedPlace:
     """What a simulated device gets from its bench.
 
     Attributes:
@@ -62,7 +62,7 @@ class SimulatedDevice:
     rig: Any  # that of its place, once it stands on a bench
 
     @classmethod
-    def at(cls, place: Place) -> Self:
+    def at(cls, place: SimulatedPlace) -> Self:
         """Make the device for its place on a bench; a device whose constructor takes more arguments overrides this."""
         made = cls(place.clock, place.serial)
         made.rig = place.rig

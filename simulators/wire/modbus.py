@@ -18,7 +18,7 @@ from palpate.instrument.own_process import Ends, close_in_child, watched
 from palpate.simulators.wire.device import SimulatedDevice
 from palpate.simulators.wire.modbus_server import Identity, SerialServer, TcpServer
 from palpate.simulators.wire.registers import Registers
-from palpate.simulators.wire.relay import Noise, Relay
+from palpate.simulators.wire.relay import LineNoise, Relay
 
 if TYPE_CHECKING:
     from palpate.simulators.physics.stages import LineEffect
@@ -113,7 +113,7 @@ class ServerThread:
         """From now on let requests to a device on TCP pass through `link`, which may damage them."""
         self._of_device[id(device)].link = link
 
-    def make_noisy(self, noise: Noise) -> None:
+    def make_noisy(self, noise: LineNoise) -> None:
         """From now on let frames of the serial line pass through `noise`, which may damage them."""
 
         async def make() -> None:
@@ -124,7 +124,7 @@ class ServerThread:
 
     def serve_rtu(self, devices: dict[int, SimulatedDevice], timing: LineEffect | None) -> str:
         """Serve devices on one serial line, by unit id. Returns the path of the terminal that a client opens."""
-        line = _Line(devices, timing)
+        line = _SerialLine(devices, timing)
 
         async def start() -> str:
             server = SerialServer(
@@ -160,7 +160,7 @@ def _identity(device: SimulatedDevice) -> Identity:
     return objects
 
 
-class _Line:
+class _SerialLine:
     """The serial line itself: absent units are silent, each frame takes time, and who is asked too soon hears nothing.
 
     A wait here blocks the servers' whole thread. That is right: the client waits for its reply, and nobody else moves

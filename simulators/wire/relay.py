@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol
 Send = Callable[[Any], None]  # sends one frame, a `can.Message`
 
 
-class Listener(Protocol):
+class StoppableServer(Protocol):
     """The server of a device, as far as a relay can stop and start it."""
 
     def stop_listening(self) -> None: ...
@@ -46,11 +46,11 @@ class Relay(Protocol):
     def struck(self) -> Damage | None:
         """The damage to the present request; None: it passes unharmed."""
 
-    def refuse(self, server: Listener, lasts_ns: int) -> None:
+    def refuse(self, server: StoppableServer, lasts_ns: int) -> None:
         """Let a server stop listening for a time [ns]; 0: until the clock moves on."""
 
 
-class Noise(Protocol):
+class LineNoise(Protocol):
     """Passes frames on between the two ends of a serial line, and may damage them."""
 
     def watch(self, client: int) -> None:

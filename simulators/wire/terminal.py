@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from palpate.instrument.bench.serial_line import SHORTEST_SILENCE, SILENCE, character_bits, reply_begins
 from palpate.instrument.bench.this_machine import pseudo_terminal
-from palpate.simulators.wire.relay import Noise
+from palpate.simulators.wire.relay import LineNoise
 
 if TYPE_CHECKING:
     from pymodbus.transport import ModbusProtocol
@@ -37,7 +37,7 @@ class Terminal(asyncio.Transport):
         """Raises BenchError: this machine gives no pseudo-terminal."""
         super().__init__()
         self._server = server
-        self._noise: Noise | None = None
+        self._noise: LineNoise | None = None
         self._loop = asyncio.get_running_loop()
         self._own, client, self.path = pseudo_terminal()
         self._descriptors = [self._own, client]
@@ -47,7 +47,7 @@ class Terminal(asyncio.Transport):
         self._loop.add_reader(self._own, self._heard)
         server.connection_made(self)
 
-    def make_noisy(self, noise: Noise) -> None:
+    def make_noisy(self, noise: LineNoise) -> None:
         """From now on pass frames through `noise`; call it in the servers' event loop."""
         noise.watch(self._own)
         self._noise = noise

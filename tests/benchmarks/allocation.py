@@ -11,9 +11,9 @@ from random import Random
 import numpy as np
 
 from palpate.instrument.allocation.allocate import allocate, allocate_time
-from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.preparations import prepare
-from palpate.instrument.allocation.purchase import Way
+from palpate.instrument.allocation.purchase import RunOption
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
 from palpate.instrument.allocation.times import times
 from tests.benchmarks.row import Row
@@ -41,12 +41,12 @@ class Truth:
     mountings_known: float | None = None
     wanted: tuple[float, float] = ACHIEVED
 
-    def lines(self) -> list[Line]:
+    def lines(self) -> list[BudgetLine]:
         known = self.mountings if self.mountings_known is None else self.mountings_known
         return [
-            Line("gain scatter", SENSITIVITY * SCATTER, Unit.SET, self.freedom),
-            Line("noise", SENSITIVITY * 1e-3, Unit.SECOND),
-            Line("mounting", SENSITIVITY * known, Unit.MOUNTING),
+            BudgetLine("gain scatter", SENSITIVITY * SCATTER, RepeatUnit.SET, self.freedom),
+            BudgetLine("noise", SENSITIVITY * 1e-3, RepeatUnit.SECOND),
+            BudgetLine("mounting", SENSITIVITY * known, RepeatUnit.MOUNTING),
         ]
 
 
@@ -100,12 +100,12 @@ def prepared(count: int) -> Iterator[Row]:
         yield Row("slowest of these plans", f"{slowest:.2f} ms", f"<= {SLOWEST:g} ms", slowest <= SLOWEST)
 
 
-def nine(ways: Sequence[Way]) -> list[Way]:
+def nine(ways: Sequence[RunOption]) -> list[RunOption]:
     """The first way at three loads and three dwells, as `measure modulus` has them."""
     lines, costs, shortest = ways[0].lines, ways[0].costs, ways[0].shortest
     return [
-        Way(
-            [replace(line, u=line.u * fitted / load) if line.per is Unit.SECOND else line for line in lines],
+        RunOption(
+            [replace(line, u=line.u * fitted / load) if line.per is RepeatUnit.SECOND else line for line in lines],
             replace(costs, set=costs.set * (1 + load / 100)),
             cycles * shortest,
         )

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.sensor_node import SensorNode, acquire
+from palpate.drivers.devices.sensor_node import CanopenSensorNode, acquire
 from palpate.instrument.contracts.sensor_node import bus_load
 from palpate.instrument.sensor.sample import get_sample
 from palpate.simulators.bench import SimulatedBench
@@ -25,7 +25,7 @@ def measure() -> Iterator[Row]:
         bench.drive()
         bench.device("signal_generator").sine(10.0, 1.0)
         start, worked = time.perf_counter(), time.process_time()
-        recordings = acquire(bench.all(SensorNode), SECONDS)  # raises where a counter is not continuous
+        recordings = acquire(bench.all(CanopenSensorNode), SECONDS)  # raises where a counter is not continuous
         wall, worked = time.perf_counter() - start, time.process_time() - worked
     expected = NODES * round(RATE * SECONDS)
     got = sum(r.time.size for r in recordings)

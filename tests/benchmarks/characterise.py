@@ -89,7 +89,7 @@ def noisy(name: str, decay: float, runs: int) -> Iterator[Row]:
     loads, off = np.array(conditions.loads), reading_u(THESIS_LOAD_CELL, 1.0)
     slopes = np.array([film.sensitivity * conditions.force(film, 1.0) for film in SINGLE.films])
     scatter = np.array([film.scatter for film in SINGLE.films])
-    expected = {row["name"]: row["u"] for row in asked.plan(TARGET).predicted.told["predicted_results"]}
+    expected = {row["name"]: row["u"] for row in asked.plan(TARGET).predicted.details["predicted_results"]}
     found: dict[str, list[Budget]] = {}
     for _ in range(runs):
         up = []

@@ -30,7 +30,7 @@ from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.errors import BenchError
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
-from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.wire.device import SimulatedDevice
 from tests.benchmarks.row import Row
@@ -48,7 +48,7 @@ STATES = {0, 4, 5, 127}  # of heartbeats: boot-up, stopped, operational, pre-ope
 
 
 def measure() -> Iterator[Row]:
-    wish = Wish(read_scene("thesis_single"), Place(interface=MULTICAST), None, 1.0, None, (), None)
+    wish = Wish(read_scene("thesis_single"), BenchAddresses(interface=MULTICAST), None, 1.0, None, (), None)
     with serving(wish) as served:
         yield _row("mbpoll", ["mbpoll"], lambda: _mbpoll(served.sim))
         yield _row("canopen of npm", ["node", "-e", "require('canopen')"], lambda: _canopen(served))

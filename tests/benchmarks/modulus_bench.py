@@ -31,7 +31,7 @@ from palpate.procedures.measurements.object_modulus.costs import END, costs_of
 from palpate.procedures.measurements.object_modulus.course import _remounts
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.procedures.measurements.object_modulus.prospect import most_sets
-from palpate.procedures.measurements.object_modulus.result import Answer, ModulusPoint
+from palpate.procedures.measurements.object_modulus.result import ModulusPoint, ObjectModulusAnswer
 from palpate.procedures.measurements.softness.procedure import unknown_object
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
@@ -133,7 +133,7 @@ class Done:
     """A run: its points and answer, bench time [s], for each set when it began and when its object was mounted [ns]."""
 
     points: list[ModulusPoint]
-    answer: Answer | None
+    answer: ObjectModulusAnswer | None
     seconds: float
     began: list[tuple[int, int]]
 

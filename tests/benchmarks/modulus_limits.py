@@ -12,7 +12,7 @@ from dataclasses import replace
 from scipy.special import ndtr
 
 from palpate.instrument.allocation.allocate import cheapest
-from palpate.instrument.allocation.lines import Unit, merged
+from palpate.instrument.allocation.lines import RepeatUnit, merged
 from palpate.instrument.allocation.stopping import FIRST, first_sets
 from palpate.instrument.allocation.times import times
 from palpate.instrument.uncertainty.budget import coverage_factor
@@ -52,12 +52,12 @@ def limits(name: str, modulus: float) -> Iterator[Row]:
     lines = lines_of(truth.design, prospect.found, prospect.load, wanted, absolute=False, cycles=cycles)
 
     def least(scatter: float) -> float:
-        true = [replace(line, u=scatter * line.u) if line.per is Unit.SET else line for line in lines]
+        true = [replace(line, u=scatter * line.u) if line.per is RepeatUnit.SET else line for line in lines]
         mountings, sets, _ = cheapest(merged(true, plan.dwell), costs, TOLERANCE, plan.dwell, FIRST)
         return costs.seconds(mountings, sets, plan.dwell)
 
     def predicted(freedom: float) -> float:
-        known = [replace(line, degrees_of_freedom=freedom) if line.per is Unit.SET else line for line in lines]
+        known = [replace(line, degrees_of_freedom=freedom) if line.per is RepeatUnit.SET else line for line in lines]
         return times(known, costs, TOLERANCE, plan, (first_sets(plan), most_sets(plan, wanted))).mean
 
     what = f"{name}, {modulus / 1e3:g} kPa, {TOLERANCE:.0%}"

@@ -11,7 +11,7 @@ import numpy as np
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.model_fit import MeasuredReference, fit_model
 from palpate.instrument.findings.object_modulus import ByReferences
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import Validation, validate
 from palpate.procedures.measurements.object_modulus.lines import expected
 from tests.benchmarks.modulus_bench import MODEL, Draws, Truth
@@ -28,7 +28,7 @@ ABOUT = {
 @functools.cache
 def _by_the_curve(modulus: float) -> tuple[float, float]:
     """Force ratio and sensitivity of an object by the model."""
-    found = expected(Question("single", MODEL), modulus)
+    found = expected(RatioQuestion("single", MODEL), modulus)
     return found.ratio, found.sensitivity or math.nan
 
 

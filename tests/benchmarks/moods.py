@@ -38,7 +38,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.virtual.served_bench import Wish, serving
-from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from tests.benchmarks.row import Row
 from tests.drivers.benches import new_form
 from tests.fault_matrix import SETTLED
@@ -231,7 +231,7 @@ def in_process(number: int, mixture: tuple[str, ...]) -> Found:
 def served(number: int, mixture: tuple[str, ...]) -> Found:
     """What came of one sweep of another process, on a bench that this one serves, whose clock goes by its waits."""
     moods = Moodiness(mixture, random.Random(number))
-    wish = Wish(scene("sweep loads"), Place(interface=MULTICAST), None, 1.0, 1.0, (get_sample("1"),), None)
+    wish = Wish(scene("sweep loads"), BenchAddresses(interface=MULTICAST), None, 1.0, 1.0, (get_sample("1"),), None)
     with (
         tempfile.TemporaryDirectory() as name,
         serving(wish) as bench,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from palpate.instrument.allocation.allocate import allocate
-from palpate.instrument.allocation.lines import Line, Unit
+from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
 from palpate.instrument.uncertainty.groups import Between, between_groups
 from tests.benchmarks.allocation import BENCH, FREEDOM, SCATTER, SENSITIVITY
@@ -22,7 +22,7 @@ SCATTERS = (0.0, 0.005, 0.01, 0.02)
 WAYS: dict[str, Callable[[Between], float]] = {
     "their means": lambda found: found.means_u,
     "their means less the sets' part": lambda found: found.u,
-    "that only where it is told": lambda found: found.u if found.told else 0.0,
+    "that only where it is told": lambda found: found.u if found.significant else 0.0,
 }
 
 
@@ -51,9 +51,9 @@ def counted(scatter: float, name: str, counts: Callable[[Between], float], runs:
 def run(scatter: float, known: float, rng: np.random.Generator) -> tuple[float, float, float]:
     """Deviation from the truth, half-width of the interval, and bench time of a run that stops by itself."""
     lines = [
-        Line("gain scatter", SENSITIVITY * SCATTER, Unit.SET, FREEDOM),
-        Line("noise", SENSITIVITY * 1e-3, Unit.SECOND),
-        *([Line("mounting", SENSITIVITY * known, Unit.MOUNTING, MOUNTINGS - 1)] if known else []),
+        BudgetLine("gain scatter", SENSITIVITY * SCATTER, RepeatUnit.SET, FREEDOM),
+        BudgetLine("noise", SENSITIVITY * 1e-3, RepeatUnit.SECOND),
+        *([BudgetLine("mounting", SENSITIVITY * known, RepeatUnit.MOUNTING, MOUNTINGS - 1)] if known else []),
     ]
     plan = allocate(lines, BENCH, TOLERANCE, fewest=FIRST)
     ratios: list[list[float]] = []

@@ -9,7 +9,7 @@ from dataclasses import fields
 import numpy as np
 
 from palpate.instrument.allocation.stopping import FIRST
-from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.load_cell_curve import load_cell_curve
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.models.influence import ERROR, tooth_shares
@@ -63,7 +63,9 @@ def weighed(name: str, off: float, count: int, runs: int) -> Row:
             (true + DISPLAY_NOISE * step * rng.standard_normal((count, 2, REPEATS, load.size))) / step
         )
         calibrated = [
-            Run(0.0, *up_down.mean(axis=1), repeats=REPEATS, scatter_mV=math.sqrt(up_down.var(axis=1, ddof=1).mean()))
+            WeightRun(
+                0.0, *up_down.mean(axis=1), repeats=REPEATS, scatter_mV=math.sqrt(up_down.var(axis=1, ddof=1).mean())
+            )
             for up_down in shown
         ]
         found = load_cell_curve(load, calibrated, step, 1).sensitivity

@@ -26,7 +26,7 @@ from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.linear.lti import first_order_high_pass
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
@@ -154,7 +154,7 @@ def _each(scene: Scene, block: int) -> float:
 def _followed(scene: Scene) -> Taker:
     """Takes samples of all films, from one to before another, counted from when the drive is set to 3 N."""
     rig = driven(scene, Question())
-    node = SensorNode(VirtualClock(), 1, 1, rig)
+    node = SimulatedSensorNode(VirtualClock(), 1, 1, rig)
 
     def take(first: int, end: int) -> None:
         time_ns = np.arange(first, end) * SAMPLE_NS

@@ -20,7 +20,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from palpate.instrument.bench.this_machine import LOOPBACK
 from palpate.instrument.contracts.signal_generator import CONTRACT
 from palpate.procedures.virtual.served_bench import Wish, serving
-from palpate.simulators.bench import Place
+from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.row import Row
 
@@ -28,7 +28,7 @@ REQUESTS = 3000  # of a round, all clients together
 ROUNDS = 5
 GOAL = 0.8
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.5 s", "--json")
-NOTHING = Wish(read_scene("thesis_single"), Place(), None, 1.0, 1.0, (), None)
+NOTHING = Wish(read_scene("thesis_single"), BenchAddresses(), None, 1.0, 1.0, (), None)
 
 
 def measure() -> Iterator[Row]:

@@ -10,7 +10,7 @@ from unittest import mock
 
 from palpate.instrument.models.finite_elements import kept
 from palpate.instrument.models.parameters import solid_parameters
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.solid import model
 from tests.benchmarks.row import Row
 
@@ -23,7 +23,7 @@ def measure() -> list[Row]:
     """A row for the first two meshes of each case."""
     rows = []
     for design, at in CASES:
-        question = Question(design, "solid", at=at)
+        question = RatioQuestion(design, "solid", at=at)
         parameters = replace(solid_parameters(question.sensor(), question.load(1.0)), sensed_modulus=1.0, force=1.0)
         with tempfile.TemporaryDirectory() as room, mock.patch.dict(os.environ, {kept.VARIABLE: room}):
             asked = model._new(parameters, 2)  # the command tells the price alone, not each mesh

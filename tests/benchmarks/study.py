@@ -17,7 +17,7 @@ from palpate.procedures.study.results import read_results
 from palpate.procedures.study.run import run
 from palpate.procedures.study.store import Store
 from palpate.procedures.virtual.executors import executor_of
-from palpate.procedures.virtual.study_cell import Sweep
+from palpate.procedures.virtual.study_cell import StudyComputation
 from tests.benchmarks.row import Row
 
 SCENES, GOAL = 1000, 60.0
@@ -73,7 +73,7 @@ def _computed(folder: Path, executor: Executor, workers: int) -> tuple[float, st
         study = study_of(file, name)
         with Store(folder / name, {"study": file.model_dump(mode="json")}) as store:
             start = time.perf_counter()
-            run(study, Sweep.of(study, name), executor, store, _nobody, 4 * workers)
+            run(study, StudyComputation.of(study, name), executor, store, _nobody, 4 * workers)
             seconds = time.perf_counter() - start
     return seconds, read_results(folder / "timed").digest()
 

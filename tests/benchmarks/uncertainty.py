@@ -14,12 +14,12 @@ from typing import cast
 
 import numpy as np
 
-from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import calibrate_load_cell
-from palpate.instrument.findings.compression import Series, compress
+from palpate.instrument.findings.compression import DisplaySeries, compress
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
@@ -111,7 +111,7 @@ def _load_cell(repeat: Repeat, held: Held) -> LoadCellCalibration:
         [[repeat.display(load, REPEATS, 1000 * way + 20 * i) for i, load in enumerate(loads)] for way in (1, 2)]
     )
     scatter = float(np.sqrt(shown.var(axis=2, ddof=1).mean()))
-    run = Run(0.0, *shown.mean(axis=2), repeats=REPEATS, scatter_mV=scatter)
+    run = WeightRun(0.0, *shown.mean(axis=2), repeats=REPEATS, scatter_mV=scatter)
     found = calibrate_load_cell(loads, [run], 1.0, degree=1, gage_factor=8.98, **ORIGIN)  # type: ignore[arg-type]
     cell = cast("LoadCell", repeat.scene.effects["load_cell"])
     half = coverage_factor(found.degrees_of_freedom or math.inf) * found.sensitivity_u
@@ -192,11 +192,11 @@ def _compression(repeat: Repeat, calibration: LoadCellCalibration, held: Held) -
     pad = sample.thickness / (sample.modulus * sample.area)
     support = 12e-3 + repeat.rng.uniform(0, 1e-4)
 
-    def series(contact: float, compliance: float, deepest: float, update: int) -> Series:
+    def series(contact: float, compliance: float, deepest: float, update: int) -> DisplaySeries:
         positions = np.round((contact + deepest * np.arange(1, STEPS + 1) / STEPS) * 1e6) / 1e6
         loads = (positions - contact) / compliance
         shown = [repeat.display(float(load), DISPLAYS, update + 20 * i) for i, load in enumerate(loads)]
-        return Series(positions, np.array(shown))
+        return DisplaySeries(positions, np.array(shown))
 
     contact, yielding = support - sample.thickness, BENCH_COMPLIANCE + pad
     deepest = repeat.rng.uniform(*STRAINS) * sample.thickness * yielding / pad

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.contracts.contract import (
@@ -59,4 +59,4 @@ def made(contract: Contract = THING, inventory: str = "", **held: Any) -> tuple[
     link.put(**{name: value for name, value in {**GOOD, **held}.items() if contract.has(name)})
     clock = VirtualClock()
     kind = DeviceKind(contract, ("modbus-rtu",), "here:Thing")
-    return ModbusDevice.at(Place(link, 7, None, clock, kind, inventory)), link, clock
+    return ModbusDevice.at(DevicePlace(link, 7, None, clock, kind, inventory)), link, clock

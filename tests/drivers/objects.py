@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from palpate.drivers.devices.device import Place
-from palpate.drivers.devices.sensor_node import SensorNode
+from palpate.drivers.devices.device import DevicePlace
+from palpate.drivers.devices.sensor_node import CanopenSensorNode
 from palpate.instrument.contracts.contract import Contract, Value
 from palpate.instrument.contracts.sensor_node import CONTRACT
 from palpate.instrument.errors import DeviceError
@@ -85,11 +85,11 @@ class Objects:
 DEFAULTS: dict[str, Any] = {"emergency_cob_id": 0x83, "device_name": "Palpate SN-1"}
 
 
-def node(**held: Any) -> tuple[SensorNode, Any, VirtualClock]:
+def node(**held: Any) -> tuple[CanopenSensorNode, Any, VirtualClock]:
     """A connected driver of node 3."""
     link: Any = Objects(CONTRACT, **{**DEFAULTS, **held})
     clock = VirtualClock()
-    driver = SensorNode.at(Place(link, 3, None, clock))
+    driver = CanopenSensorNode.at(DevicePlace(link, 3, None, clock))
     driver.connect()
     link.done.clear()
     return driver, link, clock

@@ -20,7 +20,7 @@ from palpate.instrument.contracts.shaker_amplifier import CONTRACT, SETTINGS
 from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.shaker_amplifier import ShakerAmplifier
+from palpate.simulators.devices.shaker_amplifier import SimulatedShakerAmplifier
 from palpate.simulators.linear.periodic import Periodic
 from palpate.simulators.wire.device import Refused
 from tests.conftest import latched
@@ -59,7 +59,7 @@ class Scene:
     def __init__(self) -> None:
         self.clock = VirtualClock()
         sine = Periodic(0.0, 0, 0, 0, np.array([1]), np.array([1.0 + 0j]))
-        self.device = ShakerAmplifier(self.clock, "SIM", lambda: sine, lambda: None, 3.5)
+        self.device = SimulatedShakerAmplifier(self.clock, "SIM", lambda: sine, lambda: None, 3.5)
 
     def read(self, name: str) -> int:
         self.device.requested()

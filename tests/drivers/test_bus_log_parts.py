@@ -22,7 +22,7 @@ from palpate.drivers.logs.bus_log import (
     packed,
     unpacked,
 )
-from palpate.drivers.logs.can_frames import Frame, frame_of, read_frames
+from palpate.drivers.logs.can_frames import CanFrame, frame_of, read_frames
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.errors import RecordError, UsageError
@@ -113,7 +113,7 @@ def test_a_frame_is_packed_as_linux_has_it(frame: dict[str, Any], data: str) -> 
 
 def test_a_frame_of_a_log_has_its_time_in_seconds() -> None:
     packet = Packet(1_500_000_000, "node", Link.CAN, True, bytes.fromhex("00000581 02 000000 0102"))
-    assert frame_of(packet) == Frame(1.5, 0x581, b"\1\2")
+    assert frame_of(packet) == CanFrame(1.5, 0x581, b"\1\2")
 
 
 # --- a log ---------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from palpate.instrument.bench.can_ends import MULTICAST
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout
 from palpate.procedures.logs.shown import described
-from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty
 from tests.drivers.benches import altered
@@ -91,7 +91,7 @@ def test_the_drivers_hear_what_they_heard_over_tcp_the_line_and_can(sim: Simulat
 def test_over_multicast_too_each_frame_that_was_sent_stands_once_where_it_was_sent(
     nothing_left_behind: None, scene: Scene, log: Path
 ) -> None:
-    with SimulatedBench(scene, Place(interface=MULTICAST)) as sim:
+    with SimulatedBench(scene, BenchAddresses(interface=MULTICAST)) as sim:
         heard = logged(sim, log)
         assert replayed(sim, log) == heard
 

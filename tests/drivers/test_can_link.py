@@ -141,7 +141,7 @@ def link(monkeypatch: pytest.MonkeyPatch) -> Iterator[CanLink]:
     monkeypatch.setattr(can, "Bus", Bus)
     monkeypatch.setattr(canopen.Network, "connect", lambda _network: None)
     monkeypatch.setattr(canopen.Network, "disconnect", lambda _network: None)
-    yield CanLink(links.CanLink.model_validate(DESCRIBED))
+    yield CanLink(links.CanBus.model_validate(DESCRIBED))
 
 
 DESCRIBED = {"interface": "pcan", "channel": "USB1", "bitrate": 125_000, "timeout": "250 ms"}
@@ -156,7 +156,7 @@ def test_a_bus_is_opened_as_the_bench_file_says(link: CanLink) -> None:
 
 def test_an_interface_that_python_can_does_not_have_is_refused_before_anything_is_opened() -> None:
     with pytest.raises(ConfigError, match=r"unknown interface 'pcann' \(did you mean 'pcan'\?\); valid: .*socketcan"):
-        CanLink(links.CanLink.model_validate({**DESCRIBED, "interface": "pcann"}))
+        CanLink(links.CanBus.model_validate({**DESCRIBED, "interface": "pcann"}))
 
 
 @pytest.mark.parametrize(("interface", "kept", "heard"), [(MULTICAST, 1, 1), ("pcan", 0, 2)])
@@ -165,7 +165,7 @@ def test_a_multicast_bus_keeps_to_its_group_and_echoes(
 ) -> None:
     groups, told = list[object](), list[bool]()
     monkeypatch.setattr("palpate.drivers.links.can.keep_to_group", groups.append)
-    link = CanLink(links.CanLink.model_validate({**DESCRIBED, "interface": interface}))
+    link = CanLink(links.CanBus.model_validate({**DESCRIBED, "interface": interface}))
     link.tap(lambda sent, _message: told.append(sent))
     link.open()
     bus: Any = link.network.bus
@@ -219,7 +219,7 @@ def test_a_closed_link_is_not_open(link: CanLink, monkeypatch: pytest.MonkeyPatc
 def test_closing_a_bus_within_this_process_wakes_the_thread_that_listens(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(canopen.Network, "NOTIFIER_CYCLE", 300.0)  # without being woken it would listen for so long
     heard: list[tuple[bool, can.Message]] = []
-    link = CanLink(links.CanLink(interface="virtual", channel="woken"))
+    link = CanLink(links.CanBus(interface="virtual", channel="woken"))
     link.tap(lambda sent, message: heard.append((sent, message)))
     before = set(threading.enumerate())
     link.open()

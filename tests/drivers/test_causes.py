@@ -222,7 +222,7 @@ def test_a_line_that_brings_nothing_or_nonsense_is_told_with_the_settings_to_che
 def bus(request: pytest.FixtureRequest) -> Iterator[tuple[CanLink, can.BusABC]]:
     """A bus of which nobody answers, and another participant on it."""
     channel = f"causes-{request.node.name}"
-    link = CanLink(files.CanLink.model_validate({"interface": "virtual", "channel": channel, "timeout": "0.05 s"}))
+    link = CanLink(files.CanBus.model_validate({"interface": "virtual", "channel": channel, "timeout": "0.05 s"}))
     link.devices = {5: "[device.films]"}
     with can.Bus(interface="virtual", channel=channel) as other, opened_bus(link):
         yield link, other
@@ -303,7 +303,7 @@ def test_a_can_interface_that_is_not_there_is_told_with_those_that_are(
 
 
 def test_an_adapter_without_its_driver_is_told_with_its_interface() -> None:
-    link = CanLink(files.CanLink(interface="kvaser", channel="0"))
+    link = CanLink(files.CanBus(interface="kvaser", channel="0"))
     with (
         pytest.raises(
             LinkError, match=r"driver software of kvaser adapters is not installed .*interface in \[link.can\]"

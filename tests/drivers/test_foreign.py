@@ -18,7 +18,7 @@ from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.constants import EXP_DATA_ADDRESS, EXP_DATA_VALUE
 from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 
-from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import SerialLine, TcpLink
@@ -174,7 +174,7 @@ def test_the_positioners_driver_uses_a_device_of_another_stack_on_a_line(nothing
         link = ModbusLink.rtu(SerialLine(port=ours, baudrate=FASTEST, timeout="10 s"))  # type: ignore[arg-type]
         link.open()
         try:
-            driver = Positioner(link, 2, VirtualClock())
+            driver = MicroPositioner(link, 2, VirtualClock())
             driver.connect()
             assert (driver.serial, driver.position()) == (SERIAL.decode(), 0.0)
             driver.set(target=2e-3, speed=1e-3, command="move")

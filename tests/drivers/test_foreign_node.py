@@ -10,7 +10,7 @@ import can
 import numpy as np
 import pytest
 
-from palpate.drivers.devices.sensor_node import SensorNode
+from palpate.drivers.devices.sensor_node import CanopenSensorNode
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.bench import links
 from palpate.instrument.contracts import sensor_node
@@ -102,14 +102,14 @@ class Sampling(VirtualClock):
 
 
 @contextmanager
-def foreign_node() -> Iterator[tuple[ForeignNode, SensorNode]]:
+def foreign_node() -> Iterator[tuple[ForeignNode, CanopenSensorNode]]:
     with can.Bus(interface="virtual", channel="foreign") as bus:
         node = ForeignNode(bus)
         notifier = can.Notifier(bus, [node.on_message], timeout=0.01)
-        link = CanLink(links.CanLink(interface="virtual", channel="foreign", timeout="10 s"))  # type: ignore[arg-type]
+        link = CanLink(links.CanBus(interface="virtual", channel="foreign", timeout="10 s"))  # type: ignore[arg-type]
         link.open()
         try:
-            yield node, SensorNode(link, NODE, Sampling(node))
+            yield node, CanopenSensorNode(link, NODE, Sampling(node))
         finally:
             link.close()
             notifier.stop()

@@ -24,7 +24,7 @@ from palpate.instrument.contracts.sensor_node import SYNC_COB_ID
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.testing.wire import frames, listen, payloads, transfers
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.devices.amplifier_owner import Owner
+from palpate.simulators.devices.amplifier_owner import AmplifierOwner
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedDevice
 
@@ -173,7 +173,7 @@ def test_the_owner_of_the_amplifier_writes_the_golden_orders(
 ) -> None:
     amplifier, golden = bench.device("shaker_amplifier"), GOLDEN["shaker_amplifier"]["owner"]
     amplifier.release()
-    monkeypatch.setattr(sim.amplifier, "_owner", Owner())  # which begins with the golden ticket
+    monkeypatch.setattr(sim.amplifier, "_owner", AmplifierOwner())  # which begins with the golden ticket
     wire = listen(amplifier.link, monkeypatch)
     assert amplifier.claim()
     amplifier.feed()

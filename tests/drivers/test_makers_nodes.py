@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.either_bus import EitherBus
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.wear import MOST
@@ -55,13 +55,13 @@ def node(contract: Contract = NODE, **held: Any) -> tuple[Any, Any, VirtualClock
     link.put(name="DSRT 22", decimals=2, **held)
     link.held[0x1018, 1] = (0x5F).to_bytes(4, "little")
     clock = VirtualClock()
-    return Switch.at(Place(link, 3, None, clock, DeviceKind(contract, ("canopen",), "here:Node"))), link, clock
+    return Switch.at(DevicePlace(link, 3, None, clock, DeviceKind(contract, ("canopen",), "here:Node"))), link, clock
 
 
 def test_one_driver_serves_both_buses() -> None:
     free = replace(THING, manners=Manners())
     link: Any = Registers(free)
-    switch = Switch.at(Place(link, 7, None, VirtualClock(), DeviceKind(free, ("modbus-rtu",), "here:Thing")))
+    switch = Switch.at(DevicePlace(link, 7, None, VirtualClock(), DeviceKind(free, ("modbus-rtu",), "here:Thing")))
     other, bus, _ = node()
     other.connect()
     assert (switch.on(), other.on()) == (1.0, 1.0)
@@ -73,7 +73,7 @@ def test_a_driver_without_a_contract_needs_a_kind() -> None:
     link: Any = Registers(THING)
     for driver in (Switch, ModbusDevice):
         with pytest.raises(UsageError, match=f"{driver.__name__} has no contract of its own"):
-            driver.at(Place(link, 7, None, VirtualClock()))
+            driver.at(DevicePlace(link, 7, None, VirtualClock()))
 
 
 def test_a_node_is_known_by_marks_and_watched_for_its_scale() -> None:

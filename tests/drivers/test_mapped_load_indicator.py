@@ -13,17 +13,16 @@ import pytest
 
 from palpate.drivers.devices.device import Device
 from palpate.drivers.mapped.following import LARGEST_LOSS, POLLS, Following, pauses
-from palpate.drivers.mapped.load_indicator import LoadIndicator
+from palpate.drivers.mapped.load_indicator import MappedLoadIndicator
 from palpate.drivers.roles import why_invalid
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, LowPass
 from palpate.instrument.contracts.contract import Value
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.mapped.load_indicator import LoadIndicator as Twin
-from palpate.simulators.mapped.load_indicator import low_passed
+from palpate.simulators.mapped.load_indicator import SimulatedMappedLoadIndicator, low_passed
 from palpate.simulators.rig.load_cell import IDEAL_SENSITIVITY
-from palpate.simulators.wire.device import Place as ServedPlace
+from palpate.simulators.wire.device import SimulatedPlace
 
 FREQUENCY = 10.0  # Hz
 KINDS = ("flintec-dad-141", "laumas-tlb4", "seneca-z-sg2")
@@ -55,7 +54,7 @@ class Rig:
 class Wire(Device):
     """Reads and writes a twin without a bus."""
 
-    twin: Twin
+    twin: SimulatedMappedLoadIndicator
 
     def get(self, name: str) -> float:
         return self.get_many(name)[0]
@@ -78,7 +77,7 @@ class Wire(Device):
         return []
 
 
-class Straight(LoadIndicator, Wire):
+class Straight(MappedLoadIndicator, Wire):
     """The driver on such a wire."""
 
 
@@ -91,7 +90,9 @@ def indicator(kind: str, section: dict[str, Any] | None = None, set_up: bool = T
     clock = VirtualClock()
     rig: Any = Rig()
     device = Straight("cell", clock, found.contract)
-    device.twin = Twin.at(ServedPlace(clock, rig, 1, "SIM-1", settings, found, lambda _role: None))
+    device.twin = SimulatedMappedLoadIndicator.at(
+        SimulatedPlace(clock, rig, 1, "SIM-1", settings, found, lambda _role: None)
+    )
     device.kind = found
     clock.wait(2.0)
     if set_up:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.mapped.counts import Counts
 from palpate.drivers.mapped.sensor_node import MappedNode
 from palpate.drivers.mapped.sync import missing_sync
@@ -46,7 +46,7 @@ def node(kind: str = "canopennode-io", **settings: Any) -> tuple[MappedNode, Bus
     link: Any = Bus(found.contract, **DEFAULTS[kind])
     link.held[0x1800, 1] = (0x4000_0183).to_bytes(4, "little")
     given = NodeSettings(**({"volts_per_unit": VOLTS} | settings))
-    driver = MappedNode.at(Place(link, 3, given, VirtualClock(), found))
+    driver = MappedNode.at(DevicePlace(link, 3, given, VirtualClock(), found))
     driver.connect()
     return driver, link
 

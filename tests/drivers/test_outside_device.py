@@ -24,7 +24,7 @@ from palpate.procedures.logs.shown import read_log
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.device import Place
+from palpate.simulators.wire.device import SimulatedPlace
 from tests.drivers.outside import EXAMPLES, installed
 
 
@@ -111,7 +111,7 @@ def test_a_simulated_device_finds_the_one_that_the_scene_gives_a_role_and_is_tol
     with_oven = with_oven.with_devices(
         {"spare": {"kind": "acme-oven"}, "oven": {"kind": "acme-oven", "role": "chamber"}}
     )
-    places: list[Place] = []
+    places: list[SimulatedPlace] = []
     oven = load(with_oven.devices[0].kind.simulator or "", "oven")
     made = oven.at
     monkeypatch.setattr(oven, "at", lambda place: (places.append(place), made(place))[1])

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import Place
-from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.device import DevicePlace
+from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.instrument.contracts import positioner as stage
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
@@ -16,10 +16,10 @@ from tests.drivers.registers import Registers
 HOMED = 2
 
 
-def positioner(**held: Any) -> tuple[Positioner, Any, VirtualClock]:
+def positioner(**held: Any) -> tuple[MicroPositioner, Any, VirtualClock]:
     link: Any = Registers(stage.CONTRACT, **{"limit_high": 0.02, "status": HOMED, **held})
     clock = VirtualClock()
-    driver = Positioner.at(Place(link, 1, None, clock))
+    driver = MicroPositioner.at(DevicePlace(link, 1, None, clock))
     driver.connect()
     link.asked.clear()
     return driver, link, clock

@@ -15,7 +15,7 @@ from pymodbus.pdu import DecodePDU
 
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.devices.strain_indicator import StrainIndicator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.requests import read_registers
@@ -44,7 +44,7 @@ def answered(request: bytes) -> bytes:
 
 
 @contextmanager
-def terminal(says: Callable[[bytes], list[bytes]], baudrate: int = FASTEST) -> Iterator[Positioner]:
+def terminal(says: Callable[[bytes], list[bytes]], baudrate: int = FASTEST) -> Iterator[MicroPositioner]:
     """A driver on a pseudo-terminal, at whose other end each request is answered with these pieces."""
     own, theirs = os.openpty()
     tty.setraw(theirs)
@@ -60,7 +60,7 @@ def terminal(says: Callable[[bytes], list[bytes]], baudrate: int = FASTEST) -> I
     server = threading.Thread(target=serve, daemon=True)
     server.start()
     try:
-        yield Positioner(link, UNIT, VirtualClock())
+        yield MicroPositioner(link, UNIT, VirtualClock())
     finally:
         link.close()
         os.write(theirs, b"end")
@@ -89,7 +89,7 @@ def line(
     link = ModbusLink("virtual line", client)
     if driver is StrainIndicator:
         return StrainIndicator(link, UNIT, VirtualClock()), client
-    return Positioner(link, UNIT, VirtualClock()), client
+    return MicroPositioner(link, UNIT, VirtualClock()), client
 
 
 # --- an adapter that adds to what the device says --------------------------------------------------------
@@ -126,13 +126,13 @@ NOTHING: dict[str, Callable[[bytes], bytes]] = {
 
 @pytest.mark.parametrize("said", NOTHING)
 def test_what_is_no_reply_is_a_time_out_and_no_reading(said: str) -> None:
-    driver, _ = line(Positioner, lambda request: [(0.0, NOTHING[said](request))])
+    driver, _ = line(MicroPositioner, lambda request: [(0.0, NOTHING[said](request))])
     with pytest.raises(LinkTimeout, match=r"no valid answer.* bytes came that are no valid .*check baudrate"):
         read(driver)
 
 
 def test_an_echo_of_a_write_confirms_nothing() -> None:
-    driver, _ = line(Positioner, lambda request: [(0.0, request)])
+    driver, _ = line(MicroPositioner, lambda request: [(0.0, request)])
     with pytest.raises(LinkTimeout):
         driver.set(target=2e-3, speed=1e-3, command="move")
 
@@ -147,13 +147,13 @@ def test_what_comes_sooner_than_the_wire_allows_is_refused(baudrate: int) -> Non
     def device(request: bytes) -> list[tuple[float, bytes]]:
         return [(-SILENCE * BITS / baudrate, registers(LIMITS, 4, 9)), (0.0, answered(request))]
 
-    driver, client = line(Positioner, device, baudrate=baudrate)
+    driver, client = line(MicroPositioner, device, baudrate=baudrate)
     assert read(driver) == HELD
     assert client.too_soon == len(registers(LIMITS, 4))
 
 
 def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_to_do() -> None:
-    driver, _ = line(Positioner, lambda _: [(-SILENCE * BITS / 9600, registers(LIMITS, 4))], baudrate=9600)
+    driver, _ = line(MicroPositioner, lambda _: [(-SILENCE * BITS / 9600, registers(LIMITS, 4))], baudrate=9600)
     with pytest.raises(LinkTimeout, match=r"13 bytes came sooner than 9600 bit/s.* give the line its true baudrate"):
         read(driver)
 
@@ -161,7 +161,7 @@ def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_t
 @pytest.mark.parametrize("baudrate", [1200, 9600, 115200])
 def test_a_device_that_keeps_no_silence_is_understood_byte_by_byte_or_all_at_once(baudrate: int) -> None:
     """Its reply begins as the request ends, and its clock is 2 % fast."""
-    driver, client = line(Positioner, lambda request: [], baudrate=baudrate)
+    driver, client = line(MicroPositioner, lambda request: [], baudrate=baudrate)
     for pieces in (1, 13):
 
         def device(request: bytes, pieces: int = pieces) -> list[tuple[float, bytes]]:
@@ -191,7 +191,7 @@ def test_a_pseudo_terminal_answers_at_once_whatever_baud_rate_it_was_told() -> N
 
 def test_a_reply_that_was_read_too_late_to_tell_is_used() -> None:
     """A busy machine may look only when the reply has long come: it is not thrown away."""
-    driver, client = line(Positioner, lambda request: [(-1e-6, answered(request))])
+    driver, client = line(MicroPositioner, lambda request: [(-1e-6, answered(request))])
     now = iter([0.0, 0.0])
     client._now = lambda: next(now, 1.0)  # type: ignore[method-assign]
     assert read(driver) == HELD
@@ -204,7 +204,7 @@ def test_reads_that_follow_each_other_differ_in_length_where_the_contract_allows
         asked.append(struct.unpack(">HH", request[2:6]))
         return [(0.0, answered(request))]
 
-    driver, _ = line(Positioner, device)
+    driver, _ = line(MicroPositioner, device)
     for _ in range(3):
         read(driver)
     driver.get_many("position", "status")  # nothing stands beside them
@@ -264,14 +264,14 @@ def test_a_simulated_line_answers_no_sooner_than_a_wire_of_its_clients_baud_rate
 ) -> None:
     link = ModbusLink.rtu(sim.description.links["line"].model_copy(update={"baudrate": baudrate}))
     link.open()
-    positioner = Positioner(link, 2, sim.clock)
+    positioner = MicroPositioner(link, 2, sim.clock)
     assert [positioner.get("probe") for _ in range(3)] == [PROBE] * 3
     link.close()
 
 
 def test_a_line_that_is_unplugged_is_a_link_error_before_anything_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     """An adapter that is gone can always be read, and gives nothing."""
-    driver, client = line(Positioner, lambda _: [])
+    driver, client = line(MicroPositioner, lambda _: [])
     monkeypatch.setattr(client, "_ready", lambda _within: True)
     monkeypatch.setattr(client, "_read", lambda: b"")
     monkeypatch.setattr(client, "connect", lambda: False)

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.sample_changer import Mounted, SampleChanger
+from palpate.drivers.devices.sample_changer import ChangerState, ModbusSampleChanger
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
 from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.procedures.testing.wire import listen
@@ -42,41 +42,43 @@ def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
 
 
 @pytest.fixture
-def changer(bench: Bench) -> SampleChanger:
+def changer(bench: Bench) -> ModbusSampleChanger:
     return bench.device("sample_changer")
 
 
-def test_a_sample_is_laid_by_its_name_and_takes_its_time(changer: SampleChanger, sim: SimulatedBench) -> None:
+def test_a_sample_is_laid_by_its_name_and_takes_its_time(changer: ModbusSampleChanger, sim: SimulatedBench) -> None:
     assert changer.samples == ("1", "2", "3")
     before = sim.clock.now_ns()
     changer.mount("2")
     assert sim.clock.now_ns() - before == EXCHANGE * 1e9
-    assert (changer.mounted(), sim.rig.sample) == (Mounted("2", 2, moving=False), SAMPLES["2"])
+    assert (changer.mounted(), sim.rig.sample) == (ChangerState("2", 2, moving=False), SAMPLES["2"])
     changer.mount("2")
     assert sim.clock.now_ns() - before == EXCHANGE * 1e9
     changer.mount("1")
     assert changer.mounted().sample == "1"
 
 
-def test_nothing_lies_under_the_probe_while_the_carriage_moves(changer: SampleChanger, sim: SimulatedBench) -> None:
+def test_nothing_lies_under_the_probe_while_the_carriage_moves(
+    changer: ModbusSampleChanger, sim: SimulatedBench
+) -> None:
     changer.mount("2")
     changer.set(order="3")
     sim.clock.wait(EXCHANGE / 2)
-    assert (changer.mounted(), sim.rig.sample) == (Mounted("", 3, moving=True), None)
+    assert (changer.mounted(), sim.rig.sample) == (ChangerState("", 3, moving=True), None)
     with pytest.raises(DeviceError, match=r"exception 6, .* to order = '1'"):
         changer.set(order="1")
     changer.mount("1")  # after that of the other
-    assert changer.mounted() == Mounted("1", 6, moving=False)
+    assert changer.mounted() == ChangerState("1", 6, moving=False)
 
 
-def test_a_changer_that_a_killed_run_has_left_on_its_way_is_waited_for(changer: SampleChanger) -> None:
+def test_a_changer_that_a_killed_run_has_left_on_its_way_is_waited_for(changer: ModbusSampleChanger) -> None:
     changer.set(order="3")
     changer.connect()
-    assert changer.mounted() == Mounted("3", 2, moving=False)
+    assert changer.mounted() == ChangerState("3", 2, moving=False)
 
 
 def test_a_name_that_no_place_holds_is_refused_by_the_driver_and_by_the_device(
-    changer: SampleChanger, monkeypatch: pytest.MonkeyPatch
+    changer: ModbusSampleChanger, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wire = listen(changer.link, monkeypatch)
     with pytest.raises(UnknownName, match=r"sample of the sample changer at .* '12' .*; valid: 1, 2, 3"):
@@ -85,10 +87,10 @@ def test_a_name_that_no_place_holds_is_refused_by_the_driver_and_by_the_device(
     for name in ("12", "", "4"):
         with pytest.raises(DeviceError, match=f"exception 3, .* to order = '{name}'"):
             changer.set(order=name)
-    assert changer.mounted() == Mounted("", 0, moving=False)
+    assert changer.mounted() == ChangerState("", 0, moving=False)
 
 
-def test_nothing_is_moved_below_a_probe_that_is_down(changer: SampleChanger, bench: Bench) -> None:
+def test_nothing_is_moved_below_a_probe_that_is_down(changer: ModbusSampleChanger, bench: Bench) -> None:
     changer.mount("1")
     bench.device("positioner").move(5e-3)
     assert changer.contract.set_bits("status", changer.get("status")) == {"probe_down"}
@@ -97,21 +99,21 @@ def test_nothing_is_moved_below_a_probe_that_is_down(changer: SampleChanger, ben
     assert changer.mounted().sample == "1"
 
 
-def by_hand(name: str) -> Callable[[SampleChanger, SimulatedBench], None]:
+def by_hand(name: str) -> Callable[[ModbusSampleChanger, SimulatedBench], None]:
     return lambda _changer, sim: sim.rig.mount(SAMPLES[name])
 
 
-def away_and_back(changer: SampleChanger, sim: SimulatedBench) -> None:
+def away_and_back(changer: ModbusSampleChanger, sim: SimulatedBench) -> None:
     by_hand("1")(changer, sim)
     by_hand("2")(changer, sim)
 
 
-def ordered(changer: SampleChanger, sim: SimulatedBench) -> None:
+def ordered(changer: ModbusSampleChanger, sim: SimulatedBench) -> None:
     assert sim.changer is not None
     sim.changer.write_text("order", "3")
 
 
-def has_ordered(changer: SampleChanger, sim: SimulatedBench) -> None:
+def has_ordered(changer: ModbusSampleChanger, sim: SimulatedBench) -> None:
     ordered(changer, sim)
     sim.clock.wait(EXCHANGE)
 
@@ -127,7 +129,7 @@ def has_ordered(changer: SampleChanger, sim: SimulatedBench) -> None:
     ],
 )
 def test_what_anybody_else_has_done_to_the_sample_is_found(
-    other: Callable[[SampleChanger, SimulatedBench], None], says: str, bench: Bench, sim: SimulatedBench
+    other: Callable[[ModbusSampleChanger, SimulatedBench], None], says: str, bench: Bench, sim: SimulatedBench
 ) -> None:
     bench.device("sample_changer").mount("2")
     bench.check_settings()
@@ -137,7 +139,7 @@ def test_what_anybody_else_has_done_to_the_sample_is_found(
 
 
 def test_a_power_cycle_neither_moves_a_sample_nor_hides_that_one_was_moved(
-    changer: SampleChanger, sim: SimulatedBench
+    changer: ModbusSampleChanger, sim: SimulatedBench
 ) -> None:
     assert sim.changer is not None
     changer.mount("2")
@@ -157,7 +159,7 @@ def test_what_a_person_is_asked_to_lay_there_is_no_stranger(bench: Bench, sim: S
 
 
 def test_a_tag_that_is_no_text_is_told_and_not_used(
-    changer: SampleChanger, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+    changer: ModbusSampleChanger, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(type(changer.contract), "encode_text", lambda *_: b"A\x07".ljust(64, b"\0"))
     with pytest.raises(DeviceError, match="mounted holds no text"):
@@ -167,11 +169,11 @@ def test_a_tag_that_is_no_text_is_told_and_not_used(
 def test_a_bench_without_a_changer_asks_the_person(scene: Scene) -> None:
     with SimulatedBench(scene) as sim:
         bench = Bench(sim.description, sim.clock, sim.operator)
-        assert (bench.maybe(SampleChanger), "sample_changer" in sim.description.device) == (None, False)
+        assert (bench.maybe(ModbusSampleChanger), "sample_changer" in sim.description.device) == (None, False)
         bench.operator.mount(get_sample("3"))
         assert sim.rig.sample == get_sample("3")
 
 
-def test_a_changer_that_nobody_has_touched_differs_in_nothing(changer: SampleChanger) -> None:
+def test_a_changer_that_nobody_has_touched_differs_in_nothing(changer: ModbusSampleChanger) -> None:
     changer.mount("2")
     assert changer.differences() == []

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import Place
-from palpate.drivers.devices.sample_changer import POLL, Mounted, SampleChanger
+from palpate.drivers.devices.device import DevicePlace
+from palpate.drivers.devices.sample_changer import POLL, ChangerState, ModbusSampleChanger
 from palpate.instrument.contracts import sample_changer
 from palpate.instrument.errors import DeviceError, UnknownName
 from palpate.simulators.clock import VirtualClock
@@ -16,10 +16,10 @@ from tests.drivers.registers import Registers
 MOVING = 1
 
 
-def changer(**held: Any) -> tuple[SampleChanger, Any, VirtualClock]:
+def changer(**held: Any) -> tuple[ModbusSampleChanger, Any, VirtualClock]:
     link: Any = Registers(sample_changer.CONTRACT, **{"place_1": "a", "place_8": "b", **held})
     clock = VirtualClock()
-    driver = SampleChanger.at(Place(link, 1, None, clock))
+    driver = ModbusSampleChanger.at(DevicePlace(link, 1, None, clock))
     driver.connect()
     link.asked.clear()
     return driver, link, clock
@@ -50,7 +50,7 @@ def test_a_sample_is_ordered_by_its_name_and_waited_for() -> None:
     begun = clock.now_ns()
     lays(link, clock, "b", 3 * POLL)
     driver.mount("b")
-    assert driver.mounted() == Mounted("b", 1, moving=False)
+    assert driver.mounted() == ChangerState("b", 1, moving=False)
     assert 3 * POLL <= 1e-9 * (clock.now_ns() - begun) <= 4 * POLL
     driver.check()
 

@@ -145,7 +145,7 @@ def test_a_write_is_refused_before_it_is_sent() -> None:
     with pytest.raises(UsageError, match="only reads; write_registers was not sent"):
         link.transact("it", write_registers, 0, [1], 1)
     assert slaves.requests == []
-    bus = ReadOnlyCan(links.CanLink(interface="virtual", channel="none"))
+    bus = ReadOnlyCan(links.CanBus(interface="virtual", channel="none"))
     for write in (
         lambda: bus.download("it", None, 0x2000, 0, b"1"),
         lambda: bus.command(None, "OPERATIONAL"),
@@ -173,7 +173,7 @@ def test_a_stop_in_the_middle_leaves_what_was_found() -> None:
         if asked == 2:
             raise KeyboardInterrupt
 
-    search = Search(told=interrupt)
+    search = Search(progress=interrupt)
     link = ReadOnlyModbus(PORT, VirtualLine(Slaves(u1=[7, 1, 5, 0], u4=[8, 1, 5, 0])))
     with pytest.raises(KeyboardInterrupt):
         ModbusSearch(search, link, SerialLine(port=PORT), "the line", KINDS).over(range(1, 9))
@@ -210,8 +210,8 @@ def test_other_settings_are_tried_only_until_a_device_answers(
 # --- CAN -----------------------------------------------------------------------------------------------
 
 
-def can_link(**more: Any) -> links.CanLink:
-    return links.CanLink(**{"interface": "virtual", "channel": "scan", "timeout": "50 ms"} | more)
+def can_link(**more: Any) -> links.CanBus:
+    return links.CanBus(**{"interface": "virtual", "channel": "scan", "timeout": "50 ms"} | more)
 
 
 def test_heartbeats_tell_node_ids_and_error_frames_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:

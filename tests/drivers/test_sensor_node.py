@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.sensor_node import MOST_EMERGENCIES, Recording, SensorNode, acquire
+from palpate.drivers.devices.sensor_node import MOST_EMERGENCIES, CanopenSensorNode, Recording, acquire
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import DeviceError, LinkError, RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.devices.sensor_node import SensorNode as SimulatedNode
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.scenes.scene import Scene
 from palpate.testing import CanopenConformance
 
@@ -28,7 +28,7 @@ SATURATED = bytes.fromhex("01 FF 04 00 00 00 00 00")  # code FF01h, voltage bit 
 
 class TestSensorNode(CanopenConformance):
     @staticmethod
-    def ends(bench: Bench, sim: SimulatedBench) -> tuple[SensorNode, SimulatedNode]:
+    def ends(bench: Bench, sim: SimulatedBench) -> tuple[CanopenSensorNode, SimulatedSensorNode]:
         return bench.device("sensor_node_1"), sim.nodes[0]
 
 
@@ -57,9 +57,9 @@ def test_twenty_nodes_at_1_kHz_lose_no_sample(scene: Scene, nothing_left_behind:
         SimulatedBench(replace(scene, nodes=20)) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
-        recordings = acquire(bench.all(SensorNode), 1.0)
+        recordings = acquire(bench.all(CanopenSensorNode), 1.0)
         assert [recording.node for recording in recordings] == list(range(1, 21))
-        for recording, node in zip(recordings, bench.all(SensorNode), strict=True):
+        for recording, node in zip(recordings, bench.all(CanopenSensorNode), strict=True):
             assert recording.voltage.shape == recording.saturated.shape == (4, 1000)
             assert node.get("sample_counter") == 1000
         assert recordings[0].time[[0, -1]].tolist() == [0.001, 1.0]
@@ -324,7 +324,7 @@ def test_nodes_that_sample_together_have_the_rate_of_the_one_that_gives_the_time
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
         bench.device("sensor_node_1").set_sample_rate(500.0)
-        for recording in acquire(bench.all(SensorNode), 0.1):
+        for recording in acquire(bench.all(CanopenSensorNode), 0.1):
             assert (recording.rate, recording.time[-1], recording.voltage.shape) == (500.0, 0.1, (4, 50))
         for node in sim.nodes:
             node.settings["sample_counter"] = 0.0
@@ -343,7 +343,7 @@ def record(scene: Scene) -> list[Recording]:
     ):
         shake(bench)
         bench.clock.wait(0.5)
-        return acquire(bench.all(SensorNode), 0.2)
+        return acquire(bench.all(CanopenSensorNode), 0.2)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(scene: Scene) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.shaker_amplifier import AmplifierState, ShakerAmplifier
 from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts.shaker_amplifier import CONTRACT
@@ -165,7 +165,7 @@ def test_an_order_that_is_refused_says_why(failure: DeviceError, kind: type[Benc
 def test_an_amplifier_that_has_no_owners_takes_settings_and_any_request() -> None:
     link: Any = Registers(CONTRACT)
     clock: Any = None
-    driver = ShakerAmplifier.at(Place(link, 1, AmplifierSettings(watchdog_fed_by="any request"), clock))
+    driver = ShakerAmplifier.at(DevicePlace(link, 1, AmplifierSettings(watchdog_fed_by="any request"), clock))
     assert driver.claim()
     assert link.asked == []
     driver.set(gain=3.0, current_limit=2.0)
@@ -174,7 +174,7 @@ def test_an_amplifier_that_has_no_owners_takes_settings_and_any_request() -> Non
         ("write_registers", 0x10, [300, 2000]),
         ("read_registers", 0x25, 1),
     ]
-    assert ShakerAmplifier.at(Place(link, 1, AmplifierSettings(), clock)).owned
+    assert ShakerAmplifier.at(DevicePlace(link, 1, AmplifierSettings(), clock)).owned
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.instrument.errors import LinkTimeout, RangeError, SettingsLost
 from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.devices.signal_generator import SignalGenerator as SimulatedGenerator
+from palpate.simulators.devices.signal_generator import SimulatedSignalGenerator
 from palpate.simulators.wire.device import SimulatedDevice
 from palpate.testing import ModbusConformance
 from tests.drivers.benches import drive
@@ -28,7 +28,7 @@ class TestSignalGenerator(ModbusConformance):
         return bench.device("signal_generator"), sim.generator
 
 
-def volts_at(generator: SimulatedGenerator, *times: float) -> npt.NDArray[np.float64]:
+def volts_at(generator: SimulatedSignalGenerator, *times: float) -> npt.NDArray[np.float64]:
     """Output voltage `times` s after now."""
     now = generator.clock.now_ns()
     return generator.voltage().at(np.array([now + round(time * 1e9) for time in times]))

@@ -11,7 +11,7 @@ import canopen
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.links.can import has_wire
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.sdo import CheckedSdoClient
@@ -46,7 +46,7 @@ def test_the_tries_are_hard_late_replies_are_taken_where_nothing_tells_them(foun
 def test_without_the_drivers_care_the_same_tries_find_late_replies(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.drivers.links.modbus.ModbusLink.serial", False)  # whose reads may be alike
     monkeypatch.setattr("palpate.drivers.devices.strain_indicator.COUNTED_NS", 0)
-    monkeypatch.setattr(Positioner, "_look", lambda driver: driver.get_many("position", "status"))
+    monkeypatch.setattr(MicroPositioner, "_look", lambda driver: driver.get_many("position", "status"))
     assert KINDS[kind][0](random.Random(1), 150)[f"{kind}: stale"] > 0
 
 
@@ -157,7 +157,7 @@ def test_an_answer_that_comes_before_two_frames_can_pass_is_none(bitrate: float)
     ],
 )
 def test_a_bus_within_the_machine_may_answer_at_once(bus: dict[str, Any], wire: bool) -> None:
-    assert has_wire(links.CanLink(**bus)) is wire
+    assert has_wire(links.CanBus(**bus)) is wire
 
 
 def test_a_text_that_says_two_things_when_it_is_read_twice_is_not_used() -> None:
@@ -181,7 +181,7 @@ def test_polls_of_the_positioner_that_follow_each_other_differ_in_length() -> No
         asked.append((start, count))
         return [(0.0, checked(bytes([2, 3, 2 * count]) + bytes(2 * count)))]
 
-    driver = Positioner(ModbusLink("line", VirtualLine(device)), 2, VirtualClock())
+    driver = MicroPositioner(ModbusLink("line", VirtualLine(device)), 2, VirtualClock())
     for _ in range(3):
         assert driver._look() == (0.0, frozenset())
     assert asked == [(0x20, 3), (0x22, 1), (0x20, 2), (0x20, 3)]

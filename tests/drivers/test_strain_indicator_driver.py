@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.strain_indicator import IndicatorReading, StrainIndicator
 from palpate.instrument.bench.kinds import IndicatorSettings
 from palpate.instrument.contracts.strain_indicator import CONTRACT
@@ -21,7 +21,7 @@ STABLE, OVERLOAD, OPEN = (1 << CONTRACT["status"].bits[bit] for bit in ("stable"
 def indicator(**held: Any) -> tuple[StrainIndicator, Any, VirtualClock]:
     link: Any = Registers(CONTRACT, status=STABLE, **held)
     clock = VirtualClock()
-    return StrainIndicator.at(Place(link, 1, None, clock)), link, clock
+    return StrainIndicator.at(DevicePlace(link, 1, None, clock)), link, clock
 
 
 def shows(link: Any, counts: int, decimals: int = 1) -> None:

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from palpate.drivers.bench import Bench
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.cyclic import Cyclic
-from palpate.drivers.mapped.set_points import FEWEST, Grid, grid
+from palpate.drivers.mapped.set_points import FEWEST, SetPointGrid, grid
 from palpate.drivers.ownership import claim
 from palpate.drivers.roles import Exciter
 from palpate.drivers.safe_end import insist
@@ -55,7 +55,7 @@ def volts(sim: SimulatedBench) -> float:
 
 def test_a_sine_of_10_hz_at_1_khz_is_a_list_of_exactly_100_set_points() -> None:
     found = grid(10.0, 1e-3, "drive")
-    assert found == Grid(100, 1000, 1)
+    assert found == SetPointGrid(100, 1000, 1)
     assert found.sine(2.0)[:2] == [0.0, pytest.approx(2.0 * math.sin(2 * math.pi / 100))]
 
 

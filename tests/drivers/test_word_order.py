@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
-from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.mapped.load_indicator import LoadIndicator, MappedReading
+from palpate.drivers.mapped.load_indicator import MappedLoadIndicator, MappedReading
 from palpate.instrument.bench.kinds import kind_in_file
 from palpate.instrument.bench.links import TcpLink
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorSettings
@@ -66,7 +66,9 @@ class Scale:
         link.open()
         stack.callback(link.close)
         settings = LoadIndicatorSettings(span=10.0, resolution=0.001, bandwidth="40 Hz")  # type: ignore[arg-type]
-        self.driver: Any = LoadIndicator.at(Place(link, 1, settings, VirtualClock(), kind_in_file(file), "LAB-1"))
+        self.driver: Any = MappedLoadIndicator.at(
+            DevicePlace(link, 1, settings, VirtualClock(), kind_in_file(file), "LAB-1")
+        )
         self.noticed: list[str] = []
         self.driver.noticed = self.noticed.append
         self.driver.set_up(settings, 2.0)

@@ -13,7 +13,7 @@ from typing import Any
 import can
 
 from palpate.drivers.clock import WallClock
-from palpate.drivers.devices.sensor_node import SensorNode
+from palpate.drivers.devices.sensor_node import CanopenSensorNode
 from palpate.drivers.links.can import CanLink, _Listener
 from palpate.drivers.links.sdo import LARGEST_OBJECT
 from palpate.instrument.bench import links
@@ -50,9 +50,9 @@ class Transfers:
     """Reads of each object, writes of those that can be written, and the device name."""
 
     def __init__(self) -> None:
-        self.link = CanLink(links.CanLink(interface="virtual", channel="fuzz", timeout="1 ms"))
+        self.link = CanLink(links.CanBus(interface="virtual", channel="fuzz", timeout="1 ms"))
         self.link.open()
-        self.node = SensorNode(self.link, NODE, WallClock())
+        self.node = CanopenSensorNode(self.link, NODE, WallClock())
         self.node._node = self.link.add_node(NODE)
         self.link.close()
         self.network = Network()

@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, FacetBasis, LinearForm, MeshQuad
 
-from palpate.instrument.models.axisymmetric.mesh import Body, grid
+from palpate.instrument.models.axisymmetric.mesh import AxisymmetricBody, grid
 from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
@@ -103,13 +103,13 @@ def coupled(parameters: RoundParameters, layers: int) -> tuple[float, dict[str, 
     return 1 - 2 * math.pi * float((held @ solution[:size])[below].sum()), voltages
 
 
-def _inside(body: Body, middle: Array) -> NDArray[np.bool_]:
+def _inside(body: AxisymmetricBody, middle: Array) -> NDArray[np.bool_]:
     (inner, outer), (low, high) = body.radii, body.heights
     found: NDArray[np.bool_] = (middle[0] > inner) & (middle[0] < outer) & (middle[1] > low) & (middle[1] < high)
     return found
 
 
-def _stiffness(body: Body) -> Array:
+def _stiffness(body: AxisymmetricBody) -> Array:
     """The stiffness, in the order of strains along radius, circumference and axis, and of shear."""
     stiffness = np.zeros((4, 4))
     if body.film is not None:
@@ -120,5 +120,5 @@ def _stiffness(body: Body) -> Array:
     return stiffness
 
 
-def _piezo(body: Body) -> Array:
+def _piezo(body: AxisymmetricBody) -> Array:
     return np.append(body.film.stiff()[1], 0.0) if body.film is not None else np.zeros(4)

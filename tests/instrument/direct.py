@@ -16,7 +16,7 @@ from palpate.instrument.models.finite_elements.poles import capacitance
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.mesh import Elastic
-from palpate.instrument.models.solid.parts import Part, Stack, goals
+from palpate.instrument.models.solid.parts import SolidPart, SolidStack, goals
 from palpate.instrument.models.solid.system import System
 
 Vector = NDArray[np.float64]
@@ -33,7 +33,7 @@ class Direct:
 def direct(parameters: SolidParameters, resolution: Resolution) -> Direct:
     """Solve on any mesh under the parameters' own load."""
     system = System(parameters, resolution)
-    stack = Stack(parameters, resolution, system.mirrored)
+    stack = SolidStack(parameters, resolution, system.mirrored)
     electrodes = goals(parameters, stack, system.mirrored).electrodes
     rows = [_Rows(part, stack) for part in stack.parts]
     size = stack.unknowns + sum(own.count for own in rows)
@@ -73,7 +73,7 @@ def direct(parameters: SolidParameters, resolution: Resolution) -> Direct:
 class _Rows:
     """Equations of a part: of its displacements, and of its pressures where it keeps its volume."""
 
-    def __init__(self, part: Part, stack: Stack) -> None:
+    def __init__(self, part: SolidPart, stack: SolidStack) -> None:
         self.part, self._one = part, stack.one
         self.names = part.body.local(part.names)
         material = part.body.material

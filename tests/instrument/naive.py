@@ -13,7 +13,7 @@ from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, co
 
 from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.axisymmetric import mesh as axisymmetric_elements
-from palpate.instrument.models.beam import Stretch
+from palpate.instrument.models.beam import BeamSegment
 from palpate.instrument.models.finite_elements import elements
 from palpate.instrument.models.finite_elements.solving import Elements
 from palpate.instrument.models.finite_elements.work import one_each
@@ -102,7 +102,7 @@ def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
     return abs(float((load - total)[:-1].sum() / load.sum()))
 
 
-def beam_forces(bending: float, stretches: Sequence[Stretch], elements: int) -> list[float]:
+def beam_forces(bending: float, stretches: Sequence[BeamSegment], elements: int) -> list[float]:
     """Foundation forces as `beam.stretch_forces` has them, from the matrix on nodes as it stands."""
     from palpate.instrument.models import beam
 

@@ -11,12 +11,12 @@ from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import all_kinds, device_kind
 from palpate.instrument.config import check
 from palpate.instrument.errors import ConfigError, UnknownName
-from palpate.procedures.engine.known import procedure_class
+from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.engine.run import open_and_run
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.study.description import StudyFile, study_of
-from palpate.procedures.virtual.study_cell import Sweep
+from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.plan import Question, plan
 from palpate.simulators.scenes.scene import Scene
@@ -126,7 +126,7 @@ def test_a_study_refuses_an_effect_with_a_name_of_ours(install: Install) -> None
     install("rogue", "palpate.effects", {"charge_amplifier": "rogue:Effect"})
     study = study_of(StudyFile(name="s", axes={"seed": [1]}), "s.toml")
     with pytest.raises(ConfigError, match=TAKEN.format("charge_amplifier")):
-        Sweep.of(study, "s.toml").packages(study)
+        StudyComputation.of(study, "s.toml").packages(study)
 
 
 def test_what_is_no_kind_and_what_is_no_procedure_is_refused(install: Install) -> None:

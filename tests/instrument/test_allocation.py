@@ -7,21 +7,24 @@ from random import Random
 import pytest
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate, allocate_time
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.errors import EstimateError, RangeError
 
 BENCH = Costs(start=4.0, mounting=93.0, set=1.6, person=60.0)
-SCATTER, NOISE = Line("gain scatter", 0.082, Unit.SET, 7), Line("noise", 0.002, Unit.SECOND)
-MOUNTING, VALIDATION = Line("mounting", 0.04, Unit.MOUNTING, 2), Line("validation", 0.117, Unit.NOTHING, 5)
+SCATTER, NOISE = BudgetLine("gain scatter", 0.082, RepeatUnit.SET, 7), BudgetLine("noise", 0.002, RepeatUnit.SECOND)
+MOUNTING, VALIDATION = (
+    BudgetLine("mounting", 0.04, RepeatUnit.MOUNTING, 2),
+    BudgetLine("validation", 0.117, RepeatUnit.NOTHING, 5),
+)
 
 
-def setting(random: Random) -> tuple[list[Line], Costs, float]:
+def setting(random: Random) -> tuple[list[BudgetLine], Costs, float]:
     """A random problem of a bench; its tolerance is above the floor, and a few mountings and sets reach it."""
     lines = [
-        Line("scatter", 10 ** random.uniform(-3, -0.7), Unit.SET),
-        Line("mounting", random.choice([0.0, 10 ** random.uniform(-3, -1)]), Unit.MOUNTING),
-        Line("noise", 10 ** random.uniform(-4, -0.7), Unit.SECOND),
-        Line("films", random.choice([0.0, 0.01]), Unit.NOTHING),
+        BudgetLine("scatter", 10 ** random.uniform(-3, -0.7), RepeatUnit.SET),
+        BudgetLine("mounting", random.choice([0.0, 10 ** random.uniform(-3, -1)]), RepeatUnit.MOUNTING),
+        BudgetLine("noise", 10 ** random.uniform(-4, -0.7), RepeatUnit.SECOND),
+        BudgetLine("films", random.choice([0.0, 0.01]), RepeatUnit.NOTHING),
     ]
     costs = Costs(random.uniform(0, 30), random.uniform(5, 120), random.uniform(0.3, 5))
     plan = budget(lines, k := random.randint(1, 8), k * random.randint(1, 30), 10 ** random.uniform(-1, 0.5))
@@ -32,7 +35,7 @@ def plans(most: int) -> Iterator[tuple[int, int]]:
     return ((k, k * n) for k in range(1, most) for n in range(1, 4 * most))
 
 
-def cheapest(lines: list[Line], costs: Costs, tolerance: float, most: int = 40) -> float:
+def cheapest(lines: list[BudgetLine], costs: Costs, tolerance: float, most: int = 40) -> float:
     """Bench time of the cheapest plan, by trying all of them; the dwell follows from the number of sets."""
     u = {line.name: line.u**2 for line in lines}
     best = math.inf
@@ -43,7 +46,7 @@ def cheapest(lines: list[Line], costs: Costs, tolerance: float, most: int = 40) 
     return best
 
 
-def surest(lines: list[Line], costs: Costs, seconds: float, most: int = 40) -> float:
+def surest(lines: list[BudgetLine], costs: Costs, seconds: float, most: int = 40) -> float:
     """Least uncertainty in some time, by trying all plans."""
     best = math.inf
     for mountings, sets in plans(most):
@@ -91,19 +94,22 @@ def test_a_plan_tells_its_time_its_uncertainty_and_what_binds() -> None:
 def test_a_mounting_line_buys_mountings_and_dwell_is_bought_only_where_it_pays() -> None:
     assert allocate([SCATTER, MOUNTING], BENCH, 0.02).mountings == 5
     assert allocate([SCATTER, NOISE], BENCH, 0.01).dwell == 0.1
-    noisy = allocate([SCATTER, Line("noise", 0.2, Unit.SECOND)], BENCH, 0.02)
+    noisy = allocate([SCATTER, BudgetLine("noise", 0.2, RepeatUnit.SECOND)], BENCH, 0.02)
     assert noisy.dwell == pytest.approx(math.sqrt(1.6) * 0.2 / 0.082, rel=0.02)
 
 
 def test_what_is_certain_takes_one_set() -> None:
-    for found in (allocate([Line("none", 0, Unit.SET)], BENCH, 0.01), allocate_time([VALIDATION], BENCH, 1e6)):
+    for found in (
+        allocate([BudgetLine("none", 0, RepeatUnit.SET)], BENCH, 0.01),
+        allocate_time([VALIDATION], BENCH, 1e6),
+    ):
         assert (found.mountings, found.sets, found.dwell) == (1, 1, 0.1)
-    assert allocate([Line("none", 0, Unit.SET)], BENCH, 0.01).binds == ""
+    assert allocate([BudgetLine("none", 0, RepeatUnit.SET)], BENCH, 0.01).binds == ""
 
 
 def test_a_tolerance_below_the_floor_names_the_line_and_the_floor() -> None:
     with pytest.raises(BelowFloor, match=r"validation leaves 0\.117") as caught:
-        allocate([SCATTER, VALIDATION, Line("films", 0.003, Unit.NOTHING)], BENCH, 0.05)
+        allocate([SCATTER, VALIDATION, BudgetLine("films", 0.003, RepeatUnit.NOTHING)], BENCH, 0.05)
     assert caught.value.line == "validation"
     assert caught.value.floor == pytest.approx(0.11704, abs=1e-5)
     assert allocate([SCATTER, VALIDATION], BENCH, 0.1175).u == pytest.approx(0.1175, rel=0.01)
@@ -127,9 +133,9 @@ def test_free_steps_and_hard_tolerances_end() -> None:
         (lambda: allocate([SCATTER], BENCH, 0.05, shortest=0), "shortest dwell of 0 s"),
         (lambda: allocate_time([SCATTER], BENCH, 98.6), "one set takes 98.7 s"),
         (lambda: allocate_time([SCATTER], BENCH, math.inf), "finite"),
-        (lambda: Line("noise", -1, Unit.SECOND), "'noise': standard uncertainty -1"),
-        (lambda: Line("noise", math.inf, Unit.SECOND), "finite"),
-        (lambda: Line("noise", 1, Unit.SECOND, 0), "0 degrees of freedom"),
+        (lambda: BudgetLine("noise", -1, RepeatUnit.SECOND), "'noise': standard uncertainty -1"),
+        (lambda: BudgetLine("noise", math.inf, RepeatUnit.SECOND), "finite"),
+        (lambda: BudgetLine("noise", 1, RepeatUnit.SECOND, 0), "0 degrees of freedom"),
         (lambda: Costs(0, 10, 1, person=11), "a person takes 11 s"),
         (lambda: Costs(0, -1, 1), "'mounting': -1 s"),
         (lambda: budget([SCATTER], 2, 1, 0.1), "2 mountings, 1 sets"),

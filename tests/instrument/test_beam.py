@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models import beam
-from palpate.instrument.models.beam import Stretch, exact_force_ratio, exact_forces
+from palpate.instrument.models.beam import BeamSegment, exact_force_ratio, exact_forces
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 SINGLE = get_design("single")
 # Foundations that bend the beam well: wave length and stretch are alike.
-EI, BENT = 4.85e-3, (Stretch(1.4e-3, 8e6), Stretch(3.5e-3, 3e5))
+EI, BENT = 4.85e-3, (BeamSegment(1.4e-3, 8e6), BeamSegment(3.5e-3, 3e5))
 SAMPLES = ("1", "2", "3", "4", "5", "6")
 
 
@@ -70,7 +70,7 @@ def test_the_ratio_rises_with_the_modulus_from_the_object_alone_to_one() -> None
 
 
 def test_a_uniform_foundation_sinks_uniformly() -> None:
-    uniform = (Stretch(1.4e-3, 700.0), Stretch(3.5e-3, 700.0))
+    uniform = (BeamSegment(1.4e-3, 700.0), BeamSegment(3.5e-3, 700.0))
     deflection, slope = beam.deflections(EI, uniform, elements=5)
     np.testing.assert_allclose(deflection, 1 / 700, rtol=1e-12)
     np.testing.assert_allclose(slope, 0, atol=1e-12)
@@ -105,16 +105,16 @@ def test_below_a_very_hard_object_the_ring_bears_its_tilt_about_the_tooth() -> N
 @pytest.mark.parametrize(
     ("bending", "stretch"),
     [
-        (-1.0, Stretch(1e-3, 1.0)),
-        (math.nan, Stretch(1e-3, 1.0)),
-        (1.0, Stretch(0.0, 1.0)),
-        (1.0, Stretch(1e-3, 0.0)),
-        (1.0, Stretch(1e-3, math.inf)),
+        (-1.0, BeamSegment(1e-3, 1.0)),
+        (math.nan, BeamSegment(1e-3, 1.0)),
+        (1.0, BeamSegment(0.0, 1.0)),
+        (1.0, BeamSegment(1e-3, 0.0)),
+        (1.0, BeamSegment(1e-3, math.inf)),
     ],
 )
-def test_a_beam_needs_positive_finite_data(bending: float, stretch: Stretch) -> None:
+def test_a_beam_needs_positive_finite_data(bending: float, stretch: BeamSegment) -> None:
     with pytest.raises(RangeError, match="of the beam is not above 0"):
-        beam.deflections(bending, (stretch, Stretch(1e-3, 1.0)), elements=2)
+        beam.deflections(bending, (stretch, BeamSegment(1e-3, 1.0)), elements=2)
 
 
 def test_the_beam_is_the_object_and_not_the_plate() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.instrument.bench.description import BenchDescription, read_bench, recorded_bench
 from palpate.instrument.config import LARGEST_FILE
-from palpate.instrument.contracts.maps.map_file import Line
+from palpate.instrument.contracts.maps.map_file import LineTable
 from palpate.instrument.errors import ConfigError
 
 GOOD = """
@@ -153,7 +153,7 @@ def test_a_unit_that_no_device_has_is_refused_with_those_that_there_are(tmp_path
 def test_a_line_has_any_baud_rate_that_a_map_can_say(tmp_path: Path, baudrate: int) -> None:
     text = GOOD.replace('port = "/dev/ttyUSB0"', f'port = "/dev/ttyUSB0"\nbaudrate = {baudrate}')
     assert read_bench(written(tmp_path, text)).links["line"].baudrate == baudrate
-    assert Line(baudrate=baudrate).baudrate == baudrate
+    assert LineTable(baudrate=baudrate).baudrate == baudrate
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from palpate.instrument.calibration.calibration import Owner
-from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.calibration import CalibrationOwner
+from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL, calibrate_load_cell
@@ -33,13 +33,13 @@ def calibrate(
     resolution: float = 1.0,
     device: str = "LC-1",
     degree: int | None = None,
-    further: tuple[Run, ...] = (),
-    runs: tuple[Run, ...] = (),
+    further: tuple[WeightRun, ...] = (),
+    runs: tuple[WeightRun, ...] = (),
 ) -> LoadCellCalibration:
     """The calibration by `runs`; without them, by one run at 0 degrees and `further` ones."""
     return calibrate_load_cell(
         load,
-        runs or [Run(0.0, np.array(loading), np.array(unloading)), *further],
+        runs or [WeightRun(0.0, np.array(loading), np.array(unloading)), *further],
         resolution,
         degree=degree,
         gage_factor=8.98,
@@ -130,7 +130,7 @@ def test_a_curved_calibration_reads_back_its_loads_and_covers_them() -> None:
 
 def test_positions_that_differ_make_the_sensitivity_as_uncertain_as_they_differ() -> None:
     load = np.arange(1.0, 9.0)
-    runs = tuple(Run(position, s * load, s * load) for position, s in ((120.0, 11.0), (240.0, 9.0)))
+    runs = tuple(WeightRun(position, s * load, s * load) for position, s in ((120.0, 11.0), (240.0, 9.0)))
     alone, turned = (calibrate(load, 10 * load, 10 * load, 1e-3, further=further) for further in ((), runs))
     assert turned.sensitivity_mV_per_N == pytest.approx(alone.sensitivity_mV_per_N)
     assert turned.sensitivity_u == pytest.approx(1.0, rel=1e-3)
@@ -165,7 +165,7 @@ def test_intervals_cover_whatever_the_noise_that_dithers_the_display(noise: floa
         slope, zero = 10.3 * (1 + rng.uniform(-0.05, 0.05)), rng.uniform(-5, 5)
         displays = np.rint(zero + slope * WEIGHTS_N + noise * rng.normal(size=(2, 10, 7)))
         scatter = float(np.sqrt(displays.var(axis=1, ddof=1).mean()))
-        run = Run(0.0, *displays.mean(axis=1), repeats=10, scatter_mV=scatter)
+        run = WeightRun(0.0, *displays.mean(axis=1), repeats=10, scatter_mV=scatter)
         found = calibrate(WEIGHTS_N, degree=1, runs=(run,))
         k = coverage_factor(found.degrees_of_freedom or math.inf)
         sensitivities += abs(found.sensitivity_mV_per_N - slope) <= k * found.sensitivity_u
@@ -270,15 +270,18 @@ def test_loads_outside_the_calibrated_range_are_refused(load: float, inside: boo
 @pytest.mark.parametrize(
     ("whose", "message"),
     [
-        (Owner("LC-2", "ab", True), "with device LC-1 of scene ab, not for this bench's LC-2 of scene ab; run palpate"),
-        (Owner("LC-1", "cd", True), "with device LC-1 of scene ab, not for this bench's LC-1 of scene cd"),
-        (Owner("LC-1", None, True), "not for this bench's LC-1; run palpate calibrate load-cell"),
-        (Owner("LC-1", None, False), "was made on a simulated bench"),
+        (
+            CalibrationOwner("LC-2", "ab", True),
+            "with device LC-1 of scene ab, not for this bench's LC-2 of scene ab; run palpate",
+        ),
+        (CalibrationOwner("LC-1", "cd", True), "with device LC-1 of scene ab, not for this bench's LC-1 of scene cd"),
+        (CalibrationOwner("LC-1", None, True), "not for this bench's LC-1; run palpate calibrate load-cell"),
+        (CalibrationOwner("LC-1", None, False), "was made on a simulated bench"),
     ],
 )
-def test_a_calibration_is_refused_where_it_does_not_belong(whose: Owner, message: str) -> None:
+def test_a_calibration_is_refused_where_it_does_not_belong(whose: CalibrationOwner, message: str) -> None:
     calibration = calibrate().model_copy(update={"scene": "ab"})
-    calibration.check_owner(Owner("LC-1", "ab", True))
+    calibration.check_owner(CalibrationOwner("LC-1", "ab", True))
     calibration.check_date(date(2021, 1, 1))
     calibration.check_gage_factor(8.98)
     with pytest.raises(ConfigError, match=message):

@@ -20,7 +20,7 @@ from palpate.instrument.models.parameter_sets import CAPPED
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
-from palpate.instrument.models.solid.parts import Stack
+from palpate.instrument.models.solid.parts import SolidStack
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
@@ -104,7 +104,7 @@ def test_of_a_pair_too_and_half_of_it_gives_what_the_whole_does_and_all_forces_r
 
 def test_the_ring_s_top_stays_level_and_rings_that_touch_have_one_cap() -> None:
     for outline, caps in (("round", 2), ("square", 1)):
-        stack = Stack(replace(PAIR, ring_outline=outline), replace(SMALL, degree=3), mirrored=(False, True))
+        stack = SolidStack(replace(PAIR, ring_outline=outline), replace(SMALL, degree=3), mirrored=(False, True))
         heights, flat = stack.ring.names[2, -1], stack.one[stack.ring.body.plan.nodes] == 1
         level, bent = heights[flat], heights[~flat]
         assert len(np.unique(level)) == caps
@@ -113,7 +113,7 @@ def test_the_ring_s_top_stays_level_and_rings_that_touch_have_one_cap() -> None:
 
 def test_a_platen_is_flat_where_shape_functions_bend() -> None:
     """From degree 3 on, shape functions that bend once moved with the platen, and 4 mN of a newton arrived."""
-    stack = Stack(replace(SQUARE, load="platen"), replace(SMALL, degree=3), mirrored=(True, True))
+    stack = SolidStack(replace(SQUARE, load="platen"), replace(SMALL, degree=3), mirrored=(True, True))
     heights, flat = stack.object.names[2, -1], stack.one[stack.object.body.plan.nodes] == 1
     assert len(np.unique(heights[flat])) == 1
     assert set(heights[~flat].tolist()) == {-1}
@@ -140,7 +140,7 @@ def test_the_capped_set_meets_table_a2_7_to_38_mn_and_14_rms() -> None:
         capped, identified = found[tooth, "capped"], found[tooth, "identified"]
         assert (abs(capped.worst), capped.rms) == pytest.approx((0.0383, 0.0142), abs=1e-4)
         assert (abs(identified.worst), identified.rms) == pytest.approx((0.21, 0.106), abs=1e-2)
-    assert any("the capped set is a fit to this table" in sentence for sentence in comparison.said)
+    assert any("the capped set is a fit to this table" in sentence for sentence in comparison.sentences)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from palpate.instrument.calibration.classification import (
     NOT_CLASSIFIABLE,
     Classification,
     Quantities,
-    Run,
+    WeightRun,
     classify_astm_e74,
     classify_iso_376,
     iso_376_class_of,
@@ -51,7 +51,7 @@ def test_the_thesis_cell_cannot_be_classified_at_its_loads() -> None:
 
 def test_the_lower_limit_factor_is_2_4_standard_deviations_of_the_single_readings() -> None:
     rng = np.random.default_rng(2)
-    runs = [Run(0.0, *(10 * LOAD + rng.normal(size=(2, 10)))) for _ in range(100)]
+    runs = [WeightRun(0.0, *(10 * LOAD + rng.normal(size=(2, 10)))) for _ in range(100)]
     curve = interpolate(LOAD, np.mean([run.mean_mV() for run in runs], axis=0), 0.0)
     assert lower_limit_factor(LOAD, runs, curve) == pytest.approx(2.4 / 10, rel=0.05)
 
@@ -81,9 +81,9 @@ def test_too_few_readings_give_no_class_of_astm_e74() -> None:
 def test_the_quantities_are_those_of_a_case_worked_by_hand() -> None:
     up = 10 * LOAD
     runs = [
-        Run(0.0, up + 5, up + 5.2, 5.0, 5.3),
-        Run(0.0, up * 1.01 + 5, up * 1.01 + 5, 5.0, 5.0),
-        Run(120.0, up * 0.98 + 5, up * 0.98 + 5, 5.0, 5.0),
+        WeightRun(0.0, up + 5, up + 5.2, 5.0, 5.3),
+        WeightRun(0.0, up * 1.01 + 5, up * 1.01 + 5, 5.0, 5.0),
+        WeightRun(120.0, up * 0.98 + 5, up * 0.98 + 5, 5.0, 5.0),
     ]
     found = quantities(LOAD, runs, interpolate(LOAD, up + 5, 0.0), 0.5, -0.2)
     expected = {

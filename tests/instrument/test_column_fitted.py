@@ -13,7 +13,7 @@ from palpate.instrument.models import springs
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
 from palpate.instrument.models.parameter_sets import PHYSICAL, THESIS
-from palpate.instrument.models.ratio import Question, ask
+from palpate.instrument.models.ratio import RatioQuestion, ask
 from palpate.instrument.models.response import response
 from palpate.instrument.models.springs import HIGHEST, LINES, LOWEST, OddsLine
 from palpate.instrument.sensor.design import Design
@@ -97,7 +97,7 @@ def test_the_curve_s_inverse_is_the_closed_one() -> None:
 
 def test_it_answers_with_its_residual_and_on_any_ring() -> None:
     for ring in (24e3, 33e3):
-        (answer,) = ask(Question("single", "column_fitted", settings={"compliant_modulus": ring}), [95.4e3])
+        (answer,) = ask(RatioQuestion("single", "column_fitted", settings={"compliant_modulus": ring}), [95.4e3])
         assert answer.response.error_estimate == LINES["single"].residual
         assert answer.response.force_ratio == LINES["single"].force_ratio(95.4e3 / ring)
     assert answer.response.force_ratio == pytest.approx(0.2727, abs=1e-4)  # Table A2.2
@@ -125,9 +125,9 @@ def test_what_has_no_table_is_refused(design: Design, sensed: Sample, message: s
 def test_what_it_has_no_place_for_is_refused_by_name() -> None:
     for name, value in (("sensed_thickness", 3e-3), ("interface", "bonded"), ("plate_modulus", 3e9)):
         with pytest.raises(RangeError, match=f"{name} .*: model 'column_fitted' always takes its own"):
-            Question("single", "column_fitted", settings={name: value})
+            RatioQuestion("single", "column_fitted", settings={name: value})
     with pytest.raises(UnknownName, match="identified"):
-        Question("single", "column_fitted", "identified")
+        RatioQuestion("single", "column_fitted", "identified")
 
 
 def test_the_samples_of_the_thesis_are_all_within_its_tables() -> None:

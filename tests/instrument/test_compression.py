@@ -8,7 +8,7 @@ import pytest
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.compression import compress
-from palpate.instrument.findings.load_line import Series
+from palpate.instrument.findings.load_line import DisplaySeries
 from palpate.instrument.uncertainty import propagation
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION
@@ -18,15 +18,15 @@ COMPLIANCE, SUPPORT = 1.2e-3, 12e-3
 POSITIONS = np.linspace(9.4e-3, 13e-3, 8)
 
 
-def pushed(positions: np.ndarray, yielding: float, contact: float, noise: float = 0.0, seed: int = 0) -> Series:
+def pushed(positions: np.ndarray, yielding: float, contact: float, noise: float = 0.0, seed: int = 0) -> DisplaySeries:
     """Displays of a cell of 10.306 mV/N behind something that yields [m/N], in steps of 1 mV where there is noise."""
     ideal = 10.306 * (positions - contact)[:, np.newaxis] / yielding + np.zeros(10)
     if not noise:
-        return Series(positions, ideal)
-    return Series(positions, np.rint(1.81 + ideal + np.random.default_rng(seed).normal(0, noise, ideal.shape)))
+        return DisplaySeries(positions, ideal)
+    return DisplaySeries(positions, np.rint(1.81 + ideal + np.random.default_rng(seed).normal(0, noise, ideal.shape)))
 
 
-def three(noise: float = 0.0, seed: int = 0) -> tuple[Series, Series, Series]:
+def three(noise: float = 0.0, seed: int = 0) -> tuple[DisplaySeries, DisplaySeries, DisplaySeries]:
     pad = COMPLIANCE + THICKNESS / (MODULUS * AREA)
     bare = pushed(SUPPORT + np.linspace(0.5e-3, 6e-3, 8), COMPLIANCE, SUPPORT, noise, 3 * seed)
     up = pushed(POSITIONS, pad, SUPPORT - THICKNESS, noise, 3 * seed + 1)
@@ -78,14 +78,14 @@ def test_area_and_calibration_count_in_the_budget() -> None:
 
 def test_work_that_is_not_given_back_shows_as_loss() -> None:
     bare, up, down = three()
-    lower = Series(down.positions, down.displays - 4 * (down.displays < down.displays.max()))
+    lower = DisplaySeries(down.positions, down.displays - 4 * (down.displays < down.displays.max()))
     assert compress(bare, up, lower, IDEAL_CALIBRATION, AREA, 0.0).energy_loss.value > 0.05
 
 
 def test_a_series_without_contact_is_refused() -> None:
     bare, up, down = three()
     with pytest.raises(EstimateError, match=r"loading: 2 loads are above .* N, .* 3 are needed; compress further"):
-        compress(bare, Series(up.positions[:2], up.displays[:2]), down, IDEAL_CALIBRATION, AREA, 0.0)
+        compress(bare, DisplaySeries(up.positions[:2], up.displays[:2]), down, IDEAL_CALIBRATION, AREA, 0.0)
 
 
 def test_a_pad_that_is_no_softer_than_the_bench_is_refused() -> None:

@@ -11,7 +11,7 @@ import pytest
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import parts
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH
-from palpate.instrument.models.solid.parts import Diagonal, Stack
+from palpate.instrument.models.solid.parts import Diagonal, SolidStack
 from palpate.instrument.models.solid.system import System, symmetry
 from palpate.instrument.sensor.film_material import PVDF
 from tests.shares import first_of
@@ -80,14 +80,14 @@ def test_displacements_are_those_of_the_unknowns(monkeypatch: pytest.MonkeyPatch
 )
 def test_a_sensor_is_halved_where_it_is_its_own_mirror_image(changed: dict[str, Any], is_halved: bool) -> None:
     sensor = replace(SOFT, **changed)
-    found = Diagonal(Stack(sensor, SMALLEST, symmetry(sensor)))
+    found = Diagonal(SolidStack(sensor, SMALLEST, symmetry(sensor)))
     columns = np.arange(3.0 * found.stack.unknowns).reshape(-1, 3)
     assert np.array_equal(found.turned(columns), columns) is not is_halved
     assert found.turned(found.turned(columns)) == pytest.approx(columns)
 
 
 def test_halves_have_half_of_the_unknowns_but_for_those_on_the_diagonal() -> None:
-    stack = Stack(SOFT, SMALLEST, (True, True))
+    stack = SolidStack(SOFT, SMALLEST, (True, True))
     sums, differences = Diagonal(stack).pieces(stack.object)
     counts = [len(np.unique(piece.unknowns[piece.unknowns >= 0])) for piece in (sums, differences)]
     free = np.unique(stack.object.names[stack.object.names >= 0])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.instrument.calibration.calibration import Owner
+from palpate.instrument.calibration.calibration import CalibrationOwner
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration, FilmReading, calibrate_films
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
@@ -152,7 +152,7 @@ def test_readings_that_give_no_sensitivity_are_refused(points: list[FilmReading]
 )
 def test_a_film_calibration_is_refused_where_it_does_not_belong(changed: dict[str, Any], message: str) -> None:
     found = calibrate()
-    whose = Owner("N-1", None, True, ("single",))
+    whose = CalibrationOwner("N-1", None, True, ("single",))
     found.check_owner(whose)
     found.check_date(date(2021, 1, 1))
     found.check_films(SINGLE)

@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dpotrf
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import elimination, poles, work
-from palpate.instrument.models.finite_elements.elimination import Condensed, Mesh, condense, dissected
+from palpate.instrument.models.finite_elements.elimination import Condensed, ElementSystem, condense, dissected
 from palpate.instrument.models.finite_elements.poles import Sensor, curve, projected
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import solid_parameters
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 SIDE = 9  # elements along a square; its nodes have one unknown each, and so has the inside of each element
 
 
-def square() -> tuple[Mesh, Array]:
+def square() -> tuple[ElementSystem, Array]:
     """A square of random elements, held at its left side, kept at its right one; and its whole matrix, dense.
 
     Two places of the first element are one unknown.
@@ -46,7 +46,9 @@ def square() -> tuple[Mesh, Array]:
     for own, matrix in zip(unknowns, matrices, strict=True):
         np.add.at(whole, (own[:, None], own), matrix)
     loads = rng.normal(size=(len(free), 2))
-    return Mesh(unknowns, np.column_stack([x.ravel(), y.ravel()]), matrices.__getitem__, kept, loads), whole[:-1, :-1]
+    return ElementSystem(unknowns, np.column_stack([x.ravel(), y.ravel()]), matrices.__getitem__, kept, loads), whole[
+        :-1, :-1
+    ]
 
 
 @pytest.mark.parametrize("few", [0, elimination.FEW])  # unknowns of elements are added by runs, or one by one
@@ -82,7 +84,7 @@ def test_element_matrices_are_asked_for_a_few_at_a_time(monkeypatch: pytest.Monk
 
 
 def test_a_part_that_nothing_holds_is_refused() -> None:
-    spring = Mesh(
+    spring = ElementSystem(
         unknowns=np.array([[0, 1]]),
         coordinates=np.zeros((1, 1)),
         matrices=lambda _elements: np.array([[[1.0, -1.0], [-1.0, 1.0]]]),

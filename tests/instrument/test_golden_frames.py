@@ -17,12 +17,12 @@ from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Command, Field, Pdo, Scaling, sdo
 from palpate.instrument.contracts.maps.frames import crc
 from palpate.instrument.contracts.maps.golden_frames import computed, prove
-from palpate.instrument.contracts.maps.map_file import Frame, FrameTable, frame_of
+from palpate.instrument.contracts.maps.map_file import FrameTable, GoldenFrame, frame_of
 from tests.contracts import canopen_contract as node
 from tests.contracts import modbus_contract as modbus
 
 
-def frame(says: str, request: Any = None, reply: Any = None, **more: Any) -> Frame:
+def frame(says: str, request: Any = None, reply: Any = None, **more: Any) -> GoldenFrame:
     table = {"says": says, "request": request, "reply": reply, "origin": "printed", **more}
     return frame_of(1, check({key: value for key, value in table.items() if value is not None}, FrameTable, "map"))
 
@@ -135,7 +135,7 @@ def test_each_mistake_in_a_map_is_named_with_the_values_wanted_and_found(
         (frame("read x", values={"x": ["on"]}), "unknown bit of x 'on'"),
     ],
 )  # fmt: skip
-def test_a_frame_that_is_none_is_refused(given: Frame, wrong: str) -> None:
+def test_a_frame_that_is_none_is_refused(given: GoldenFrame, wrong: str) -> None:
     contract = modbus(Field("x", 0, "uint16", "x"))
     (problem,) = prove(contract, [given]).problems
     assert re.search(wrong, problem), problem
@@ -154,7 +154,7 @@ def test_frames_that_are_worked_out_fit_each_of_our_contracts(name: str) -> None
     assert (proof.problems, proof.without) == ((), ())
 
 
-def _frames(text: str) -> list[Frame]:
+def _frames(text: str) -> list[GoldenFrame]:
 
     return [frame_of(n, check(table, FrameTable, "map")) for n, table in enumerate(tomllib.loads(text)["frame"], 1)]
 

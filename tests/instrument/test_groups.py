@@ -20,7 +20,7 @@ def found(scatter: float) -> list[Between]:
 
 def test_groups_that_are_alike_are_told_apart_in_one_of_twenty_cases_and_their_scatter_is_right_on_average() -> None:
     alike = found(0.0)
-    assert np.mean([each.told for each in alike]) == pytest.approx(0.05, abs=0.02)
+    assert np.mean([each.significant for each in alike]) == pytest.approx(0.05, abs=0.02)
     assert np.mean([each.means_u**2 - each.within_u**2 for each in alike]) == pytest.approx(0.0, abs=2e-5)
     assert np.mean([each.u == 0 for each in alike]) > 0.5
 
@@ -30,7 +30,7 @@ def test_groups_that_scatter_by_more_are_told_and_do_not_exceed_the_bound_in_95_
         apart = found(scatter)
         assert np.mean([each.bound_u >= scatter for each in apart]) >= 0.94
         assert np.mean([each.means_u**2 - each.within_u**2 for each in apart]) == pytest.approx(scatter**2, rel=0.15)
-    assert np.mean([each.told for each in apart]) > 0.7
+    assert np.mean([each.significant for each in apart]) > 0.7
 
 
 @pytest.mark.parametrize("groups", [[[1.0, 2.0]], [[1.0, 2.0], [1.0]]])

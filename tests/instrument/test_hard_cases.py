@@ -16,7 +16,7 @@ from palpate.instrument.models import beam, springs
 from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.direct import solve, solve_on
-from palpate.instrument.models.beam import Stretch
+from palpate.instrument.models.beam import BeamSegment
 from palpate.instrument.models.finite_elements import solving
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
@@ -163,7 +163,7 @@ def test_a_uniform_mesh_of_linear_elements_converges_at_first_order_and_a_graded
 
 def test_many_elements_of_a_beam_drown_it_in_rounding_where_rigid_motion_is_not_apart() -> None:
     """Bending of an element grows with its length to the power -3, so that four more elements cost two digits."""
-    bending, stretches = 4.85e-3, (Stretch(1.4e-3, 8e6), Stretch(3.5e-3, 3e5))
+    bending, stretches = 4.85e-3, (BeamSegment(1.4e-3, 8e6), BeamSegment(3.5e-3, 3e5))
     exact = beam.exact_forces(bending, stretches)[0]
     plain = {n: abs(naive.beam_forces(bending, stretches, n)[0] / exact - 1) for n in (2, 4, 64, 256)}
     assert plain[4] < plain[2] / 10

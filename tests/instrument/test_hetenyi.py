@@ -13,7 +13,7 @@ import pytest
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models import beam
-from palpate.instrument.models.beam import Stretch, exact_force_ratio, exact_forces
+from palpate.instrument.models.beam import BeamSegment, exact_force_ratio, exact_forces
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 
@@ -21,7 +21,7 @@ SINGLE = get_design("single")
 FOUNDATIONS = (1e-12, 20.0, 1e4, 1e7)
 
 
-def decimal_forces(stretches: Sequence[Stretch]) -> list[float]:
+def decimal_forces(stretches: Sequence[BeamSegment]) -> list[float]:
     """Initial values carried from end to end by power series (v, v', v'', v''' over v(0), v'(0) and 1); EI = 1."""
     with localcontext() as context:
         context.prec = 120
@@ -55,7 +55,7 @@ def decimal_forces(stretches: Sequence[Stretch]) -> list[float]:
 @pytest.mark.parametrize("first", [0.01, 0.25, 0.9375])
 def test_forces_are_exact_to_1e_12_from_a_rigid_beam_to_a_limp_one(first: float) -> None:
     for one, other in itertools.product(FOUNDATIONS, FOUNDATIONS):
-        stretches = (Stretch(first, one), Stretch(1 - first, other))
+        stretches = (BeamSegment(first, one), BeamSegment(1 - first, other))
         assert exact_forces(1.0, stretches) == pytest.approx(decimal_forces(stretches), abs=1e-12)
 
 
@@ -63,7 +63,7 @@ def test_forces_are_exact_to_1e_12_from_a_rigid_beam_to_a_limp_one(first: float)
 def test_waves_alone_are_dependent_on_a_rigid_beam_and_series_alone_diverge_on_a_limp_one(
     monkeypatch: pytest.MonkeyPatch, limit: float, foundation: float
 ) -> None:
-    stretches = (Stretch(0.25, 2 * foundation), Stretch(0.75, foundation))
+    stretches = (BeamSegment(0.25, 2 * foundation), BeamSegment(0.75, foundation))
     exact = exact_forces(1.0, stretches)
     monkeypatch.setattr(beam, "SHORT", limit)
     naive = exact_forces(1.0, stretches)
@@ -72,8 +72,8 @@ def test_waves_alone_are_dependent_on_a_rigid_beam_and_series_alone_diverge_on_a
 
 @pytest.mark.parametrize("pieces", [1, 2, 7])
 def test_where_a_stretch_is_cut_does_not_matter(pieces: int) -> None:
-    tooth, ring = stretches = (Stretch(1.4e-3, 8e6), Stretch(3.5e-3, 3e5))
-    cut = exact_forces(0.1, (tooth, *[Stretch(ring.length / pieces, ring.foundation)] * pieces))
+    tooth, ring = stretches = (BeamSegment(1.4e-3, 8e6), BeamSegment(3.5e-3, 3e5))
+    cut = exact_forces(0.1, (tooth, *[BeamSegment(ring.length / pieces, ring.foundation)] * pieces))
     assert [cut[0], sum(cut[1:])] == pytest.approx(exact_forces(0.1, stretches), rel=1e-12)
 
 
@@ -87,10 +87,10 @@ def test_neither_end_of_the_range_of_moduli_overflows() -> None:
 
 @pytest.mark.parametrize("flexible", [1e-20, 1e-60, 1e-300])
 def test_a_beam_without_stiffness_hands_each_stretch_the_load_above_it(flexible: float) -> None:
-    forces = exact_forces(flexible, (Stretch(1.4e-3, 8e6), Stretch(3.5e-3, 3e5)))
+    forces = exact_forces(flexible, (BeamSegment(1.4e-3, 8e6), BeamSegment(3.5e-3, 3e5)))
     assert forces == pytest.approx([1.4e-3, 3.5e-3], rel=1e-3)
 
 
 def test_impossible_beams_are_refused() -> None:
     with pytest.raises(RangeError, match="foundation of a stretch 0 N/m2"):
-        exact_forces(1.0, (Stretch(1e-3, 1.0), Stretch(1e-3, 0.0)))
+        exact_forces(1.0, (BeamSegment(1e-3, 1.0), BeamSegment(1e-3, 0.0)))

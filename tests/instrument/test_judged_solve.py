@@ -16,7 +16,7 @@ from palpate.instrument import notice
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import elimination, kept, work
 from palpate.instrument.models.parameters import solid_parameters
-from palpate.instrument.models.ratio import Question, ask
+from palpate.instrument.models.ratio import RatioQuestion, ask
 from palpate.instrument.models.solid import model
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.system import System
@@ -55,10 +55,10 @@ def test_what_does_not_fit_into_memory_is_refused_before_anything_is_solved(
     said: list[str] = []
     remedy = "take another model or a design of fewer teeth, or spread the load evenly"
     with (
-        notice.told(said.append),
+        notice.notices_to(said.append),
         pytest.raises(EstimateError, match=rf"a mesh of \d+ unknowns needs [\d.]+ GB of memory, .* free; {remedy}$"),
     ):
-        ask(Question(design, "solid", at=AT), [1e5])
+        ask(RatioQuestion(design, "solid", at=AT), [1e5])
     assert said == []
 
 
@@ -71,10 +71,10 @@ def test_a_finer_mesh_that_does_not_fit_is_refused_with_a_larger_tolerance_as_th
     monkeypatch.setattr(model, "LONG", 0.0)
     said: list[str] = []
     with (
-        notice.told(said.append),
+        notice.notices_to(said.append),
         pytest.raises(EstimateError, match=r"give a larger tolerance, or take another model$"),
     ):
-        ask(Question("single", "solid", tolerance=1e-6), [1e5])
+        ask(RatioQuestion("single", "solid", tolerance=1e-6), [1e5])
     (sentence,) = said
     assert sentence.endswith("kept; a finer mesh, if these do not meet the tolerance, does not fit into memory")
 
@@ -90,9 +90,9 @@ def test_the_whole_price_is_said_once_and_first(monkeypatch: pytest.MonkeyPatch)
         return eliminate(matrix)
 
     monkeypatch.setattr(elimination, "factorised", checked)
-    with notice.told(said.append):
-        ask(Question("single", "solid"), [1e5, 2e5])
-        ask(Question("single", "solid"), [3e5])
+    with notice.notices_to(said.append):
+        ask(RatioQuestion("single", "solid"), [1e5, 2e5])
+        ask(RatioQuestion("single", "solid"), [3e5])
     (sentence,) = said
     assert sentence.startswith("setting up meshes of up to 37212 unknowns takes about ")
 
@@ -102,7 +102,7 @@ def test_the_cost_of_a_mesh_is_that_of_the_eliminations_that_follow(
     design: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the work of the fronts themselves; what a second does of it is measured by `tests.benchmarks solve_price`."""
-    question = Question(design, "solid", at=AT)
+    question = RatioQuestion(design, "solid", at=AT)
     parameters = replace(solid_parameters(question.sensor(), question.load(1.0)), force=1.0)
     system = System(parameters, Resolution(layers=1, ratio=0.15, sectors=1, degree=2))
     expected, done = system.cost(), []

@@ -22,7 +22,7 @@ from palpate.instrument.models.parameters import CLOSED, Parameters, RoundParame
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.mesh import LEAST_COMPLIANCE as LEAST_SOLID_COMPLIANCE
-from palpate.instrument.models.solid.parts import LEAST_GAP, Stack
+from palpate.instrument.models.solid.parts import LEAST_GAP, SolidStack
 
 CASE_A = RoundParameters()
 SINGLE = SolidParameters(support="rigid")
@@ -140,7 +140,7 @@ def test_no_line_more_in_the_round_model_s_grid_makes_its_answers_jump() -> None
 def test_a_gap_of_any_width_has_a_mesh(gap: float) -> None:
     """Its finest one, in which points across the gap are closest."""
     sensor = replace(SINGLE, ring_inner_radius=SINGLE.tooth_radius + gap)
-    Stack(sensor, replace(ladders.resolution(sensor, 2), degree=2), (True, True))
+    SolidStack(sensor, replace(ladders.resolution(sensor, 2), degree=2), (True, True))
 
 
 @pytest.mark.parametrize("name", ["ring_inner_radius", "sensed_radius"])

@@ -16,7 +16,7 @@ from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.model_fit import MeasuredReference, expected_u, fit_model
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.findings.object_modulus import ByReferences, estimate
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import Validation, validate, validation_u
 from tests.benchmarks.references import covered
 
@@ -76,7 +76,7 @@ def test_the_films_calibration_that_references_and_object_share_cancels_in_both(
     assert shared.source.endswith("the films' calibration is the same and cancels")
     assert apart.source.endswith("their films' calibration counts")
     assert apart.u**2 - shared.u**2 == pytest.approx(films_u**2)  # it does not average out
-    question, ratio, u = Question("single", "surface"), 0.2, 0.2 * math.hypot(films_u, SCATTER)
+    question, ratio, u = RatioQuestion("single", "surface"), 0.2, 0.2 * math.hypot(films_u, SCATTER)
     (cancelled,) = estimate(question, [ratio], u, references=ByReferences(found, True, films_u * ratio))
     (counted,) = estimate(question, [ratio], u, references=ByReferences(found))
     assert cancelled["scale_u"] == counted["scale_u"]
@@ -144,8 +144,8 @@ def test_what_contradicts_is_refused_by_name_and_chi2(errors: tuple[float, ...],
 def test_beyond_the_references_the_interval_holds_the_models_own_answer() -> None:
     """A constant ratio would call an object of 1.4 MPa harder than 200 MPa, where all ratios end at 1."""
     by = ByReferences(fitted(0.24, 0.26))
-    own = estimate(Question("single", "surface"), [0.85], 0.01)
-    near, far = estimate(Question("single", "surface"), [0.25, 0.85], 0.01, references=by)
+    own = estimate(RatioQuestion("single", "surface"), [0.85], 0.01)
+    near, far = estimate(RatioQuestion("single", "surface"), [0.25, 0.85], 0.01, references=by)
     assert near["note"] == ""
     assert far["scale_low_Pa"] == pytest.approx(own[0]["scale_low_Pa"], rel=1e-9)
     assert (far["kind"], far["scale_high_Pa"], far["modulus_Pa"]) == ("at least", None, None)
@@ -189,15 +189,15 @@ def test_films_that_were_calibrated_in_between_end_the_constant() -> None:
 @pytest.mark.parametrize(
     "question",
     [
-        Question("single", "surface", settings={"sensed_thickness": 5e-3}),
-        Question("single", "surface", settings={"sensed_poisson": 0.49}),
-        Question("single", "surface", settings={"compliant_modulus": 33e3}),
-        Question("single", "column"),
-        Question("single_round", "surface"),
-        Question("single", "surface", "thesis"),
+        RatioQuestion("single", "surface", settings={"sensed_thickness": 5e-3}),
+        RatioQuestion("single", "surface", settings={"sensed_poisson": 0.49}),
+        RatioQuestion("single", "surface", settings={"compliant_modulus": 33e3}),
+        RatioQuestion("single", "column"),
+        RatioQuestion("single_round", "surface"),
+        RatioQuestion("single", "surface", "thesis"),
     ],
 )
-def test_a_calibration_is_not_used_for_another_question(question: Question) -> None:
+def test_a_calibration_is_not_used_for_another_question(question: RatioQuestion) -> None:
     model = question.model
     with pytest.raises(ConfigError, match="calibration of a model by run is for"):
         fitted(0.2).check_question(question, model)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.instrument.notice import price, told
+from palpate.instrument.notice import notices_to, price
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ from palpate.instrument.notice import price, told
 )
 def test_what_takes_more_than_two_seconds_is_told_with_its_price(seconds: float, said: list[str]) -> None:
     heard: list[str] = []
-    with told(heard.append):
+    with notices_to(heard.append):
         price("solving", seconds, "; kept")
     price("solving", seconds, "; kept")  # nobody listens
     assert heard == said

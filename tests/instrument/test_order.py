@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.order import (
     Family,
     early_pairs,
@@ -20,7 +20,7 @@ from palpate.instrument.allocation.order import (
 )
 
 SCATTER = 0.04
-LINES = [Line("gain scatter", SCATTER, Unit.SET, 7)]
+LINES = [BudgetLine("gain scatter", SCATTER, RepeatUnit.SET, 7)]
 THREE = Family(3, 0.05, 5, SCATTER, 7)
 
 

@@ -19,7 +19,7 @@ from palpate.instrument.models.price_list import (
     Machine,
     Price,
     PriceList,
-    Reference,
+    ReferenceRatios,
     answers_cheapest,
     choose,
     fingerprint,
@@ -50,7 +50,7 @@ LIST = PriceList(
     machine=Machine(cpu="abacus", cores=1, system="", python="", date=""),
     moduli_Pa=MODULI,
     references=(
-        Reference(
+        ReferenceRatios(
             design=ROUND.name, fingerprint=fingerprint(ROUND, LOAD), force_ratios=(0.1,) * 4, uncertainties=(0.0,) * 4,
             how="made up", seconds=0.0,
         ),

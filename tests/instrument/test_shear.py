@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from palpate.instrument.models.shear import DRAGGED, FilmShear, shear, told
+from palpate.instrument.models.shear import DRAGGED, FilmShear, shear, shear_pattern
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 
@@ -22,11 +22,11 @@ def test_films_tell_shear_from_a_load_off_centre_where_they_name_different_place
     still = film(1e-11, 1e-12)
     assert still.off_centre("object") is None
     assert still.cleaned("object") == 0
-    assert told({"a": still}) == "not"
+    assert shear_pattern({"a": still}) == "not"
     pair = {"a": film(-20.0, -0.02), "b": film(20.0, 0.02), "all": still}
     assert pair["a"].off_centre("object") == pytest.approx(1e-3)
-    assert told(pair) == "off centre"
-    assert told({**pair, "c": film(60.0, 0.12)}) == "apart"
+    assert shear_pattern(pair) == "off centre"
+    assert shear_pattern({**pair, "c": film(60.0, 0.12)}) == "apart"
     assert film(20.0, 0.02).change(film(20.0, 0.018)) == pytest.approx(2e-3)
 
 
@@ -41,12 +41,12 @@ def test_no_film_below_one_tooth_feels_shear() -> None:
 @pytest.mark.slow
 def test_two_teeth_on_one_base_take_shear_for_a_load_off_centre_and_on_two_bases_not() -> None:
     common = shear(get_design("common_base"), SAMPLE)
-    assert told(common) == "off centre"
+    assert shear_pattern(common) == "off centre"
     assert common["rigid_1"].dragged["object"] == pytest.approx(-common["rigid_2"].dragged["object"])
     assert common["rigid_2"].dragged["object"] > 1e-3
     assert abs(common["total"].dragged["object"]) < 1e-9
     assert abs(common["rigid_1"].dragged["tooth"]) < 1e-3
-    assert told(shear(get_design("different_base"), SAMPLE)) == "apart"
+    assert shear_pattern(shear(get_design("different_base"), SAMPLE)) == "apart"
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.curve import RatioCurve, curve_through, ratio_curve, sampled_curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters
-from palpate.instrument.models.price_list import Choice
+from palpate.instrument.models.price_list import ModelChoice
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
 
@@ -230,7 +230,7 @@ def test_what_no_spline_can_follow_is_refused() -> None:
 def test_auto_is_one_model_over_the_priced_moduli_with_its_priced_error(monkeypatch: pytest.MonkeyPatch) -> None:
     priced = replace(price_list.stored(), moduli_Pa=(1e4, 1e5, 1e6), prices=(), references=())
     monkeypatch.setattr(price_list, "stored", lambda: priced)
-    monkeypatch.setattr(price_list, "choose", lambda *_: Choice("column", 0.01, 1e-5, "cheap"))
+    monkeypatch.setattr(price_list, "choose", lambda *_: ModelChoice("column", 0.01, 1e-5, "cheap"))
     curve = ratio_curve(SINGLE, LOAD, "auto", 0.05)
     assert curve.model == "column"
     assert curve.moduli == pytest.approx((1e4, 1e6))

@@ -16,12 +16,12 @@ from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, Resolution
 from palpate.instrument.models.solid.mesh import (
-    Body,
-    Cell,
     Elastic,
     HeightElements,
-    Plan,
     PlanElements,
+    PlanMesh,
+    SolidBody,
+    UnitCell,
     graded,
     plan_basis,
     plan_mesh,
@@ -50,9 +50,9 @@ def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     meshes.give(monkeypatch, *[smallest] * 3)
 
 
-def unit_cell(sectors: int = 1, degree: int = 2) -> tuple[Plan, PlanElements]:
+def unit_cell(sectors: int = 1, degree: int = 2) -> tuple[PlanMesh, PlanElements]:
     """A whole cell of 12 x 12 mm around the origin."""
-    cell = Cell(6e-3, 6e-3, 1.4e-3, 1.5e-3, 5e-3)
+    cell = UnitCell(6e-3, 6e-3, 1.4e-3, 1.5e-3, 5e-3)
     quarters = {(i, j): (0.0, 0.0, 0) for i in (0, 1) for j in (0, 1)}
     plan = plan_mesh(cell, quarters, Resolution(layers=2, ratio=0.3, sectors=sectors, degree=degree))
     return plan, PlanElements(plan_basis(plan, degree), np.arange(plan.mesh.nelements), degree)
@@ -68,7 +68,7 @@ def test_a_homogeneous_strain_has_the_exact_energy(poisson: float) -> None:
     plan, matrices = unit_cell()
     x, y = plan_basis(plan, 2).doflocs
     breaks = graded(0.0, 2e-3, 2, 0.3, "both")
-    body = Body(matrices, HeightElements(breaks, 2), Elastic(1e5, poisson))
+    body = SolidBody(matrices, HeightElements(breaks, 2), Elastic(1e5, poisson))
     z = np.concatenate([breaks[:-1], (breaks[1:] + breaks[:-1]) / 2, breaks[-1:]])
     strain = np.array([[1e-3, 4e-4, -2e-4], [4e-4, -5e-4, 3e-4], [-2e-4, 3e-4, 7e-4]])
     places = np.stack(np.broadcast_arrays(x, y, z[:, None]))
@@ -81,7 +81,7 @@ def test_a_homogeneous_strain_has_the_exact_energy(poisson: float) -> None:
 
 def test_rigid_motions_cost_no_energy() -> None:
     _, matrices = unit_cell()
-    body = Body(matrices, HeightElements(np.array([0.0, 1e-3]), 2), Elastic(1e5, 0.3))
+    body = SolidBody(matrices, HeightElements(np.array([0.0, 1e-3]), 2), Elastic(1e5, 0.3))
     for axis in range(3):
         motion = np.zeros(body.shape)
         motion[axis] = 1.0

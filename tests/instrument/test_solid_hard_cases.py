@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid.ladders import OF_MANY_TEETH, Resolution
-from palpate.instrument.models.solid.mesh import Body, Elastic, Names
+from palpate.instrument.models.solid.mesh import Elastic, Names, SolidBody
 from palpate.instrument.models.solid.model import point_loads, solve, solve_on
 from palpate.instrument.models.solid.system import System
 from tests import meshes
@@ -22,7 +22,7 @@ Vector = NDArray[np.float64]
 
 SMALLEST = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
 RIGID = SolidParameters(interface="frictionless", support="rigid")
-SHIPPED = Body.stiffness
+SHIPPED = SolidBody.stiffness
 ROUND = replace(RIGID, outline="round", sensed_modulus=1e6, sensed_thickness=1e-3)
 
 
@@ -42,19 +42,19 @@ def ratio(parameters: SolidParameters, resolution: Resolution) -> float:
     return float(found[0, 0])
 
 
-def plain_displacement(body: Body, elements: Names | None = None, _added: float = 0.0) -> Vector:
+def plain_displacement(body: SolidBody, elements: Names | None = None, _added: float = 0.0) -> Vector:
     """Element matrices with the dilatation of every point, not only of the pressure's polynomials."""
     p, h = body.plan, body.height
     nu = body.material.poisson
     lame = body.material.modulus * nu / ((1 + nu) * (1 - 2 * nu))
-    matrix = SHIPPED(Body(p, h, Elastic(2 * body.material.shear, 0.0)), elements)
+    matrix = SHIPPED(SolidBody(p, h, Elastic(2 * body.material.shear, 0.0)), elements)
     body.add_law(matrix, lame * np.einsum("ad,be->adbe", np.eye(3), np.eye(3)), elements)
     return matrix
 
 
 def test_plain_displacement_elements_agree_where_rubber_is_compressible(monkeypatch: pytest.MonkeyPatch) -> None:
     shipped = ratio(replace(ROUND, sensed_poisson=0.3), SMALLEST)
-    monkeypatch.setattr(Body, "stiffness", plain_displacement)
+    monkeypatch.setattr(SolidBody, "stiffness", plain_displacement)
     assert 0 < abs(ratio(replace(ROUND, sensed_poisson=0.3), SMALLEST) - shipped) < 0.01
 
 
@@ -63,7 +63,7 @@ def test_rubber_locks_plain_displacement_elements_and_not_the_shipped_ones(monke
     rubber = replace(ROUND, sensed_poisson=0.499999)
     shipped = abs(ratio(rubber, OF_MANY_TEETH.resolutions[0]) - exact(0.499999))
     assert shipped < 0.01
-    monkeypatch.setattr(Body, "stiffness", plain_displacement)
+    monkeypatch.setattr(SolidBody, "stiffness", plain_displacement)
     assert abs(ratio(rubber, OF_MANY_TEETH.resolutions[0]) - exact(0.499999)) > 10 * shipped
 
 

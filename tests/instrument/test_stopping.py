@@ -9,16 +9,16 @@ import pytest
 from scipy.special import stdtrit  # scipy.stats takes a second to import
 
 from palpate.instrument.allocation.allocate import Allocation, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets, pooled
 from palpate.instrument.errors import RangeError
 
 BENCH = Costs(start=4.0, mounting=93.0, set=1.6, person=60.0)
-LINES = [Line("gain scatter", 0.082, Unit.SET, 7), Line("noise", 0.002, Unit.SECOND)]
-MOUNTED = [*LINES, Line("mounting", 0.02, Unit.MOUNTING)]
+LINES = [BudgetLine("gain scatter", 0.082, RepeatUnit.SET, 7), BudgetLine("noise", 0.002, RepeatUnit.SECOND)]
+MOUNTED = [*LINES, BudgetLine("mounting", 0.02, RepeatUnit.MOUNTING)]
 
 
-def plan(tolerance: float = 0.02, lines: list[Line] = LINES) -> Allocation:
+def plan(tolerance: float = 0.02, lines: list[BudgetLine] = LINES) -> Allocation:
     return allocate(lines, BENCH, tolerance, fewest=FIRST)
 
 
@@ -126,7 +126,7 @@ def test_intervals_of_runs_that_stop_by_themselves_hold_the_truth(name: str) -> 
 
 def test_sets_of_one_mounting_do_not_make_up_for_those_that_others_lack() -> None:
     """The best plan moves with the ratio: after mountings of fewer sets it may be as many mountings of more."""
-    lines = [Line("gain scatter", 0.152, Unit.SET, 7), Line("mounting", 0.034, Unit.MOUNTING)]
+    lines = [BudgetLine("gain scatter", 0.152, RepeatUnit.SET, 7), BudgetLine("mounting", 0.034, RepeatUnit.MOUNTING)]
     planned, scatter = plan(0.02, lines), 0.152 / 3.7
     first = enough(lines, BENCH, 0.02, planned, 3.7, [sets(first_sets(planned), scatter)])
     each = first.sets // first.mountings
@@ -149,5 +149,5 @@ def test_a_mounting_that_was_interrupted_counts_by_what_its_sets_tell() -> None:
     first, quick = FIRST, plan(0.05)
     assert enough(LINES, BENCH, 0.05, quick, 2.0, [taken[:5], taken[5:first]]).why
     assert not enough(LINES, BENCH, 0.05, quick, 2.0, [taken[:5], taken[5 : first - 1]]).why
-    apart = [*LINES, Line("mounting", 0.1, Unit.MOUNTING)]
+    apart = [*LINES, BudgetLine("mounting", 0.1, RepeatUnit.MOUNTING)]
     assert answer(apart, made, 2.0, [taken[:5], taken[5:]]).u == pytest.approx(0.1 / math.sqrt(2), rel=0.1)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate.instrument.thesis import EVERY_ROW, Table, read_table
+from palpate.instrument.thesis import EVERY_ROW, ThesisTable, read_table
 from tests.instrument.test_thesis import REPAIRS
 
 Array = NDArray[np.float64]
@@ -31,12 +31,12 @@ TWINS = {"A2.3": "A2.5", "A2.4": "A2.6", "A2.5": "A2.3", "A2.6": "A2.4"}
 ELEMENTS = ("A2.1", "A2.2", "A2.3", "A2.4", "A2.5", "A2.6", *WHOLE)
 
 
-def broken(table: Table, values: Cells) -> set[tuple[str, int]]:
+def broken(table: ThesisTable, values: Cells) -> set[tuple[str, int]]:
     """Cells that break a rule, as column and row."""
     return {(column, int(row)) for column, found in _judged(table, values) for row in np.flatnonzero(found)}
 
 
-def _judged(table: Table, values: Cells) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _judged(table: ThesisTable, values: Cells) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     yield from ((column, found >= 0) for column, found in values.items())
     single = "force_rigid_N" in values
     forces = ["force_rigid_N"] if single else [name for name in values if name.startswith("force_pvdf")]
@@ -73,7 +73,7 @@ def _bent(moduli: Array, ratio: Array) -> NDArray[np.bool_]:
     return np.concatenate([[False], off, [False]])
 
 
-def numbers(table: Table) -> Cells:
+def numbers(table: ThesisTable) -> Cells:
     """Columns that the rules speak of, repaired."""
     given = ("compliant_modulus_Pa", "force_total_N")
     return {column: table.values(column) for column in table.columns if column not in given}
@@ -94,7 +94,7 @@ def test_twins_and_extracts_repeat_a_table_once_both_are_repaired(number: str) -
         assert table.values(column) == pytest.approx(theirs[name][rows], rel=1e-12), column
 
 
-def _in_order(table: Table) -> list[str]:
+def _in_order(table: ThesisTable) -> list[str]:
     """Columns that twins and extracts share: films are named by other numbers, but stand in the same order."""
     return [name for name in table.columns if name.startswith(("voltage", "force_pvdf", "force_rigid"))] + [
         name for name in ("force_ratio",) if name in table.columns

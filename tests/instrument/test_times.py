@@ -8,16 +8,16 @@ import pytest
 from scipy.special import fdtri  # scipy.stats takes a second to import
 
 from palpate.instrument.allocation.allocate import allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import FIRST, first_sets
 from palpate.instrument.allocation.times import Times, times
 
 BENCH = Costs(start=4.0, mounting=93.0, set=1.6, person=60.0)
-LINES = [Line("gain scatter", 0.082, Unit.SET, 7), Line("noise", 0.002, Unit.SECOND)]
+LINES = [BudgetLine("gain scatter", 0.082, RepeatUnit.SET, 7), BudgetLine("noise", 0.002, RepeatUnit.SECOND)]
 SETS = 67.64  # that 1 % takes with the prior's scatter
 
 
-def at_one_percent(lines: list[Line] = LINES, most: int = 10_000) -> tuple[int, Times]:
+def at_one_percent(lines: list[BudgetLine] = LINES, most: int = 10_000) -> tuple[int, Times]:
     """Number of first sets, and the times of runs to 1 %."""
     plan = allocate(lines, BENCH, 0.01, fewest=FIRST)
     first = first_sets(plan)

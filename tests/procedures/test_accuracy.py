@@ -32,7 +32,16 @@ from palpate.procedures.accuracy import elements, machine, meshes
 from palpate.procedures.accuracy import measure as measuring
 from palpate.procedures.accuracy.elements import Array
 from palpate.procedures.accuracy.measure import BEAM_ELEMENTS, measure
-from palpate.procedures.accuracy.meshes import COARSEST, MIDDLES, MODULI, TIMED, Mesh, Solved, references, refinements
+from palpate.procedures.accuracy.meshes import (
+    COARSEST,
+    MIDDLES,
+    MODULI,
+    TIMED,
+    MeshedProblem,
+    MeshSolution,
+    references,
+    refinements,
+)
 from palpate.procedures.accuracy.plot import plot_prices
 from palpate.procedures.accuracy.references import UNSEEN, truth_of
 from tests.procedures.conftest import Palpate
@@ -45,19 +54,19 @@ def truth(modulus: float) -> float:
     return response(get_design("single_round"), PHYSICAL.load(modulus), "surface").force_ratio
 
 
-def made_up(mesh: Mesh) -> Solved:
+def made_up(mesh: MeshedProblem) -> MeshSolution:
     """Errors of 0.5, 0.1, 0.02, ... by refinement and 2e-4 or less for references; a second for each level.
 
     Between the moduli the first axisymmetric one is off by 0.3. The finest mesh of two teeth does not fit.
     """
     if isinstance(mesh.parameters, SolidParameters) and mesh.parameters.columns > 1 and mesh.refinement > 1:
-        return Solved(None, failure="too large" if not mesh.second else "too large, too")
+        return MeshSolution(None, failure="too large" if not mesh.second else "too large, too")
     level = mesh.refinement + (1 if mesh.model == "solid" else 0)
     error = 0.1 * 0.2 ** (level - 1) if not mesh.second else 1e-5
     if mesh.model == "axisymmetric" and mesh.refinement == 1 and mesh.parameters.sensed_modulus in MIDDLES:
         error = 0.3
     ratio = truth(mesh.parameters.sensed_modulus) * (1 - error)
-    return Solved(ratio, (0.5 * level, 0.25 * level, 0.25 * level), curve=constant(ratio))
+    return MeshSolution(ratio, (0.5 * level, 0.25 * level, 0.25 * level), curve=constant(ratio))
 
 
 def constant(ratio: float) -> Curve:

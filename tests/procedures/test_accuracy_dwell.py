@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats
-from palpate.procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, Point, measure
+from palpate.procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, EstimatorPoint, measure
 from palpate.procedures.accuracy.dwell_report import plot_dwell, print_dwell
 from palpate.procedures.virtual import dwell
 from tests.procedures.conftest import Palpate
@@ -38,7 +38,7 @@ def record(relative: float, duration: float = 100.0, gain: float = 1.0, scatter:
     return Record(time, voltage, False, 0.2, scatter)
 
 
-def rows(prices: DwellPrices, estimator: str) -> list[Point]:
+def rows(prices: DwellPrices, estimator: str) -> list[EstimatorPoint]:
     return [p for p in prices.points if p.estimator == estimator]
 
 

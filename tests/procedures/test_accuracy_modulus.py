@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.accuracy.modulus.front import ModulusFront, Setting
+from palpate.procedures.accuracy.modulus.front import ModulusFront, PlanningCase
 from palpate.procedures.accuracy.modulus.report import plot_modulus_front, print_modulus_front
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.measurements.object_modulus.costs import costs_of
@@ -26,8 +26,10 @@ HARD = 500e3  # Pa
 
 
 def front_of(modulus: float, mounted: float | None = None, model: str = "surface") -> ModulusFront:
-    question = Question("single", model, settings={"sensed_thickness": 3e-3})
-    return ModulusFront.of(Setting(DESIGN, question, LOADS, Wanted(None, None, True, 10.0, None, mounted)), modulus)
+    question = RatioQuestion("single", model, settings={"sensed_thickness": 3e-3})
+    return ModulusFront.of(
+        PlanningCase(DESIGN, question, LOADS, Wanted(None, None, True, 10.0, None, mounted)), modulus
+    )
 
 
 @pytest.fixture(scope="module")

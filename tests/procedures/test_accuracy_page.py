@@ -9,7 +9,7 @@ import pytest
 from palpate.instrument.models.price_list import stored
 from palpate.procedures.accuracy import arithmetic, page
 from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
-from palpate.procedures.accuracy.page import Way, cheapest
+from palpate.procedures.accuracy.page import MethodPoint, cheapest
 from palpate.procedures.virtual import dwell
 from palpate.simulators.linear import integrators
 from tests.procedures.conftest import Palpate
@@ -57,10 +57,10 @@ def test_registers_cost_what_their_steps_say_and_noise_helps(prices: dict[str, A
 
 def test_the_cheapest_way_within_the_tolerance_is_recommended() -> None:
     ways = [
-        Way("slow", "", 1e-6, 9.0),
-        Way("fast", "", 1e-2, 1.0),
-        Way("as fast", "", 1e-3, 1.0),
-        Way("broken", "", None, 0.1),
+        MethodPoint("slow", "", 1e-6, 9.0),
+        MethodPoint("fast", "", 1e-2, 1.0),
+        MethodPoint("as fast", "", 1e-3, 1.0),
+        MethodPoint("broken", "", None, 0.1),
     ]
     assert cheapest(ways, 0.1).name == "as fast"
     assert cheapest(ways, 1e-4).name == "slow"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.instrument.notice import told
+from palpate.instrument.notice import notices_to
 from palpate.simulators.planning import weights
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
@@ -65,7 +65,7 @@ def test_an_effect_costs_what_it_adds_whether_it_is_in_or_put_in_and_the_price_o
 
     monkeypatch.setattr(weights, "see", of_its_effects)
     heard: list[str] = []
-    with told(heard.append):
+    with notices_to(heard.append):
         found = weigh(read_scene(scene), Question(dwell=2.0), ["pink_noise"])
     assert {each.name: each.seconds for each in found} == {
         "gain_scatter": 1, "white_noise": 1, "load_cell": None, "crosstalk": 1, "adc": 1, "pink_noise": 1,

@@ -12,7 +12,7 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.bluesky import Done, FilmSignals, Load, Setting
+from palpate.procedures.bluesky import DeviceSetting, Done, FilmSignals, MovableLoad
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.probe import press
 from palpate.procedures.steps.servo import LoadServo
@@ -49,7 +49,7 @@ def test_the_devices_have_the_shape_of_blueskys_protocols(bench: Bench) -> None:
     from bluesky.protocols import HasParent, Movable, Readable, Status, Triggerable
 
     films = FilmSignals(Films(bench, get_design("single"), FREQUENCY, 4.0), DWELL)
-    frequency = Setting(bench, bench.device("signal_generator"), "frequency")
+    frequency = DeviceSetting(bench, bench.device("signal_generator"), "frequency")
     assert isinstance(films, Readable)
     assert isinstance(films, Triggerable)
     assert isinstance(films, HasParent)
@@ -79,7 +79,7 @@ def test_a_scan_of_the_engine_gives_the_numbers_of_the_procedures_own_calls(engi
     events: list[dict[str, Any]] = []
     with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         films, servo = pressed(bench)
-        axis = Load(bench, servo)
+        axis = MovableLoad(bench, servo)
         plan = scan([FilmSignals(films, DWELL)], axis, *LOADS, len(LOADS))
         engine(plan, lambda name, document: events.append({name: document}))
     documents = [name for event in events for name in event]
@@ -94,7 +94,7 @@ def test_a_scan_of_the_engine_gives_the_numbers_of_the_procedures_own_calls(engi
 def test_an_error_of_the_bench_ends_the_plan(engine: RunEngine, bench: Bench) -> None:
     from bluesky.plan_stubs import mv
 
-    frequency = Setting(bench, bench.device("signal_generator"), "frequency")
+    frequency = DeviceSetting(bench, bench.device("signal_generator"), "frequency")
     engine(mv(frequency, 12.5))
     assert frequency.read()["signal_generator_frequency"]["value"] == 12.5
     with pytest.raises(RangeError, match="frequency"):

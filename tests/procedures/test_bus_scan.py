@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.scan.found import Found
+from palpate.drivers.scan.found import FoundDevice
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
 from palpate.procedures.lab.begun_bench import begun_bench
-from palpate.procedures.lab.scan import Plan
+from palpate.procedures.lab.scan import ScanPlan
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.mapped.twin import Twin
-from palpate.simulators.wire.device import Place
+from palpate.simulators.wire.device import SimulatedPlace
 from palpate.simulators.wire.modbus import ServerThread
 from tests.procedures.conftest import Palpate
 
@@ -56,7 +56,7 @@ def oven(tmp_path: Path) -> Iterator[tuple[Path, int]]:
     path.write_text(OVEN)
     kind: Any = SimpleNamespace(contract=read_map(path).contract)
     rig: Any = None
-    twin = Twin.at(Place(VirtualClock(), rig, 1, "SIM-OV-0042", None, kind, lambda _role: None))
+    twin = Twin.at(SimulatedPlace(VirtualClock(), rig, 1, "SIM-OV-0042", None, kind, lambda _role: None))
     with ServerThread() as servers:
         yield path, servers.serve_tcp(1, twin)
 
@@ -115,14 +115,14 @@ def test_of_kinds_that_a_device_could_be_a_map_of_ones_own_is_told_first_and_nam
     file = tmp_path / "mine.toml"
     text = (SHIPPED / "seneca-z-sg2.toml").read_text(encoding="utf-8")
     file.write_text(text.replace('"seneca-z-sg2"', '"mine"').replace('"Z-SG2"', '"Mine"'), encoding="utf-8")
-    kinds = Plan.asked(
+    kinds = ScanPlan.asked(
         tcp=["localhost"], lines=[], can=None, units="1", nodes="1", baudrates=None, parities=None, every=False,
         bitrates=None, listen=1.0, talk=False, timeout=0.2, within=60.0, maps=[file],
     ).kinds  # fmt: skip
     could_be = tuple(kind.name for kind in kinds if kind.name in ("laumas-tlb4", "mine"))
     assert could_be == ("mine", "laumas-tlb4")
     line = SerialLine(port="/dev/ttyS9", baudrate=9600)
-    assert f'# map = "{file}"\n' in begun_bench([Found("modbus-rtu", line, 4, candidates=could_be)], kinds)
+    assert f'# map = "{file}"\n' in begun_bench([FoundDevice("modbus-rtu", line, 4, candidates=could_be)], kinds)
 
 
 def test_a_bench_file_lists_what_is_known_and_comments_on_the_rest() -> None:
@@ -130,9 +130,9 @@ def test_a_bench_file_lists_what_is_known_and_comments_on_the_rest() -> None:
     tcp = TcpLink(host="rig.lab")
     text = begun_bench(
         [
-            Found("modbus-tcp", tcp, 1, "Palpate SG-1", "1", ("signal_generator",)),
-            Found("modbus-rtu", line, 4, "", "", (), ("flintec-dad-141",)),
-            Found("modbus-rtu", line, 5, "Acme 9000"),
+            FoundDevice("modbus-tcp", tcp, 1, "Palpate SG-1", "1", ("signal_generator",)),
+            FoundDevice("modbus-rtu", line, 4, "", "", (), ("flintec-dad-141",)),
+            FoundDevice("modbus-rtu", line, 5, "Acme 9000"),
         ],
         all_kinds(),
     )

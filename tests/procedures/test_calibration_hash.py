@@ -17,9 +17,9 @@ from palpate.instrument.calibration.files import read_calibration, write_calibra
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.procedures.lab.calibrations import mountings_of, path_of
 from palpate.procedures.lab.probable import probable_references
 from palpate.procedures.records.run import Run
@@ -130,13 +130,13 @@ def test_a_file_of_another_version_is_told_apart_from_one_that_was_edited(
 def test_an_edited_scatter_of_mountings_is_refused_with_the_way_to_do_it_and_told_once_accepted(
     palpate: Palpate,
 ) -> None:
-    scatter = MountingScatter(
+    scatter = MountingScatterCalibration(
         means_u=0.02, degrees_of_freedom=4, sets_u=0.001, sets_freedom=45, design="single", device="20260101",
         simulated=True, source="by hand", scene=SCENE, created="now",
         expires="2999-01-01",
     )  # fmt: skip
     real = replace(scatter.owner, scene=None, simulated=False)
-    path, elsewhere = (path_of(MountingScatter, owner) for owner in (scatter.owner, real))
+    path, elsewhere = (path_of(MountingScatterCalibration, owner) for owner in (scatter.owner, real))
     path.parent.mkdir(parents=True)
     write_calibration(path, scatter)
     edit(path, "means_u = 0.02", "means_u = 0.0001")
@@ -153,7 +153,7 @@ def test_an_edited_scatter_of_mountings_is_refused_with_the_way_to_do_it_and_tol
     assert mountings_of(replace(real, device=ANY), today) is None  # it may be of another sensor than that will answer
     with pytest.raises(ConfigError, match="is not TOML"):
         mountings_of(real, today)
-    question = Question("single", "surface")
+    question = RatioQuestion("single", "surface")
     elsewhere = path_of(ModelCalibration, replace(scatter.owner, of=("single", "surface", question.parameters, "3 mm")))
     elsewhere.write_text("damaged", encoding="utf-8")
     assert probable_references(question, None, date(2026, 11, 21)) is None  # a simulated sensor is no real one

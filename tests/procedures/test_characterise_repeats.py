@@ -48,13 +48,13 @@ def rounds(count: int, apart: float, seconds: float = 3.0) -> list[FilmsPoint]:
 
 def test_a_smaller_tolerance_takes_more_rounds_and_tells_each_figure() -> None:
     plans = [replace(ASKED, tolerance=u).plan(REAL).predicted for u in (0.05, 0.03, 0.01)]
-    assert [plan.told["planned"]["rounds"] for plan in plans] == [4, 7, 83]
-    told = {row["name"]: row["u"] for row in plans[1].told["predicted_results"]}
+    assert [plan.details["planned"]["rounds"] for plan in plans] == [4, 7, 83]
+    told = {row["name"]: row["u"] for row in plans[1].details["predicted_results"]}
     worst = max(told[f"force sensitivity, {film}"] for film in ("rigid", "total"))
     assert worst == pytest.approx(plans[1].u)
     assert worst <= 0.03
-    once = {row["name"]: row["u"] for row in Characterisation.plan(replace(ASKED, tolerance=None), REAL).predicted.told[
-        "predicted_results"]}  # fmt: skip
+    details = Characterisation.plan(replace(ASKED, tolerance=None), REAL).predicted.details
+    once = {row["name"]: row["u"] for row in details["predicted_results"]}
     assert told.keys() == once.keys()
     halved = told["peak signal-to-noise ratio, rigid"] / once["peak signal-to-noise ratio, rigid"]
     assert halved == pytest.approx(1 / math.sqrt(7), rel=0.1)

@@ -11,7 +11,7 @@ import pytest
 
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import FRAME, ChainFile, Frame
+from palpate.procedures.records.chain import FRAME, ChainFile, RecordFrame
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD
@@ -162,7 +162,7 @@ def test_a_forged_record_cannot_keep_a_repair_for_ever(run: Path, monkeypatch: p
     fields[6] = 50_000  # each says to be as long
     (run / RECORD).write_bytes(FRAME.pack(*fields) * 2000)
     monkeypatch.setattr(chain, "MOST_IN_VAIN", 1_000_000)
-    tried: list[Frame] = []
+    tried: list[RecordFrame] = []
     content = ChainFile.content
     monkeypatch.setattr(ChainFile, "content", lambda file, frame: tried.append(frame) or content(file, frame))
     assert check(run).faults

@@ -19,7 +19,7 @@ from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, 
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import shipped as maps
 from palpate.procedures.commands.root import palpate as main
-from palpate.procedures.engine.known import SHIPPED, procedure_class
+from palpate.procedures.engine.catalogue import SHIPPED, procedure_class
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.steps.policy import POLICIES
 from palpate.simulators.faults import FAULTS, fault_class

@@ -11,8 +11,8 @@ import pytest
 
 import palpate
 from palpate.extend import Lab, Measurement, Plan, Procedure, Recorder, SimpleResult, Step, Target
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.calibrations import install
@@ -161,8 +161,8 @@ class Asking(Waiting):
 
     name = "asking"
 
-    def model_question(self, design: Design) -> Question:
-        return Question(design.name, "experiment")
+    def model_question(self, design: Design) -> RatioQuestion:
+        return RatioQuestion(design.name, "experiment")
 
     def evaluate(self, points: Sequence[Reading], plan: Plan, lab: Lab) -> SimpleResult[Reading]:
         return SimpleResult(points, {"scatter": lab.mountings.means_u if lab.mountings else None})
@@ -177,7 +177,7 @@ def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
             raise KeyboardInterrupt
 
     def store(scatter: float, created: str) -> None:
-        install(MountingScatter(
+        install(MountingScatterCalibration(
             means_u=scatter, degrees_of_freedom=2, sets_u=0.005, sets_freedom=27, design="single", device="20260101",
             simulated=True, scene=read_scene("ideal").identity, source="run", created=created, expires="2999-01-01",
         ))  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.sample_changer import SampleChanger
+from palpate.drivers.devices.sample_changer import ModbusSampleChanger
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import SampleError
 from palpate.instrument.sensor.designs import get_design
@@ -42,7 +42,7 @@ def test_a_sample_that_is_exchanged_between_two_points_ends_the_run_before_the_n
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A driver of another package need not look at the sample whenever settings are looked at, as ours does."""
-    monkeypatch.setattr(SampleChanger, "differences", ModbusDevice.differences)
+    monkeypatch.setattr(ModbusSampleChanger, "differences", ModbusDevice.differences)
 
     def exchange(done: int, _total: int, what: str) -> None:
         if done == 1:

@@ -29,17 +29,17 @@ def series(tolerance: float, frequencies: tuple[float, ...] = (10.0,)) -> FilmSe
 
 
 def test_sets_come_in_whole_rounds_and_are_shared_among_frequencies() -> None:
-    one, two = (series(0.01, f).plan(REAL).predicted.told["planned"]["sets"] for f in ((10.0,), (10.0, 20.0)))
+    one, two = (series(0.01, f).plan(REAL).predicted.details["planned"]["sets"] for f in ((10.0,), (10.0, 20.0)))
     assert (one, two) == (15, 24)  # ten at least at each frequency, in rounds of three
-    assert series(0.007).plan(REAL).predicted.told["planned"]["sets"] == 45
-    assert series(0.01).plan(REAL).predicted.told["planned"]["binds"] == "scatter from one load set to the next"
+    assert series(0.007).plan(REAL).predicted.details["planned"]["sets"] == 45
+    assert series(0.01).plan(REAL).predicted.details["planned"]["binds"] == "scatter from one load set to the next"
 
 
 @pytest.mark.parametrize("frequencies", [(10.0,), (20.0, 5.0)])
 def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets(frequencies: tuple[float, ...]) -> None:
     pair = Target(get_design("common_base"), 10.0, nodes=1)
     plan = series(0.01, frequencies).plan(pair)
-    sets = plan.predicted.told["planned"]["sets"] // len(frequencies)
+    sets = plan.predicted.details["planned"]["sets"] // len(frequencies)
     first = [step.seconds for step in plan.steps if int(step.what.rpartition(" ")[2]) <= sets]
     assert len(first) == 2 * len(frequencies) * sets
     assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)

@@ -14,7 +14,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.frequency_response import high_pass
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.frequency.procedure import FrequencySweep, dwell_at, parse_frequencies
-from palpate.procedures.measurements.frequency.result import FilmResponse, FrequencyPoint, evaluate
+from palpate.procedures.measurements.frequency.result import FilmFrequencyResponse, FrequencyPoint, evaluate
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 
@@ -59,7 +59,7 @@ def test_stated_uncertainties_hold_where_all_points_share_the_load_cell_s_error(
         points = []
         for f, gain, error in zip(frequency.tolist(), exact.tolist(), own.tolist(), strict=True):
             films = [
-                FilmResponse(
+                FilmFrequencyResponse(
                     film.name,
                     gain * (1 + shared + error + film.scatter * random.standard_normal()),
                     gain * math.hypot(film.scatter, load_u / load),

@@ -12,11 +12,11 @@ from click.testing import CliRunner
 
 from palpate.procedures.commands.root import palpate
 from palpate.simulators.linear import integrators
-from palpate.simulators.linear.integrators import STATES, STIFFNESS, Measured, chain, compare
+from palpate.simulators.linear.integrators import STATES, STIFFNESS, IntegratorError, chain, compare
 
 
 @pytest.fixture(scope="module")
-def measured() -> list[Measured]:
+def measured() -> list[IntegratorError]:
     """Each method once, on a short record."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(integrators, "DURATION", 1.0)
@@ -26,7 +26,7 @@ def measured() -> list[Measured]:
 
 
 @pytest.fixture
-def shown(measured: list[Measured], monkeypatch: pytest.MonkeyPatch) -> None:
+def shown(measured: list[IntegratorError], monkeypatch: pytest.MonkeyPatch) -> None:
     """The command shows these."""
     monkeypatch.setattr(integrators, "compare", lambda: iter(measured))
 
@@ -37,8 +37,8 @@ def test_the_chain_is_as_stiff_and_as_large_as_is_said() -> None:
     assert rates.max() / rates.min() == pytest.approx(STIFFNESS, rel=1e-9)
 
 
-def test_exact_methods_are_exact_and_the_others_as_good_as_their_order_says(measured: list[Measured]) -> None:
-    rows: dict[str, list[Measured]] = {}
+def test_exact_methods_are_exact_and_the_others_as_good_as_their_order_says(measured: list[IntegratorError]) -> None:
+    rows: dict[str, list[IntegratorError]] = {}
     for row in measured:
         rows.setdefault(row.method, []).append(row)
     errors: dict[str, Any] = {method: [row.error for row in own] for method, own in rows.items()}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.load_cell_curve import load_cell_curve, slope_u
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
@@ -37,18 +37,18 @@ def run_up_and_down(
     slope: float = SLOPE,
     step: float = STEP,
     zero: float = 1.81,
-) -> Run:
+) -> WeightRun:
     """A run on a cell with noise [mV] before its display of some steps [mV]."""
     shown = np.round((slope * np.array([*loads, *loads]) + zero)[:, None] / step + random.normal(
         0, noise / step, (2 * len(loads), REPEATS))) * step  # fmt: skip
     mean = shown.mean(axis=1)
     scatter = math.sqrt(float(shown.var(axis=1, ddof=1).mean()))
-    return Run(0.0, mean[: len(loads)], mean[len(loads) :], zero, zero, REPEATS, scatter)
+    return WeightRun(0.0, mean[: len(loads)], mean[len(loads) :], zero, zero, REPEATS, scatter)
 
 
 def measured(
     random: np.random.Generator, wanted: CellRepeats, noise: float = 0.3, slope: float = SLOPE
-) -> tuple[tuple[float, ...], list[Run]]:
+) -> tuple[tuple[float, ...], list[WeightRun]]:
     """The loads of a series and its runs, as many as it asks for."""
     loads, runs, zero = wanted.quickest.loads, [], float(random.uniform(0, STEP))
     while not runs or wanted.learned(loads, runs, STEP).runs > len(runs):

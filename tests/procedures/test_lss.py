@@ -11,7 +11,7 @@ import canopen.lss
 import pytest
 
 from palpate.drivers.links.lss import LssAddress
-from palpate.instrument.bench.links import CanLink
+from palpate.instrument.bench.links import CanBus
 from palpate.instrument.errors import DeviceError, LinkTimeout, RangeError, UsageError
 from palpate.procedures.lab.lss import Change
 
@@ -62,7 +62,7 @@ def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[can.BusABC]:
 
 
 def change(node: int | None = 5, bitrate: int | None = None, timeout: str = "10 s", **more: Any) -> Change:
-    link = CanLink(interface="virtual", channel="lss", timeout=timeout)  # type: ignore[arg-type]
+    link = CanBus(interface="virtual", channel="lss", timeout=timeout)  # type: ignore[arg-type]
     return Change(link, more.get("address", ADDRESS), node, bitrate, more.get("save", False))
 
 

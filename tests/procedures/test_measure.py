@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from palpate.procedures.commands.root import palpate as root
 from palpate.procedures.console.progress import Progress, silent
-from palpate.procedures.engine.known import SHIPPED, procedure_class
+from palpate.procedures.engine.catalogue import SHIPPED, procedure_class
 from palpate.procedures.engine.settings import asked_of
 from palpate.procedures.lab import keys
 from palpate.procedures.records.run import Run

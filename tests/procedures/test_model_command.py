@@ -15,7 +15,7 @@ from palpate.instrument.models import experiment
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
-from palpate.instrument.models.ratio import Question, ask
+from palpate.instrument.models.ratio import RatioQuestion, ask
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
@@ -120,7 +120,7 @@ def test_every_option_reaches_the_finite_element_models(monkeypatch: pytest.Monk
             ("single_round", "axisymmetric", round_parameters),
             ("common_base", "solid", solid_parameters),
         ):
-            list(ask(Question(design, model, parameters, settings, 1e-5), [2e5]))
+            list(ask(RatioQuestion(design, model, parameters, settings, 1e-5), [2e5]))
             own = get_parameter_set(parameters, model)
             expected = replace(of(own.design(get_design(design)), own.load(2e5)), **settings)  # type: ignore[operator]
             assert seen.pop() == (expected, 1e-5)
@@ -129,9 +129,9 @@ def test_every_option_reaches_the_finite_element_models(monkeypatch: pytest.Monk
 def test_the_identified_set_of_the_solid_model_is_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[RoundParameters | SolidParameters, float]] = []
     solve_nothing(monkeypatch, seen)
-    list(ask(Question("common_base", "solid", "identified"), [1e5]))
-    list(ask(Question("common_base", "solid", "thesis"), [1e5]))
-    list(ask(Question("single", "axisymmetric", "identified"), [1e5]))
+    list(ask(RatioQuestion("common_base", "solid", "identified"), [1e5]))
+    list(ask(RatioQuestion("common_base", "solid", "thesis"), [1e5]))
+    list(ask(RatioQuestion("single", "axisymmetric", "identified"), [1e5]))
     assert [asked.sensed_thickness for asked, _ in seen] == [3.6e-3, 0.55e-3, 2.01e-3]
     assert [asked.support for asked, _ in seen] == ["rigid", "elastic", "rigid"]
 
@@ -140,7 +140,7 @@ def test_square_plates_are_discs_to_the_axisymmetric_model(monkeypatch: pytest.M
     seen: list[tuple[RoundParameters | SolidParameters, float]] = []
     solve_nothing(monkeypatch, seen)
     for design in ("single", "single_round"):
-        list(ask(Question(design, "axisymmetric"), [1e5]))
+        list(ask(RatioQuestion(design, "axisymmetric"), [1e5]))
     assert [asked for asked, _ in seen] == [RoundParameters(), RoundParameters()]
 
 
@@ -252,7 +252,7 @@ def test_every_model_that_a_design_has_can_be_asked(monkeypatch: pytest.MonkeyPa
     for design in ("single", "common_base", "different_base"):
         # One round tooth, and surfaces that were built, are for the single sensor.
         for model in set(MODELS) - ({"axisymmetric", "surface"} if design != "single" else set()):
-            (answer,) = ask(Question(design, model), [5e4])
+            (answer,) = ask(RatioQuestion(design, model), [5e4])
             assert 0 < answer.response.force_ratio < 1
             assert math.isfinite(answer.seconds)
 

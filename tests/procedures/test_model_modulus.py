@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from palpate.instrument.findings.object_modulus import estimate, validation_of
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from tests.procedures.conftest import Palpate, changed
@@ -107,7 +107,7 @@ def test_the_absolute_interval_is_that_of_students_factor_on_the_logarithm_of_th
 
 
 def test_the_absolute_interval_has_the_degrees_of_freedom_of_ratio_and_validation_together() -> None:
-    question = Question("single", "column")
+    question = RatioQuestion("single", "column")
     (point,), line = estimate(question, [0.31], 0.062, 3), validation_of(question, "column")
     assert line.u is not None
     together = math.hypot(0.2, line.u)

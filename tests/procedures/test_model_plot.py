@@ -11,18 +11,18 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.ratio import Answer, Question
+from palpate.instrument.models.ratio import RatioAnswer, RatioQuestion
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.showing import model_picture, model_plot
-from palpate.procedures.showing.model_picture import Picture
+from palpate.procedures.showing.model_picture import ModelPicture
 from tests import meshes
 from tests.procedures.conftest import Palpate, changed
 
 PLOT = ("model", "plot", "--sensed-modulus", "100 kPa")
 CLOSED = (*PLOT, "--model", "column")
-ROUND = Question("single", "axisymmetric", "identified", tolerance=1e-2)
+ROUND = RatioQuestion("single", "axisymmetric", "identified", tolerance=1e-2)
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def few_curves(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def picture() -> Picture:
+def picture() -> ModelPicture:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(model_picture, "CURVES", ("column",))
         patch.setattr(model_picture, "SECTION_REFINEMENT", 1)
@@ -40,7 +40,7 @@ def picture() -> Picture:
 
 
 @pytest.fixture(scope="module")
-def panels(picture: Picture) -> list[Axes]:
+def panels(picture: ModelPicture) -> list[Axes]:
     """The panels of the figure in their order: deformation, pressure, ratio."""
     saved: list[Figure] = []
     with pytest.MonkeyPatch.context() as patch:
@@ -58,7 +58,7 @@ def labels(axes: Axes) -> list[str]:
 # --- what is drawn --------------------------------------------------------------------------------------
 
 
-def test_the_section_shows_every_body_on_both_sides_of_the_axis(picture: Picture, panels: list[Axes]) -> None:
+def test_the_section_shows_every_body_on_both_sides_of_the_axis(picture: ModelPicture, panels: list[Axes]) -> None:
     deformed = panels[0]
     meshes = [item for item in deformed.collections if isinstance(item, QuadMesh)]
     bodies = picture.sections[0].bodies
@@ -73,7 +73,7 @@ def test_the_section_shows_every_body_on_both_sides_of_the_axis(picture: Picture
     assert f"100 kPa, displacements × {picture.scale:g}" in deformed.get_title()
 
 
-def test_the_largest_displacement_stays_small_in_the_drawing(picture: Picture) -> None:
+def test_the_largest_displacement_stays_small_in_the_drawing(picture: ModelPicture) -> None:
     section = picture.sections[0]
     assert 0.04 < picture.scale * max(section.largest.values()) / section.height <= 0.12
     digits = picture.scale / 10 ** np.floor(np.log10(picture.scale))
@@ -81,7 +81,7 @@ def test_the_largest_displacement_stays_small_in_the_drawing(picture: Picture) -
 
 
 def test_the_pressure_is_broken_over_the_gap_and_says_what_the_tooth_takes(
-    picture: Picture, panels: list[Axes]
+    picture: ModelPicture, panels: list[Axes]
 ) -> None:
     pressure = panels[1]
     assert pressure.get_yscale() == "log"
@@ -97,7 +97,9 @@ def test_the_pressure_is_broken_over_the_gap_and_says_what_the_tooth_takes(
     assert pressure.get_ylim()[1] < highest
 
 
-def test_the_ratio_panel_holds_the_models_the_thesis_and_what_was_asked(picture: Picture, panels: list[Axes]) -> None:
+def test_the_ratio_panel_holds_the_models_the_thesis_and_what_was_asked(
+    picture: ModelPicture, panels: list[Axes]
+) -> None:
     ratio = panels[2]
     assert labels(ratio) == [
         "column, physical parameters", "thesis, finite elements (A2.1)",
@@ -108,7 +110,7 @@ def test_the_ratio_panel_holds_the_models_the_thesis_and_what_was_asked(picture:
     assert list(np.asarray(asked.get_ydata())) == [answer.response.force_ratio for answer in picture.answers]
 
 
-def test_the_data_are_those_of_the_picture(picture: Picture) -> None:
+def test_the_data_are_those_of_the_picture(picture: ModelPicture) -> None:
     data = picture.data()
     assert [point["sensed_modulus_Pa"] for point in data["points"]] == [1e5, 1e6]
     assert set(data["deformation"]["largest_displacement_m"]) == {"object", "ring"}
@@ -127,9 +129,9 @@ def test_the_solid_model_shows_both_teeth_of_a_pair(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
     sensor, load = get_design("common_base"), PHYSICAL.load(1e6)
     section = model_picture.SECTIONS["solid"](sensor, load)
-    answer = Answer(1e6, response(sensor, load, "column"), 0.0)
-    question = Question("common_base", "solid")
-    model_plot.draw(Picture(question, [answer], [section], {}, {}), Path("sensor.png"))
+    answer = RatioAnswer(1e6, response(sensor, load, "column"), 0.0)
+    question = RatioQuestion("common_base", "solid")
+    model_plot.draw(ModelPicture(question, [answer], [section], {}, {}), Path("sensor.png"))
     deformed, pressure, *_ = (axes for axes in saved[0].axes if axes.get_label() != "<colorbar>")
 
     assert {name: len(pieces) for name, pieces in section.bodies.items()} == {
@@ -151,7 +153,7 @@ def test_the_solid_model_shows_both_teeth_of_a_pair(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_model_that_does_not_know_the_sensor_has_no_curve(few_curves: None) -> None:
-    drawn = model_picture.solve(Question("array", "column"), [1e5])
+    drawn = model_picture.solve(RatioQuestion("array", "column"), [1e5])
     assert (set(drawn.curves), drawn.thesis, drawn.sections) == ({"column"}, {}, [])
 
 

@@ -161,7 +161,7 @@ def test_loads_that_may_be_no_contact_count_neither_in_a_run_nor_in_what_is_expe
 
     def expected(steps: int, strain: float = 0.3) -> dict[str, float]:
         plan = ModulusTest("4", strain, steps).plan(Target(get_design("single"), 10.0, 1))
-        return {row["name"]: row["u"] for row in plan.predicted.told["predicted_results"]}
+        return {row["name"]: row["u"] for row in plan.predicted.details["predicted_results"]}
 
     runs = {"tangent modulus": 0.0283, "unloading modulus": 0.0346, "thickness": 0.00877}  # rms of 24 drawn runs
     for name, u in runs.items():

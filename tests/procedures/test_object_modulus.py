@@ -12,7 +12,7 @@ import pytest
 
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import read_hashed
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.mean_ratio import CALIBRATION
@@ -20,11 +20,11 @@ from palpate.instrument.quantity import LARGEST_TOLERANCE, Typed
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.object_modulus.alternatives import command_of
 from palpate.procedures.measurements.object_modulus.course import Course
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.procedures.measurements.object_modulus.refusal import MOST_SETS
 from palpate.procedures.measurements.object_modulus.result import ModulusPoint, mounting_scatter, ratios_of
-from palpate.procedures.measurements.object_modulus.worth import command_of
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import check_frequency, parse_loads
 from palpate.procedures.steps.dwells import Dwells
@@ -98,7 +98,7 @@ def test_a_plan_tells_what_more_points_of_films_would_give() -> None:
     planned = asked.plan(target).predicted
     (told,) = [line for line in planned.lines if line.startswith("films ")]
     assert re.fullmatch(r"films +\d+ points would give [0-9.]+ %; \d min \d\d s, once", told)
-    (offered,) = [each for each in planned.told["alternatives"] if each["what"] == "films"]
+    (offered,) = [each for each in planned.details["alternatives"] if each["what"] == "films"]
     assert (planned.u or 0) * 0.6 < offered["u"] < (planned.u or 0)
     command, loads = offered["how"].split(" --loads ")
     assert (command, offered["person_s"]) == ("palpate calibrate films", 60)
@@ -115,15 +115,15 @@ def test_the_command_for_film_points_takes_so_many_loads(points: int) -> None:
 
 def test_a_plan_tells_which_calibrations_and_which_frequency_would_pay() -> None:
     absolute, fine = wanted(time=120.0), wanted(tolerance=0.01, relative_to_model=True, mounting_scatter=0.0)
-    rows = {each["what"]: each for each in absolute.plan(TARGET).predicted.told["alternatives"]}
+    rows = {each["what"]: each for each in absolute.plan(TARGET).predicted.details["alternatives"]}
     assert rows["references"]["numbers"] == {"validation": 1}
     assert rows["references"]["u"] < (absolute.plan(TARGET).predicted.u or 0) / 2
-    rows = {each["what"]: each for each in fine.plan(TARGET).predicted.told["alternatives"]}
+    rows = {each["what"]: each for each in fine.plan(TARGET).predicted.details["alternatives"]}
     quicker = replace(fine, frequency=rows["frequency"]["numbers"]["frequency_Hz"]).plan(TARGET)
     assert quicker.seconds < 0.98 * fine.plan(TARGET).seconds
     assert f"{quicker.seconds:.0f} s" in rows["frequency"]["told"]
     slow = replace(TARGET, drivable=lambda frequency: check_frequency(frequency, None, (1.0, 10.0)))
-    assert "frequency" not in {each["what"] for each in fine.plan(slow).predicted.told["alternatives"]}
+    assert "frequency" not in {each["what"] for each in fine.plan(slow).predicted.details["alternatives"]}
 
 
 def test_a_refusal_names_the_quickest_calibrations_that_reach_the_tolerance() -> None:
@@ -141,14 +141,14 @@ def test_a_refusal_names_the_quickest_calibrations_that_reach_the_tolerance() ->
 
 
 def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated() -> None:
-    stored = MountingScatter(
+    stored = MountingScatterCalibration(
         means_u=0.02, degrees_of_freedom=2, sets_u=0.005, sets_freedom=27, design="single", device="N1", simulated=True,
         source="run", created="now", expires="2999-01-01",
     )  # fmt: skip
     target = replace(TARGET, calibrated=(1.0, 8.0), mountings=stored)
     asked = wanted(tolerance=0.03, relative_to_model=True)
     planned = asked.plan(target).predicted
-    assert planned.told["planned"]["mountings"] > 1
+    assert planned.details["planned"]["mountings"] > 1
     assert "mountings      scatter by 1.9 % of the ratio, at most 8.8 % (95 %): run" in planned.lines
     assert "               the plan counts 2 %, 2 degrees of freedom" in planned.lines
     alike = replace(target, mountings=stored.model_copy(update={"sets_u": 0.02}))
@@ -180,7 +180,7 @@ def test_a_dry_run_counts_the_films_calibration_that_its_run_will_use(palpate: P
 def test_what_three_mountings_scatter_is_stored_for_the_sensor_and_used_by_the_next_plan(palpate: Palpate) -> None:
     asked = (*MEASURE, "--sample", "4", "--relative-to-model")
     made = palpate(*asked, "--tolerance", "4 %", "--mountings", "3", "--json").object
-    stored = read_hashed(Path(made["mounting_scatter_file"]), MountingScatter)
+    stored = read_hashed(Path(made["mounting_scatter_file"]), MountingScatterCalibration)
     assert (stored.degrees_of_freedom, stored.design) == (2, "single")
     assert stored.means_u >= stored.found.u == made["mounting_scatter"]
     following = (*asked, "--tolerance", "4.5 %", "--dry-run")
@@ -432,7 +432,7 @@ def test_mountings_that_were_asked_for_are_made_and_tell_their_scatter() -> None
     taken += points(*(each - 0.06 for each in SCATTERED), mounting=3)
     found = mounting_scatter(ratios_of(taken))
     assert found is not None
-    assert (found.u, found.degrees_of_freedom, found.told) == (pytest.approx(0.06, rel=0.1), 2, True)
+    assert (found.u, found.degrees_of_freedom, found.significant) == (pytest.approx(0.06, rel=0.1), 2, True)
     answer = of.answer(taken)
     assert answer is not None
     assert answer.row["scale_u"] > 1.9 * 0.06 / math.sqrt(3)

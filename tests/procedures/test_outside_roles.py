@@ -23,7 +23,7 @@ from palpate.procedures.logs.shown import read_log
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.testing.traffic import Traffic
-from palpate.procedures.virtual.study_cell import Sweep
+from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
@@ -76,7 +76,7 @@ def test_a_failed_test_tells_what_a_drive_said_with_its_own_names() -> None:
             with bench:
                 bench.role(Exciter).drive()
                 bench.device("sensor_node_1").acquire(0.01)
-                told = traffic.told()
+                told = traffic.report()
     assert "torque drive 2: NMT OPERATIONAL" in told
     assert "torque drive 2: send controlword = on, amplitude = 0 V" in told
     assert "statusword = " in told
@@ -310,4 +310,4 @@ def test_a_study_is_held_to_the_exciter_of_its_scene(ideal: Scene, install: Inst
     scene = written(tmp_path, {"it": {"kind": "coarse-exciter"}})
     file = {"name": "s", "frequency": "10.2 Hz", "axes": {"scene": [str(scene)]}}
     with pytest.raises(ConfigError, match=r"^s.toml: frequency 10.2 Hz lies between the exciter's steps of 0.5 Hz"):
-        Sweep.of(study_of(check(file, StudyFile, "s.toml"), "s.toml"), "s.toml")
+        StudyComputation.of(study_of(check(file, StudyFile, "s.toml"), "s.toml"), "s.toml")

@@ -28,18 +28,18 @@ ASKED = PositionSweep((2e-3, 12e-3), tolerance=1e-4)
 
 def test_a_smaller_tolerance_takes_more_sets_where_the_scatter_counts() -> None:
     sets = [
-        [each["sets"] for each in replace(ASKED, tolerance=u).plan(REAL).predicted.told["planned"]]
+        [each["sets"] for each in replace(ASKED, tolerance=u).plan(REAL).predicted.details["planned"]]
         for u in (2e-4, 1e-4, 0.9e-4)
     ]
     assert sets == [[10, 10], [23, 11], [38, 23]]
-    assert {row["name"]: row["unit"] for row in ASKED.plan(REAL).predicted.told["predicted_results"]} == {
+    assert {row["name"]: row["unit"] for row in ASKED.plan(REAL).predicted.details["predicted_results"]} == {
         "position at 2 mm": "mm", "position at 12 mm": "mm",
     }  # fmt: skip
 
 
 def test_one_load_set_is_expected_to_tell_a_place_as_sets_do_that_are_off_as_runs_are() -> None:
     single = PositionSweep((2e-3, 12e-3), load=0.1)  # so small a load that its noise counts
-    rows = single.plan(REAL).predicted.told["predicted_results"]
+    rows = single.plan(REAL).predicted.details["predicted_results"]
     design, sample, rng = REAL.design, get_sample(single.sample), np.random.default_rng(3)
     scatter = np.array(design.tooth_covariance)
     for x, row in zip(single.positions, rows, strict=True):

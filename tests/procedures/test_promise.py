@@ -236,5 +236,5 @@ def test_every_plan_takes_the_noise_that_the_bench_file_states(
     usual = Target(get_design(design), 10.0, nodes=1)
     noisy = replace(usual, design=usual.design.with_noise(2e-4))
     quiet, loud = (procedure.plan(target).predicted for target in (usual, noisy))
-    before, after = ([each["u"] for each in planned.told["predicted_results"]] for planned in (quiet, loud))
+    before, after = ([each["u"] for each in planned.details["predicted_results"]] for planned in (quiet, loud))
     assert after > before or loud.seconds > 1.2 * quiet.seconds, (before, after)

@@ -67,8 +67,8 @@ SIGNATURES = {
     "ModulusTest": "sample strain steps extrapolate",
     "OpenBench": "bench chosen today started wall_start log runs history",
     "ObjectModulus": ("object tolerance time relative_to_model model load frequency mountings mounting_scatter"),
-    "Plan": "procedure steps likely basis",
-    "Predicted": "seconds u told lines",
+    "Plan": "procedure steps forecast basis",
+    "Predicted": "seconds u details lines",
     "PositionSweep": "positions sample load dwell frequency tolerance time extrapolate",
     "Procedure": "",
     "Recorder": "folder header",
@@ -110,7 +110,7 @@ MEMBERS = {  # what a script or a class of its own uses
     "Finished": "conclude folder outcome plot procedure replayed result run session unstored",
     "Lab": "bench calibration design film_hash films mountings origin references run same_films scene started target",
     "OpenBench": "bench chosen history lab log runs scene started target today wall_start",
-    "Plan": "basis likely predicted procedure seconds steps summary",
+    "Plan": "basis forecast predicted procedure seconds steps summary",
     "Procedure": (
         "automated_by begin calibrates calibrating check check_result constants course dwells evaluate manual_work "
         "model_question name on pausable plan point recorded report required_loads "

@@ -14,12 +14,12 @@ import pytest
 
 from palpate.instrument.errors import RangeError
 from palpate.procedures.records import record_file
-from palpate.procedures.records.chain import NOTHING, ChainFile, Content, Frame, Head, packed
+from palpate.procedures.records.chain import NOTHING, ChainFile, Content, Head, RecordFrame, packed
 from palpate.procedures.records.record_file import (
     HEAD_FILE,
     RECORD,
-    Point,
     Record,
+    StoredPoint,
     as_json,
     chain_of,
     encoded,
@@ -195,8 +195,8 @@ def test_a_record_gives_what_was_written(tmp_path: Path) -> None:
         assert found.header == {**HEADER, "seed": 7}
         assert (found.status, found.summary, found.count()) == ("complete", {"n": 2}, 2)
         assert list(found.points()) == [
-            Point(1, 10, '{"load_N":1.0}', ("film", "total")),
-            Point(2, 20, '{"load_N":2.0}', ("film", "total")),
+            StoredPoint(1, 10, '{"load_N":1.0}', ("film", "total")),
+            StoredPoint(2, 20, '{"load_N":2.0}', ("film", "total")),
         ]
         assert found.events() == [{"bench_ns": 5, "kind": "k", "message": "m"}]
         assert [(w.point_id, w.name, w.rate) for w in found.waveforms()] == [
@@ -257,7 +257,7 @@ def test_a_record_that_does_not_hang_together_is_refused(
     ],
 )
 def test_a_frame_is_called_by_what_it_holds(frame: Content, says: str) -> None:
-    assert named(Frame(b"", 8, frame[0], frame[1], 0, 0, b"", b"", 0)) == says
+    assert named(RecordFrame(b"", 8, frame[0], frame[1], 0, 0, b"", b"", 0)) == says
 
 
 # --- what a killed writer leaves -------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from palpate.instrument.calibration.files import read_calibration, write_calibra
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.errors import EstimateError, QuantityError, RangeError, UsageError
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.calibrations import path_of
@@ -196,7 +196,7 @@ ORIGIN = {
 
 
 THREE = (Reference("A", 30e3, 0.02), Reference("B", 60e3, 0.03), Reference("C", 110e3, 0.03))
-QUESTION = Question("single", "column", settings={"sensed_thickness": 3e-3})
+QUESTION = RatioQuestion("single", "column", settings={"sensed_thickness": 3e-3})
 SENSOR = QUESTION.sensor()
 CURVE = ratio_curve(SENSOR, QUESTION.load(SENSOR.ring.material.modulus), "column")
 

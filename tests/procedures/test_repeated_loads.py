@@ -18,8 +18,8 @@ from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.procedures.study.results import Results
-from palpate.procedures.study.store import Outcome
-from palpate.procedures.virtual.study_cell import Sweep, _target
+from palpate.procedures.study.store import CellOutcome
+from palpate.procedures.virtual.study_cell import StudyComputation, _target
 from palpate.simulators.planning.load_sets import load_sets
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import sweep_scene
@@ -80,8 +80,8 @@ def test_repetitions_do_not_show_that_a_film_is_linear() -> None:
 @pytest.mark.slow
 def test_a_study_keeps_repetitions_apart_in_its_table_and_its_dataset() -> None:
     study = study_from('name = "s"\nloads = "4 N, 4 N"\ndwell = "0.5 s"\n[axes]\nseed = [1]\n')
-    rows = Sweep.of(study, "s")(study.cell(0))
-    results = Results(study, [Outcome(0, "", as_json(rows))])
+    rows = StudyComputation.of(study, "s")(study.cell(0))
+    results = Results(study, [CellOutcome(0, "", as_json(rows))])
     ratios = results.table().force_ratio.tolist()
     assert apart(ratios)
     pytest.importorskip("xarray")

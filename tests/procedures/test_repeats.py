@@ -26,16 +26,16 @@ def sweep(tolerance: float, samples: tuple[str, ...] = ("2",)) -> LoadSweep:
 
 def test_a_tolerance_above_what_a_load_set_scatters_is_one_of_each_point() -> None:
     point, mean = sweep(0.05).plan(REAL), sweep(0.04).plan(REAL)
-    assert point.predicted.told["tolerance_of"] == "point"
+    assert point.predicted.details["tolerance_of"] == "point"
     assert (len(point.steps), point.steps[0].dwell_s) == (2, None)
-    assert mean.predicted.told["tolerance_of"] == "mean"
-    assert mean.predicted.told["planned"]["2"]["sets"] == 10  # whole rounds of two loads
-    assert mean.predicted.told["planned"]["2"]["binds"] == "gain scatter"
+    assert mean.predicted.details["tolerance_of"] == "mean"
+    assert mean.predicted.details["planned"]["2"]["sets"] == 10  # whole rounds of two loads
+    assert mean.predicted.details["planned"]["2"]["binds"] == "gain scatter"
     assert [step.load_N for step in mean.steps[:4]] == [3.0, 4.0, 3.0, 4.0]
 
 
 def test_four_times_the_sets_halve_the_uncertainty() -> None:
-    counts = [sweep(u).plan(REAL).predicted.told["planned"]["2"]["sets"] for u in (0.01, 0.005, 0.0025)]
+    counts = [sweep(u).plan(REAL).predicted.details["planned"]["2"]["sets"] for u in (0.01, 0.005, 0.0025)]
     assert counts == [18, 68, 272]
 
 
@@ -58,7 +58,7 @@ def test_pick_up_that_is_worse_than_the_tolerance_is_named_with_what_would_do() 
 
 def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets() -> None:
     plan = sweep(0.01, ("2", "5")).plan(REAL)
-    planned = plan.predicted.told["planned"]
+    planned = plan.predicted.details["planned"]
     first = [s.seconds for s in plan.steps if int(s.what.rpartition(" ")[2]) <= planned[s.sample]["sets"]]
     assert len(first) == sum(each["sets"] for each in planned.values())
     assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)

@@ -17,28 +17,28 @@ from palpate.instrument.models.solid import model as solid
 from palpate.instrument.thesis import contents, read_table
 from palpate.procedures.reproduce import curves, models, solutions
 from palpate.procedures.reproduce.chapter4 import position, single
-from palpate.procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, Case, Curves, Solved
+from palpate.procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, CurveCase, Curves, Solved
 from palpate.procedures.reproduce.figures import chapter4
-from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series
+from palpate.procedures.reproduce.judging.comparison import ComparedColumn, Comparison, ModelSeries
 from palpate.procedures.reproduce.solutions import Solutions
 from tests.procedures.conftest import Palpate
 
 REPRODUCE = ("reproduce", "models")
-IDENTIFIED = Case("single", "axisymmetric", "identified")
+IDENTIFIED = CurveCase("single", "axisymmetric", "identified")
 
 
-def column_solve(case: Case, modulus: float, mesh: int) -> Solved:
+def column_solve(case: CurveCase, modulus: float, mesh: int) -> Solved:
     """The column model in the place of finite elements; the finer mesh takes a hundredth off the odds."""
     ratio = springs.ratio_of_modulus(case.sensor(), modulus, 3e-3)
     return math.log(ratio / (1 - ratio)) - (0.01 if mesh == FINE_MESH else 0.0), 10.0, 20.0, 30.0, 40.0
 
 
 @pytest.fixture
-def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
+def cheap(monkeypatch: pytest.MonkeyPatch) -> list[CurveCase]:
     """Nothing is solved; the list gets the case of every solution that is asked for."""
-    asked: list[Case] = []
+    asked: list[CurveCase] = []
 
-    def solve(case: Case, modulus: float, mesh: int) -> Solved:
+    def solve(case: CurveCase, modulus: float, mesh: int) -> Solved:
         asked.append(case)
         return column_solve(case, modulus, mesh)
 
@@ -64,30 +64,33 @@ def only(monkeypatch: pytest.MonkeyPatch, *tables: str) -> None:
 # --- curves --------------------------------------------------------------------------------------------
 
 
-def ratio_of(case: Case, moduli: NDArray[np.float64], shift: float = 0.0) -> NDArray[np.float64]:
+def ratio_of(case: CurveCase, moduli: NDArray[np.float64], shift: float = 0.0) -> NDArray[np.float64]:
     odds = np.array([column_solve(case, float(modulus), COARSE_MESH)[0] for modulus in moduli])
     return 1 / (1 + np.exp(shift - odds))
 
 
-def test_a_curve_meets_the_model_between_its_nodes_on_the_finer_mesh(cheap: list[Case]) -> None:
+def test_a_curve_meets_the_model_between_its_nodes_on_the_finer_mesh(cheap: list[CurveCase]) -> None:
     moduli = np.geomspace(14.9e3, 140e9, 40)
     for design, model, shift in (("single", "axisymmetric", 0.0), ("common_base", "solid", 0.01)):
-        case = Case(design, model, "physical")
+        case = CurveCase(design, model, "physical")
         assert Curves([]).of(case).force_ratio(moduli) == pytest.approx(ratio_of(case, moduli, shift), abs=3e-4)
 
 
-def test_another_ring_or_base_takes_few_solutions_more_and_on_a_rigid_support_none(cheap: list[Case]) -> None:
+def test_another_ring_or_base_takes_few_solutions_more_and_on_a_rigid_support_none(cheap: list[CurveCase]) -> None:
     made, moduli = Curves([]), np.geomspace(14.9e3, 140e6, 10)
     for parameters, more in (("physical", 10), ("identified", 0)):
-        made.of(Case("common_base", "solid", parameters))
+        made.of(CurveCase("common_base", "solid", parameters))
         cheap.clear()
-        others = [Case("common_base", "solid", parameters, STIFF_RING), Case("different_base", "solid", parameters)]
+        others = [
+            CurveCase("common_base", "solid", parameters, STIFF_RING),
+            CurveCase("different_base", "solid", parameters),
+        ]
         for case in others:
             assert made.of(case).force_ratio(moduli) == pytest.approx(ratio_of(case, moduli, 0.01), abs=3e-4)
         assert len(cheap) == more
 
 
-def test_progress_ends_at_the_number_of_solutions_that_was_announced(cheap: list[Case], tmp_path: Path) -> None:
+def test_progress_ends_at_the_number_of_solutions_that_was_announced(cheap: list[CurveCase], tmp_path: Path) -> None:
     seen: list[tuple[int, int]] = []
     made = Curves(models.cases(models.SETS), progress=lambda done, total, _: seen.append((done, total)))
     for case in models.cases(models.SETS):
@@ -99,8 +102,8 @@ def test_the_identified_set_meets_table_a2_1_within_0_008_on_this_path(monkeypat
     monkeypatch.setattr(curves, "ROUND_MESH", 1)
     table = read_table("A2.1")
     ratio = Curves([IDENTIFIED]).of(IDENTIFIED).force_ratio(table.keys())
-    column = Column(
-        "force_rigid_N", table.columns["force_rigid_N"], (Series("identified", "axisymmetric", ratio),), 0.008
+    column = ComparedColumn(
+        "force_rigid_N", table.columns["force_rigid_N"], (ModelSeries("identified", "axisymmetric", ratio),), 0.008
     )
     (deviation,) = Comparison(table, (column,), ()).deviations()
     assert (deviation.within, deviation.cells) == (48, 48)
@@ -117,23 +120,23 @@ def test_the_set_fitted_at_24_kpa_predicts_the_ring_of_33_kpa() -> None:
     assert ratio[0] - 0.1301 == pytest.approx(-0.0102, abs=1e-4)
     assert off[moduli == 33.5e3] == pytest.approx(-0.0032, abs=1e-4)
     assert list(moduli[(np.abs(off) > 0.00325) & (moduli > 33e3)]) == [610e3, 1.08e6]
-    assert sum("predicted here" in sentence for sentence in comparison.said) == 2
-    said = " ".join(comparison.said)
+    assert sum("predicted here" in sentence for sentence in comparison.sentences) == 2
+    said = " ".join(comparison.sentences)
     assert "off by at most 0.0102 where the object is softer than the ring (at 14900 Pa), at most 0.0030" in said
     assert "beside cells that are doubtful: +0.0059 at 610000 Pa, +0.0055 at 1.08e+06 Pa" in said
     assert "Table A2.1 at the same ratio of moduli has this column within 0.0001" in said
 
 
 @pytest.mark.parametrize("number", ["A2.1", "4.1", "A2.3", "4.3"])
-def test_nothing_is_called_predicted_on_the_ring_that_was_fitted(number: str, cheap: list[Case]) -> None:
-    said = " ".join(models.TABLES[number](("identified",), Curves([])).said)
+def test_nothing_is_called_predicted_on_the_ring_that_was_fitted(number: str, cheap: list[CurveCase]) -> None:
+    said = " ".join(models.TABLES[number](("identified",), Curves([])).sentences)
     assert "predicted here" not in said and "same ratio of moduli" not in said
 
 
 def test_stresses_of_the_films_come_with_the_real_solutions() -> None:
-    elastic = curves.solve(Case("single", "axisymmetric", "physical"), 1e5, 1)
+    elastic = curves.solve(CurveCase("single", "axisymmetric", "physical"), 1e5, 1)
     rigid = curves.solve(IDENTIFIED, 1e5, 1)
-    square = curves.solve(Case("single", "solid", "physical"), 1e5, COARSE_MESH)
+    square = curves.solve(CurveCase("single", "solid", "physical"), 1e5, COARSE_MESH)
     assert rigid[1:] == (0.0, 0.0, 0.0, 0.0)
     assert elastic[3] == elastic[4] > 1e4
     # A film's voltage pulls along it more than across: d31 is nine times d32.
@@ -247,7 +250,7 @@ def test_quiet_says_nothing(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_an_interruption_leaves_the_tables_that_are_done(
-    palpate: Palpate, cheap: list[Case], monkeypatch: pytest.MonkeyPatch
+    palpate: Palpate, cheap: list[CurveCase], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
@@ -286,7 +289,7 @@ def test_a_run_that_leaves_nothing_leaves_no_folder(palpate: Palpate, monkeypatc
     ],
 )
 def test_bad_input_is_one_error_before_anything_is_solved(
-    palpate: Palpate, cheap: list[Case], wrong: tuple[str, ...], message: str
+    palpate: Palpate, cheap: list[CurveCase], wrong: tuple[str, ...], message: str
 ) -> None:
     Path("taken").mkdir()
     Path("taken/notes.txt").write_text("mine")

@@ -17,7 +17,7 @@ from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.models.evidence import Evidence, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.thesis import Cell, read_table
+from palpate.instrument.thesis import TableCell, read_table
 from palpate.instrument.uncertainty import propagation
 from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
@@ -25,7 +25,7 @@ from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import curves, everything, models
 from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, percent
-from palpate.procedures.reproduce.curves import Case
+from palpate.procedures.reproduce.curves import CurveCase
 from palpate.procedures.reproduce.judging.criterion import LEAST_SHARE
 from palpate.procedures.reproduce.judging.rows import Row, RowTable
 from palpate.procedures.reproduce.outcome import Everything
@@ -52,7 +52,7 @@ def row(
     reason: str = "",
     evidence: Evidence = Evidence.INPUT,
 ) -> Row:
-    return Row("1", "force_ratio", Cell(f"{thesis:g}", thesis, reason), ours, u, evidence, measured)
+    return Row("1", "force_ratio", TableCell(f"{thesis:g}", thesis, reason), ours, u, evidence, measured)
 
 
 def swept(arrangement: experiments.Arrangement, factor: float = 1.0) -> SweepResult:
@@ -126,7 +126,7 @@ def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
     assert len(judged) == cells
     assert sum(judged) / cells > LEAST_SHARE
     assert {row.evidence for table in tables for row in table.rows} == {Evidence.INPUT}
-    assert tables[-1].said[0].startswith("softness order of ours, hard to soft: 1 > 6 > 4 > 3 > 5 > 2: right")
+    assert tables[-1].sentences[0].startswith("softness order of ours, hard to soft: 1 > 6 > 4 > 3 > 5 > 2: right")
 
 
 def test_forces_that_are_wrong_by_a_third_lie_outside() -> None:
@@ -152,7 +152,7 @@ def test_a_row_outside_says_whose_scatter_it_is() -> None:
 def test_a_wrong_order_of_softness_is_said() -> None:
     wrong = replace(swept(DIFFERENT), softness_order=["2", "1", "3", "4", "5", "6"])
     (table,) = experiments.compare(DIFFERENT, wrong, MEANS)
-    assert table.said[0].endswith("WRONG: the thesis' figure has 1 > 6 > 4 > 3 > 5 > 2")
+    assert table.sentences[0].endswith("WRONG: the thesis' figure has 1 > 6 > 4 > 3 > 5 > 2")
     assert not experiments.order_is_right(wrong, get_design("different_base"))
 
 
@@ -170,7 +170,7 @@ def test_table_5_1_is_its_own_and_its_line_stands_beside_the_printed_sensitivity
     table = bench_tables.calibration(weighed())
     assert {r.difference for r in table.rows} == {0.0}
     assert [row.within for row in table.rows] == 16 * [True]
-    assert "10.306 mV/N by the line; the printed 0.1053 mV/N is mV per gram-force, 10.74 mV/N" in table.said[0]
+    assert "10.306 mV/N by the line; the printed 0.1053 mV/N is mV per gram-force, 10.74 mV/N" in table.sentences[0]
 
 
 def test_a_modulus_of_60_kpa_is_not_that_of_sample_1_and_lies_below_its_catalogue() -> None:
@@ -183,7 +183,7 @@ def test_a_modulus_of_60_kpa_is_not_that_of_sample_1_and_lies_below_its_catalogu
 
 def test_the_columns_of_table_5_8_do_not_share_a_definition() -> None:
     found = percent.definitions()
-    assert [re.search(r": percent of the (\w+)", said).group(1) for said in found.said] == [  # type: ignore[union-attr]
+    assert [re.search(r": percent of the (\w+)", said).group(1) for said in found.sentences] == [  # type: ignore[union-attr]
         "theory", "theory", "experiment", "experiment",
     ]  # fmt: skip
     # The thesis prints nothing of its two-dimensional model: that theory is our beam, fitted to this very column.
@@ -197,7 +197,7 @@ def test_the_columns_of_table_5_8_do_not_share_a_definition() -> None:
 
 
 def test_a_kept_solution_is_what_the_model_gives() -> None:
-    case, ratios = Case("single", "axisymmetric", "identified"), (curves.LOWEST, curves.HIGHEST)
+    case, ratios = CurveCase("single", "axisymmetric", "identified"), (curves.LOWEST, curves.HIGHEST)
     middle = case.ring * math.sqrt(ratios[0] * ratios[1])  # the node in the middle
     kept = Solutions.shipped()
     assert list(kept.known.values())
@@ -213,7 +213,7 @@ def test_every_solution_that_is_needed_is_kept(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_changed_design_is_solved_anew(tmp_path: Path) -> None:
-    case = Case("single", "axisymmetric", "identified")
+    case = CurveCase("single", "axisymmetric", "identified")
     changed = replace(case.parameters_at(1e5), tooth_radius=1.3e-3)
     kept = Solutions({}, {})
     assert kept.of(case.parameters_at(1e5), "mesh 1", lambda: [1.0]) == [1.0]

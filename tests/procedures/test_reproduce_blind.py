@@ -32,7 +32,7 @@ def test_the_distance_is_told_by_sample_and_every_row_is_a_prediction(arrangemen
     assert {row.evidence for row in table.rows} == {Evidence.PREDICTED}
     assert [row.row for row in table.rows] == list(SAMPLES)
     assert distance.percent == pytest.approx(dict.fromkeys(SAMPLES, 20.0))
-    assert "mean +20.0 %, rms 20.0 %, worst +20.0 % (model less measured mean" in table.said[0]
+    assert "mean +20.0 %, rms 20.0 %, worst +20.0 % (model less measured mean" in table.sentences[0]
 
 
 def test_a_blind_table_stands_beside_the_tables_that_print_its_means() -> None:
@@ -45,7 +45,9 @@ def test_a_blind_table_stands_beside_the_tables_that_print_its_means() -> None:
 
 def test_the_thesis_own_finite_elements_stand_beside_it_by_the_same_sign() -> None:
     """Table 5.8 has experiment less theory: -5.7 and -15.2 % of the theory, 21.56 % of the experiment."""
-    single, common = (blind.compare(each, "physical", swept(each))[0].said[1] for each in experiments.ARRANGEMENTS[:2])
+    single, common = (
+        blind.compare(each, "physical", swept(each))[0].sentences[1] for each in experiments.ARRANGEMENTS[:2]
+    )
     assert "by sample: 1 +6 %, 2 +18 %" in single and "by sample: 1 -22 %, 2 -23 %" in common
 
 

@@ -9,21 +9,21 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from palpate.instrument.thesis import Cell, Table, read_table
+from palpate.instrument.thesis import TableCell, ThesisTable, read_table
 from palpate.procedures.reproduce.chapter4 import pair, theory
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
-from palpate.procedures.reproduce.curves import TOOTH, Case
-from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series, fit_sentence
+from palpate.procedures.reproduce.curves import TOOTH, CurveCase
+from palpate.procedures.reproduce.judging.comparison import ComparedColumn, Comparison, ModelSeries, fit_sentence
 
-IDENTIFIED = Case("single", "axisymmetric", "identified")
+IDENTIFIED = CurveCase("single", "axisymmetric", "identified")
 
 
 def small(ours: list[float], thesis: tuple[float, ...] = (0.2, -0.4), goal: float | None = 0.015) -> Comparison:
     """A table of two rows, the second repaired."""
-    cells = (Cell("0.2", thesis[0]), Cell("0.44", thesis[1], "thesis slip"))
-    table = Table("9.9", "trial", "sample", ("1", "2"), MappingProxyType({"force_ratio": cells}))
-    series = (Series("physical", "solid", np.array(ours)),)
-    return Comparison(table, (Column("force_ratio", cells, series, goal),), ())
+    cells = (TableCell("0.2", thesis[0]), TableCell("0.44", thesis[1], "thesis slip"))
+    table = ThesisTable("9.9", "trial", "sample", ("1", "2"), MappingProxyType({"force_ratio": cells}))
+    series = (ModelSeries("physical", "solid", np.array(ours)),)
+    return Comparison(table, (ComparedColumn("force_ratio", cells, series, goal),), ())
 
 
 def test_a_difference_is_ours_less_the_repaired_value_of_the_thesis() -> None:

@@ -19,10 +19,10 @@ from palpate.procedures.reproduce.chapter4 import theory
 from palpate.procedures.reproduce.chapter5 import experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import quantities
 from palpate.procedures.reproduce.curves import Curves
-from palpate.procedures.reproduce.judging.bias import Bias, all_means, biases, limit
-from palpate.procedures.reproduce.judging.comparison import Comparison, Series, column_of
+from palpate.procedures.reproduce.judging.bias import MeanDifference, all_means, biases, limit
+from palpate.procedures.reproduce.judging.comparison import Comparison, ModelSeries, column_of
 from palpate.procedures.reproduce.judging.criterion import judge
-from palpate.procedures.reproduce.judging.rows import Group, Row, RowTable, counts
+from palpate.procedures.reproduce.judging.rows import Row, RowCorrelation, RowTable, counts
 from palpate.procedures.reproduce.outcome import Everything
 from tests.procedures.conftest import Palpate
 from tests.procedures.test_reproduce_all import COMMON, DIFFERENT, MEANS, SINGLE, quick, row, swept
@@ -48,9 +48,9 @@ def rows(count: int, outside: int, evidence: Evidence) -> list[Row]:
 def test_a_mean_is_known_as_well_as_loads_are_independent() -> None:
     """Six loads, two columns under each; what all share does not average out."""
 
-    def mean(common: float) -> Bias:
+    def mean(common: float) -> MeanDifference:
         cells = [
-            replace(row(1.0, 1.09, 0.1), row=str(load), quantity=name, group=Group("forces", 0.1, common))
+            replace(row(1.0, 1.09, 0.1), row=str(load), quantity=name, group=RowCorrelation("forces", 0.1, common))
             for load in range(6)
             for name in ("force1_N", "force2_N")
         ]
@@ -78,12 +78,12 @@ def test_forces_that_are_off_in_the_mean_are_biased_though_each_cell_may_lie_wit
     found = judge(tables)[INPUT].biased
     assert [mean.kind for mean in found] == (["forces and voltages"] if biased else [])
     assert all(math.copysign(1, mean.mean) == math.copysign(1, factor - 1 / 1.029) for mean in found)
-    assert "1.111 times the set load in the mean, more than its loads scatter" in tables[-1].said[1]
+    assert "1.111 times the set load in the mean, more than its loads scatter" in tables[-1].sentences[1]
 
 
 def test_biases_are_told_beside_what_chance_would_put_there() -> None:
     found, by = [replace(each, ours=1.1) for each in rows(100, 0, INPUT)], rows(100, 0, INPUT)
-    (biased, told), (fair, farthest) = (judge([table(*each)])[INPUT].said()[-2:] for each in (found, by))
+    (biased, told), (fair, farthest) = (judge([table(*each)])[INPUT].sentences()[-2:] for each in (found, by))
     assert biased == (
         "means over a table or arrangement: 1 of 1 farther off than 2.0 of their standard deviations, which chance"
         " exceeds once in 20 runs"
@@ -165,7 +165,7 @@ def test_rows_that_no_theory_can_miss_are_told_apart() -> None:
     assert verdict.counted() == (
         "11 of 20 rows lie within their stated scatter, 55.0% (1 of 10 where the force ratio is below 0.9)"
     )
-    assert "solid, physical: 11 of 20 rows, 55.0% (1 of 10 where the force ratio is below 0.9)" in verdict.said()
+    assert "solid, physical: 11 of 20 rows, 55.0% (1 of 10 where the force ratio is below 0.9)" in verdict.sentences()
     assert verdict.record()["by"] == {
         "solid, physical": {"rows": 20, "judged": 20, "within": 11, "telling": 10, "telling_within": 1}
     }
@@ -178,7 +178,7 @@ def test_rows_that_a_fit_brings_with_it_are_told_apart() -> None:
     assert (verdict.count.within, verdict.count.judged) == (7, 10)
     (said,) = verdict.following()
     assert said.startswith("without 6 rows that follow from a fit") and said.endswith("1 of 4, 25.0%")
-    assert said in verdict.said() and said in verdict.brief()
+    assert said in verdict.sentences() and said in verdict.brief()
     assert verdict.record()["follows"] == {"judged": 6, "within": 6}
     assert judge([table(*rows(4, 3, PREDICTED))])[PREDICTED].following() == []
 
@@ -198,7 +198,7 @@ def test_rows_without_a_stated_scatter_are_told_with_how_far_they_are() -> None:
     verdict = judge([table(*rows(10, 0, PREDICTED), *volts)])[PREDICTED]
     assert (
         "not judged, as no scatter is stated: 3 rows of voltage, of which the median is 600 times the thesis'"
-        in verdict.said()
+        in verdict.sentences()
     )
     assert verdict.record()["unjudged"] == {"voltage": {"rows": 3, "factor": pytest.approx(600)}}
 
@@ -207,7 +207,7 @@ def test_rows_outside_are_told_beside_what_chance_would_put_there() -> None:
     off = [*[0.5] * 98, 2.2, -2.5]
     (said,) = [
         line
-        for line in judge([table(*(row(1.0, 1.0 + z * 0.1, 0.1) for z in off), row(1.0, 9.0, None))])[INPUT].said()
+        for line in judge([table(*(row(1.0, 1.0 + z * 0.1, 0.1) for z in off), row(1.0, 9.0, None))])[INPUT].sentences()
         if "outside" in line
     ]
     assert said == (
@@ -305,7 +305,7 @@ def test_table_5_8_names_its_models_and_what_they_are_worth(theories: Comparison
 
 
 def test_averages_are_told_by_model_and_class_beside_the_thesis_own(theories: Comparison) -> None:
-    said = bench_table(theories).said
+    said = bench_table(theories).sentences
     assert "positive where the experiment lies above" in said[0]
     assert (
         "single_vs_3D, average: +100.0 % by axisymmetric, identified (fitted), the thesis -9.62 %, without its slip"
@@ -345,4 +345,4 @@ def test_the_corrected_beam_is_within_the_goal_of_its_fit_and_the_printed_progra
 
 
 def test_a_series_is_named_by_model_and_set() -> None:
-    assert Series("physical", "beam", np.zeros(1)).name == "physical_beam"
+    assert ModelSeries("physical", "beam", np.zeros(1)).name == "physical_beam"

@@ -31,9 +31,9 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab import open as session
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.person import Person, Traffic, status
+from palpate.procedures.virtual.person import Person, TransactionRate, status
 from palpate.procedures.virtual.served_bench import Wish, serve_until_told, serving
-from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.rig.rig import STANDARD_GRAVITY
 from palpate.simulators.scenes.scene import Scene, shipped
@@ -44,7 +44,7 @@ STANDING = 1.0  # s of an Enter, in a bench whose time stands still otherwise
 
 @pytest.fixture
 def wish(scene: Scene) -> Wish:
-    return Wish(scene, Place(), None, 1.0, STANDING, (), None)
+    return Wish(scene, BenchAddresses(), None, 1.0, STANDING, (), None)
 
 
 @contextmanager
@@ -355,7 +355,7 @@ def test_the_page_shows_outputs_readings_faults_and_traffic(wish: Wish) -> None:
         sim = served.sim
         sim.generator.write({"amplitude": 0.5, "frequency": 20.0, "output": 1.0})
         sim.amplifier.trip("watchdog")
-        traffic = Traffic(sim)
+        traffic = TransactionRate(sim)
         traffic.rate(1.0)
         for _ in range(6):
             client.sendall(bytes.fromhex("0001 0000 0006 01 03 7000 0001"))

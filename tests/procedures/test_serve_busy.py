@@ -7,7 +7,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
 from palpate.procedures.virtual.served_bench import Wish, serving
-from palpate.simulators.bench import Place
+from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.scenes.scene import Scene
 
 WATCHDOG = 1.0  # s
@@ -15,7 +15,7 @@ WATCHDOG = 1.0  # s
 
 @pytest.mark.slow
 def test_a_program_that_neither_waits_nor_asks_for_three_time_outs_does_not_trip_the_watchdog(scene: Scene) -> None:
-    with serving(Wish(scene, Place(), None, 1.0, None, (), None)) as served:
+    with serving(Wish(scene, BenchAddresses(), None, 1.0, None, (), None)) as served:
         description = served.description.model_copy(update={"watchdog": WATCHDOG})
         clock = served.sim.clock
         with Bench(description, WallClock(), served.sim.operator) as bench:

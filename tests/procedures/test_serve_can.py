@@ -16,7 +16,7 @@ from palpate.instrument.bench import links
 from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
 from palpate.instrument.contracts.contract import PROBE
 from palpate.procedures.virtual.served_bench import Wish, serving
-from palpate.simulators.bench import Place
+from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.can_bus import own_channel
 
@@ -25,7 +25,7 @@ PORT = 43113  # of python-can's multicast buses
 
 @pytest.fixture
 def wish(scene: Scene, nothing_left_behind: None) -> Wish:
-    return Wish(scene, Place(interface=MULTICAST), None, 1.0, 1.0, (), None)
+    return Wish(scene, BenchAddresses(interface=MULTICAST), None, 1.0, 1.0, (), None)
 
 
 @contextmanager
@@ -85,7 +85,7 @@ def test_frames_of_another_bench_that_come_while_a_bus_is_opened_are_not_heard(
             send_rubbish(theirs)
 
         monkeypatch.setattr(GeneralPurposeUdpMulticastBus, "__init__", meanwhile)
-        link = CanLink(links.CanLink(interface=MULTICAST, channel=ours))
+        link = CanLink(links.CanBus(interface=MULTICAST, channel=ours))
         link.tap(lambda _sent, frame: heard.put(frame.arbitration_id))
         link.open()
         own.send(_frame(0x123, ""))

@@ -13,7 +13,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices import sensor_node
-from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
+from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.designs import DESIGNS
@@ -84,7 +84,7 @@ def during(
     delay = {"servo": 0.2, "settling": 1.1, "dwell": 0.2}[moment]
     armed = False
 
-    def acquired(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
+    def acquired(nodes: Sequence[CanopenSensorNode], duration: float) -> list[Recording]:
         nonlocal armed
         if armed and moment == "dwell" and duration > SHORT_RECORD:
             armed = False

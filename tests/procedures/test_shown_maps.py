@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.drivers.logs.bus_log import RUN
-from palpate.drivers.logs.can_frames import Frame
+from palpate.drivers.logs.can_frames import CanFrame
 from palpate.drivers.logs.pcapng import Link, Packet
 from palpate.instrument.contracts.contract import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import read_map
@@ -82,7 +82,7 @@ def test_every_function_shows_fields_by_name(request_: str, reply: str, texts: l
 def test_an_object_or_message_that_no_contract_has_is_shown_with_its_value(
     identifier: int, data: str, text: str
 ) -> None:
-    assert _frame(Frame(0.0, identifier, bytes.fromhex(data))).text == text
+    assert _frame(CanFrame(0.0, identifier, bytes.fromhex(data))).text == text
 
 
 def test_a_laboratorys_map_is_found_by_the_runs_header_if_it_is_still_the_same(tmp_path: Path) -> None:

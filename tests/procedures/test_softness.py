@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.springs import ratio_of_modulus
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
@@ -19,7 +19,7 @@ from tests.procedures.conftest import Benches, Palpate, refused
 
 SINGLE = get_design("single")
 REAL = Target(SINGLE, 10.0, nodes=1)
-COLUMN = Question(SINGLE.name, "column", settings={"sensed_thickness": 3e-3})
+COLUMN = RatioQuestion(SINGLE.name, "column", settings={"sensed_thickness": 3e-3})
 QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
 
 
@@ -64,7 +64,7 @@ def test_a_saturated_film_is_said_and_gives_no_modulus() -> None:
 
 def test_without_a_validation_error_no_absolute_modulus_is_told() -> None:
     points = [SoftnessPoint("a", 2.0, 2.0, 0.05, 0.2, 0.008, 0.001, True, ())]
-    result = evaluate(points, SINGLE, Question(SINGLE.name, "experiment", settings={"sensed_thickness": 3e-3}))
+    result = evaluate(points, SINGLE, RatioQuestion(SINGLE.name, "experiment", settings={"sensed_thickness": 3e-3}))
     assert result.validation.u is None
     assert result.summary()["validation_line"]["u"] is None
     (each,) = result.objects

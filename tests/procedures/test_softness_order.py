@@ -27,9 +27,9 @@ def asked(*names: str, risk: float = 0.05, sets: int = 5) -> SoftnessTest:
 
 def test_the_plan_has_few_sets_of_objects_that_differ_and_many_of_those_that_are_alike() -> None:
     far, near = asked(*FAR).plan(REAL), asked(*NEAR).plan(REAL)
-    assert far.predicted.told["planned"]["sets"] == {"1": 1, "2": 1}
-    assert near.predicted.told["planned"]["sets"] == {"3": 4, "5": 4}
-    assert far.predicted.told["planned"]["binds"] == "gain scatter"
+    assert far.predicted.details["planned"]["sets"] == {"1": 1, "2": 1}
+    assert near.predicted.details["planned"]["sets"] == {"3": 4, "5": 4}
+    assert far.predicted.details["planned"]["binds"] == "gain scatter"
     assert len(far.steps) == len(near.steps) == 10
     assert far.seconds < near.seconds < sum(step.seconds for step in near.steps)
 
@@ -37,7 +37,7 @@ def test_the_plan_has_few_sets_of_objects_that_differ_and_many_of_those_that_are
 def test_nothing_is_expected_of_unknown_objects() -> None:
     both = unknown_object(SINGLE, name="a"), unknown_object(SINGLE, name="b")
     plan = SoftnessTest(both, risk=0.05).plan(REAL)
-    assert plan.predicted.told["planned"]["sets"] == {"a": 5, "b": 5}
+    assert plan.predicted.details["planned"]["sets"] == {"a": 5, "b": 5}
 
 
 @pytest.mark.slow

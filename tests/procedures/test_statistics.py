@@ -18,10 +18,10 @@ from scipy import integrate, optimize, stats
 
 from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, lower_limit_factor
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
-from palpate.instrument.calibration.load_cell_curve import Run
+from palpate.instrument.calibration.load_cell_curve import WeightRun
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
-from palpate.instrument.findings.load_line import LoadLine, Series, _reading_u
+from palpate.instrument.findings.load_line import DisplaySeries, LoadLine, _reading_u
 from palpate.instrument.findings.mean_ratio import apart
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
 from palpate.instrument.findings.position import locate
@@ -120,7 +120,7 @@ def test_a_load_line_is_a_regression_whose_scatter_passes_an_f_test() -> None:
     by_residuals = []
     for scatter in np.linspace(0.2, 6, 15):  # mV, of a point about the line
         level = 40 + 2e4 * positions + random.normal(0, scatter, positions.size)
-        series = Series(positions, np.rint(level[:, None] + random.normal(0, 3.0, (positions.size, 10))))
+        series = DisplaySeries(positions, np.rint(level[:, None] + random.normal(0, 3.0, (positions.size, 10))))
         found = LoadLine.through("line", series, THESIS_LOAD_CELL)
         expected = stats.linregress(positions, found.loads)
         known, freedom = _reading_u(series.displays, THESIS_LOAD_CELL)
@@ -136,7 +136,7 @@ def test_a_load_line_is_a_regression_whose_scatter_passes_an_f_test() -> None:
 def test_the_lower_limit_factor_is_that_of_a_regression_through_all_readings() -> None:
     random, load = np.random.default_rng(6), np.arange(1.0, 9.0)
     runs = [
-        Run(0.0, *(10 * load + random.normal(0, 0.2, (2, load.size)))) for _ in range(3)
+        WeightRun(0.0, *(10 * load + random.normal(0, 0.2, (2, load.size)))) for _ in range(3)
     ]  # fmt: skip
     readings = np.concatenate([series for run in runs for series in (run.loading_mV, run.unloading_mV)])
     expected = stats.linregress(np.tile(load, 6), readings)

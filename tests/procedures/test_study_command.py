@@ -19,7 +19,7 @@ from palpate.instrument.errors import PalpateError
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.study.run import attempt
 from palpate.procedures.virtual import executors
-from palpate.procedures.virtual.study_cell import COLUMNS, Sweep
+from palpate.procedures.virtual.study_cell import COLUMNS, StudyComputation
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Palpate, sweep_scene
 from tests.shares import first_of
@@ -27,12 +27,12 @@ from tests.shares import first_of
 LOADS = (2.0, 3.0)
 
 
-def sweep_of(axes: str, how: str = "closed form") -> Sweep:
+def sweep_of(axes: str, how: str = "closed form") -> StudyComputation:
     text = f'name = "study"\nhow = "{how}"\nloads = "2 N, 3 N"\n[axes]\n{axes}'
-    return Sweep.of(study_of(parse(text.encode(), StudyFile, "study.toml"), "study.toml"), "study.toml")
+    return StudyComputation.of(study_of(parse(text.encode(), StudyFile, "study.toml"), "study.toml"), "study.toml")
 
 
-def points(sweep: Sweep, **cell: Any) -> list[dict[str, Any]]:
+def points(sweep: StudyComputation, **cell: Any) -> list[dict[str, Any]]:
     return sweep({"scene": "thesis_single", "sample": "1", "seed": 3, **cell})
 
 

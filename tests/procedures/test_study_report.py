@@ -9,7 +9,7 @@ import pytest
 
 from palpate.procedures.study.report import print_study
 from palpate.procedures.study.results import Results
-from palpate.procedures.study.store import Outcome
+from palpate.procedures.study.store import CellOutcome
 from tests.procedures.studies import GRID, study_from
 
 OUTCOME = {"study": "out", "points": "out/points.csv", "plot": "out/plot.png", "cells": 12, "done": 12, "failed": []}
@@ -29,7 +29,9 @@ def results(failed: int | None = None) -> Results:
     return Results(
         study,
         [
-            Outcome(cell, "reason", "[]") if cell == failed else Outcome(cell, "", json.dumps([point(ratio)] * 2))
+            CellOutcome(cell, "reason", "[]")
+            if cell == failed
+            else CellOutcome(cell, "", json.dumps([point(ratio)] * 2))
             for cell, ratio in enumerate(ratios)
         ],
     )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.procedures.commands import procedures
-from palpate.procedures.commands.options import Choice
+from palpate.procedures.commands.options import BenchChoice
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 
 SWEEP = ("sweep", "temperature")
@@ -107,7 +107,7 @@ def test_a_dry_run_counts_the_soak(palpate: Palpate, benches: Benches) -> None:
 def test_films_that_warm_up_are_simulated_where_no_scene_is_named(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    chosen: list[Choice] = []
+    chosen: list[BenchChoice] = []
     monkeypatch.setattr(procedures, "measure", lambda _asked, choice, *_rest: chosen.append(choice))
     palpate(*SWEEP)
     palpate(*SWEEP, "--scene", "ideal")

@@ -16,9 +16,9 @@ from palpate.simulators.linear import path as path_module
 from palpate.simulators.linear.lti import Floats, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.chain import MeasuringChain
 from palpate.simulators.physics.mechanics import INPUTS
-from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack, Touch
+from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
 
 MS = 1_000_000
 NO_PLAYS = Plays(ring=False, radii=(), weights=())
@@ -36,15 +36,15 @@ class Setting:
     moving: bool = False
     creeping: bool = False
 
-    def path(self) -> tuple[Chain, Path]:
+    def path(self) -> tuple[MeasuringChain, Path]:
         armature = Armature(FORCE_CONSTANT, RESISTANCE, SUSPENSION)
         if self.moving:
             armature = Armature(FORCE_CONSTANT, RESISTANCE, SUSPENSION, INDUCTANCE, MASS, DAMPING)
-        springs = Stack(TOOTH, RING, 0.4)
+        springs = SpringStack(TOOTH, RING, 0.4)
         creep = Viscoelastic.model_validate({"g": [0.3], "tau": ["0.1 s"]})
         stack = creep.stack(springs) if self.creeping else springs.elastic()
         films = gain(np.array([[1.0, 0.0, 1.0, 0.0], [1.0, 1.0, 0.0, 0.0]]))  # tooth with the plays, and total
-        chain = Chain(
+        chain = MeasuringChain(
             armature, self.limits, stack, self.advance, self.plays, films,
             [gain(np.eye(1)), gain(np.eye(1))], np.zeros(2), 0.1, 0.0,
         )  # fmt: skip

@@ -16,8 +16,8 @@ from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.linear.lti import Floats, StateSpace, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import Chain
-from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack, Touch
+from palpate.simulators.physics.chain import MeasuringChain
+from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
 from palpate.simulators.planning.steady import followed
 from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene
@@ -45,11 +45,11 @@ class Drawn:
     def stack(self) -> StateSpace:
         g, tau = zip(*self.creep, strict=True)
         creep = Viscoelastic.model_validate({"g": list(g), "tau": [f"{each!r} s" for each in tau]})
-        return creep.stack(Stack(self.tooth, self.ring, self.share))
+        return creep.stack(SpringStack(self.tooth, self.ring, self.share))
 
-    def path(self) -> tuple[Chain, Path]:
+    def path(self) -> tuple[MeasuringChain, Path]:
         inertia = (1e-4, 0.03, 2.0) if self.moving else ()
-        chain = Chain(
+        chain = MeasuringChain(
             Armature(FORCE_CONSTANT, RESISTANCE, SUSPENSION, *inertia), Limits(stop=self.stop), self.stack(),
             self.advance, Plays(False, self.radii, (0.1,) * len(self.radii)), gain(np.eye(4)[:OUTPUTS]),
             [gain(np.eye(1))] * OUTPUTS, np.zeros(OUTPUTS), 0.1, 0.0,

@@ -19,8 +19,8 @@ from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import SensorNode
-from palpate.simulators.devices.strain_indicator import StrainIndicator
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
+from palpate.simulators.devices.strain_indicator import SimulatedStrainIndicator
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
@@ -57,8 +57,8 @@ def seen(
     pressed(rig, "2", BALANCE + 7e-3, 1.0)
     clock.wait(0.3)
     pressed(rig, "2", BALANCE + 7e-3, 2.0)
-    node = SensorNode(clock, node_id, 1, rig)
-    indicator = StrainIndicator(clock, "SIM-SI-0001", rig)
+    node = SimulatedSensorNode(clock, node_id, 1, rig)
+    indicator = SimulatedStrainIndicator(clock, "SIM-SI-0001", rig)
     times = clock.now_ns() + np.arange(1, count + 1) * MS
     samples = node.sample(times, node.film_channels @ rig.film_voltages(times), MS)
     readings = []
@@ -174,10 +174,10 @@ def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name
         rig = Rig(replace(scene(), effects=effects), clock)
         rig.mount(SAMPLES["2"])
         clock.wait(1.234)
-        node = SensorNode(clock, 3, 1, rig)
+        node = SimulatedSensorNode(clock, 3, 1, rig)
         times = clock.now_ns() + np.arange(1, 501) * MS
         samples = node.sample(times, node.film_channels @ rig.film_voltages(times), MS)
-        reading = StrainIndicator(clock, "SIM-SI-0001", rig).read("reading_float")
+        reading = SimulatedStrainIndicator(clock, "SIM-SI-0001", rig).read("reading_float")
         return samples.counts.astype(float), reading, rig._film_signals().d[:, 0]
 
     base = {each: STRONG[each] for each in ("white_noise", "gain_scatter", "load_cell") if each != name}
@@ -201,7 +201,7 @@ def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -
         clock = VirtualClock()
         rig = Rig(replace(scene(), effects=together()), clock)
         pressed(rig, "1", BALANCE + 7e-3, 4.0)
-        node = SensorNode(clock, 1, 1, rig)
+        node = SimulatedSensorNode(clock, 1, 1, rig)
         times = 17 * MS + np.arange(1, count + 1) * period
         blocks = [
             node.sample(t, node.film_channels @ rig.film_voltages(t), period)

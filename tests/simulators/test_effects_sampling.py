@@ -15,7 +15,7 @@ from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.bounds.fits import fitted
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects import pink_noise
 from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
@@ -137,7 +137,7 @@ def test_1_f_noise_has_its_density_at_the_corner_and_falls_as_1_f_over_four_deca
     assert slope == pytest.approx(-1, abs=0.02)
 
 
-def to_one_number(grid: pink_noise.Grid, steps: int) -> Floats:
+def to_one_number(grid: pink_noise.NoiseGrid, steps: int) -> Floats:
     """What a number of the stream gives, a step after the other."""
     return np.asarray(np.array(grid.shares) @ np.array(grid.falls)[:, np.newaxis] ** np.arange(steps))
 
@@ -189,12 +189,12 @@ def test_1_f_noise_is_independent_between_streams_and_follows_the_seed() -> None
 # --- jitter --------------------------------------------------------------------------------------------
 
 
-def node_on(effects: dict[str, Effect], seed: int = 1) -> tuple[Rig, SensorNode]:
+def node_on(effects: dict[str, Effect], seed: int = 1) -> tuple[Rig, SimulatedSensorNode]:
     """A node under a sample that is pressed and shaken."""
     clock = VirtualClock()
     rig = Rig(replace(scene(), effects=effects, seed=seed), clock)
     pressed(rig, "2", BALANCE + 7e-3, 4.0)
-    return rig, SensorNode(clock, 1, 1, rig)
+    return rig, SimulatedSensorNode(clock, 1, 1, rig)
 
 
 def test_a_jittered_sample_is_that_of_a_moment_earlier_or_later() -> None:

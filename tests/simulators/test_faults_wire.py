@@ -16,7 +16,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import Recording
 from palpate.instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout
-from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.faults import FAULTS, inject
 from palpate.simulators.faults.fault import parse_faults
 from palpate.simulators.faults.places import places
@@ -108,7 +108,7 @@ def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: 
     port = two_free_ports("127.0.0.2")
     struck = replace(scene, faults=parse_faults(tables, places(scene.nodes), "here"))
     with (
-        SimulatedBench(struck, Place("127.0.0.2", port)) as sim,
+        SimulatedBench(struck, BenchAddresses("127.0.0.2", port)) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
         links = (sim.description.links["signal_generator"], sim.description.links["shaker_amplifier"])
@@ -119,7 +119,7 @@ def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: 
         sim.clock.wait(0.1)
         assert bench.device("signal_generator").read() == (10.0, 0.0, 0.0)
         with pytest.raises(BenchError, match=f"cannot listen on 127.0.0.2:{port}"):
-            SimulatedBench(struck, Place("127.0.0.2", port)).__enter__()
+            SimulatedBench(struck, BenchAddresses("127.0.0.2", port)).__enter__()
 
 
 def test_a_refused_connection_comes_back_while_another_request_waits_for_the_clock(

@@ -27,8 +27,8 @@ from palpate.simulators.linear.integrators import _first_order_hold
 from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import Chain
-from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack, Touch
+from palpate.simulators.physics.chain import MeasuringChain
+from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
 from palpate.simulators.randomness import Stream
 
 MS = 1_000_000
@@ -170,13 +170,13 @@ def test_a_variance_in_one_pass_is_lost_on_a_large_offset_where_the_fit_keeps_it
 # --- mechanics -----------------------------------------------------------------------------------------
 
 
-def chain_path(plays: Plays, limits: Limits, volts: float, *, moving: bool) -> tuple[Chain, Path]:
+def chain_path(plays: Plays, limits: Limits, volts: float, *, moving: bool) -> tuple[MeasuringChain, Path]:
     armature = Armature(4.0, 3.5, 1000.0)
     if moving:
         armature = Armature(4.0, 3.5, 1000.0, 1e-4, 0.03, 2.0)
     films = gain(np.array([[1.0, 0.0, 1.0, 0.0]]))
-    stack = Stack(120.0, 380.0, 0.4).elastic()
-    chain = Chain(armature, limits, stack, 4e-3, plays, films, [gain(np.eye(1))], np.zeros(1), 0.1, 0.0)
+    stack = SpringStack(120.0, 380.0, 0.4).elastic()
+    chain = MeasuringChain(armature, limits, stack, 4e-3, plays, films, [gain(np.eye(1))], np.zeros(1), 0.1, 0.0)
     mode = chain.mode(Touch(drag=(0,) * chain.plays))
     drive = sine(volts)
     return chain, Path((drive, constant(1.0, drive), drive.derivative()), mode, 0, np.zeros(mode.system.order))

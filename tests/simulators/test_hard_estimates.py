@@ -15,7 +15,7 @@ from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig
@@ -69,7 +69,7 @@ def test_a_time_in_single_precision_is_off_by_seconds_where_number_and_period_gi
 )
 def test_nothing_and_full_scale_are_converted_where_a_cast_turns_round(volts: float, cast: int, counts: int) -> None:
     assert np.array(round(volts / 5.0 * 2**15)).astype(np.int16) == cast
-    node = SensorNode(VirtualClock(), 1, 1, Rig(scene(), VirtualClock()))
+    node = SimulatedSensorNode(VirtualClock(), 1, 1, Rig(scene(), VirtualClock()))
     samples = node.sample(np.arange(1, 4) * MS, np.full((4, 3), volts), MS)
     assert (samples.counts == counts).all()
     assert (samples.saturation == (0b1111 if volts >= 5.0 else 0)).all()

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear import path as path_module
-from palpate.simulators.linear.crossing import NEVER, Signal, Watch
+from palpate.simulators.linear.crossing import NEVER, CrossingWatch, Signal
 from palpate.simulators.linear.lti import Floats, StateSpace, Times, first_order_low_pass
 from palpate.simulators.linear.mode import Guard, Mode
 from palpate.simulators.linear.path import Path
@@ -29,7 +29,7 @@ def sine(amplitude: float = 1.0, mean: float = 0.0, frequency: int = 10 * HERTZ)
 
 def failure(system: StateSpace, drive: Periodic, state: Floats) -> int:
     """The time when the one output falls below zero."""
-    watch, time_ns, failed = Watch(system.drive((drive,)), (system.c, system.d)), 0, None
+    watch, time_ns, failed = CrossingWatch(system.drive((drive,)), (system.c, system.d)), 0, None
     while failed is None and time_ns < NEVER:
         last = time_ns
         time_ns, failed = watch.first_failure(time_ns, system.drive((drive,)).state(0, state, np.array([last]))[:, 0])
@@ -303,13 +303,13 @@ def test_a_block_longer_than_what_is_kept_is_as_good_as_its_pieces() -> None:
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Counts the searches for a failure."""
     count = [0]
-    searched = Watch.first_failure
+    searched = CrossingWatch.first_failure
 
-    def counted(self: Watch, start_ns: int, state: Floats) -> tuple[int, int | None]:
+    def counted(self: CrossingWatch, start_ns: int, state: Floats) -> tuple[int, int | None]:
         count[0] += 1
         return searched(self, start_ns, state)
 
-    monkeypatch.setattr(Watch, "first_failure", counted)
+    monkeypatch.setattr(CrossingWatch, "first_failure", counted)
     return count
 
 

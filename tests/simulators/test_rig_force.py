@@ -9,7 +9,7 @@ import pytest
 
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.strain_indicator import StrainIndicator
+from palpate.simulators.devices.strain_indicator import SimulatedStrainIndicator
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.rig.load_cell import IDEAL_SENSITIVITY
 from palpate.simulators.rig.rig import Rig
@@ -87,8 +87,8 @@ def test_out_of_reach_the_force_is_exactly_zero_and_in_full_contact_exactly_line
 # --- the peak-to-peak detector -------------------------------------------------------------------------
 
 
-def indicator(rig: Rig, clock: VirtualClock, window: float) -> StrainIndicator:
-    device = StrainIndicator(clock, "SIM-SI-0001", rig)
+def indicator(rig: Rig, clock: VirtualClock, window: float) -> SimulatedStrainIndicator:
+    device = SimulatedStrainIndicator(clock, "SIM-SI-0001", rig)
     device.write({"mode": 1.0, "filter": window})
     return device
 

@@ -19,7 +19,7 @@ from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import RoundParameters
-from palpate.instrument.models.price_list import Choice
+from palpate.instrument.models.price_list import ModelChoice
 from palpate.instrument.models.response import response
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.design import Design
@@ -128,12 +128,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set[float], float]]:
     """A price list that has the column below a tolerance of 1e-2 and finite elements above it; what it was asked."""
     questions: list[tuple[set[float], float]] = []
 
-    def choose(design: Design, loads: list[Load], tolerance: float) -> Choice:
+    def choose(design: Design, loads: list[Load], tolerance: float) -> ModelChoice:
         questions.append(({load.sensed.modulus for load in loads}, tolerance))
         if tolerance < 1e-6:
             raise RangeError("no model meets it")
         model = "column" if tolerance >= 1e-2 else "axisymmetric"
-        return Choice(model, tolerance / 2, 1e-6, f"{model} is cheap")
+        return ModelChoice(model, tolerance / 2, 1e-6, f"{model} is cheap")
 
     monkeypatch.setattr(price_list, "choose", choose)
     return questions

@@ -11,7 +11,7 @@ import pytest
 
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import Samples, SensorNode
+from palpate.simulators.devices.sensor_node import SampleBlock, SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.in_order import Effects
@@ -37,9 +37,9 @@ def looked_at(name: str) -> Waveforms:
 def sampled(scene: Scene, size: int = 500) -> list[tuple[bytes, bytes]]:
     """Counts and flags of each node in 2 s, taken in blocks of some size."""
     rig = driven(scene, Question())
-    nodes = [SensorNode(VirtualClock(), number, number, rig) for number in range(1, scene.nodes + 1)]
+    nodes = [SimulatedSensorNode(VirtualClock(), number, number, rig) for number in range(1, scene.nodes + 1)]
     times = PERIOD_NS * (SETTLED + np.arange(500))
-    taken: list[list[Samples]] = [[] for _ in nodes]
+    taken: list[list[SampleBlock]] = [[] for _ in nodes]
     for block in (times[i : i + size] for i in range(0, 500, size)):
         films = rig.film_voltages(block)
         for node, its in zip(nodes, taken, strict=True):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.linear.periodic import HERTZ
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.rig import Rig
@@ -27,9 +27,9 @@ def test_a_second_of_samples_after_30_days_costs_no_more_than_the_changes_before
     clock.wait(MONTH)
     assert rig.changes <= 3 + 1000  # of a leak that creeps in by 1000 parts
     times = MONTH * SECOND + MS * np.arange(1, 1001)
-    whole, pieces = SensorNode(clock, 1, 1, rig), SensorNode(clock, 1, 1, rig)
+    whole, pieces = SimulatedSensorNode(clock, 1, 1, rig), SimulatedSensorNode(clock, 1, 1, rig)
 
-    def counts(node: SensorNode, some: np.ndarray[tuple[int], np.dtype[np.int64]]) -> bytes:
+    def counts(node: SimulatedSensorNode, some: np.ndarray[tuple[int], np.dtype[np.int64]]) -> bytes:
         return node.sample(some, node.film_channels @ rig.film_voltages(some, MS), MS).counts.tobytes()
 
     taken = counts(whole, times)

@@ -11,7 +11,7 @@ import pytest
 from palpate.instrument.contracts.contract import Command, Condition, Field, Mark
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.mapped.twin import Twin
-from palpate.simulators.wire.device import Place, Refused
+from palpate.simulators.wire.device import Refused, SimulatedPlace
 from tests.contracts import modbus_contract
 
 CONTRACT = modbus_contract(
@@ -33,7 +33,7 @@ CONTRACT = modbus_contract(
 
 
 class Thing(Twin):
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: SimulatedPlace) -> None:
         self.done: list[str] = []
         super().__init__(place)
 
@@ -49,7 +49,7 @@ class Thing(Twin):
 def thing() -> Thing:
     rig: Any = None
     kind: Any = SimpleNamespace(contract=CONTRACT)
-    return Thing.at(Place(VirtualClock(), rig, 1, "SIM-TH-0003", None, kind, lambda _role: None))
+    return Thing.at(SimulatedPlace(VirtualClock(), rig, 1, "SIM-TH-0003", None, kind, lambda _role: None))
 
 
 def test_it_begins_with_its_marks_its_number_and_the_units_that_are_expected(thing: Thing) -> None:

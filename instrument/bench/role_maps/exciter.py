@@ -44,7 +44,7 @@ class ExciterMap(RoleMap):
     """
 
     generic_driver: ClassVar[str] = "palpate.drivers.mapped.exciter:StreamedExciter"
-    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.exciter:StreamedExciter"
+    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.exciter:SimulatedStreamedExciter"
     settings: ClassVar[type[Config] | None] = ExciterSettings
 
     stream: str

@@ -90,7 +90,7 @@ class PositionerMap(RoleMap):
     """
 
     generic_driver: ClassVar[str] = "palpate.drivers.mapped.positioner:MappedPositioner"
-    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.positioner:PositionerTwin"
+    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.positioner:SimulatedMappedPositioner"
     settings: ClassVar[type[Config] | None] = PositionerSettings
 
     position: str

@@ -42,7 +42,7 @@ class SensorNodeMap(RoleMap):
     """
 
     generic_driver: ClassVar[str] = "palpate.drivers.mapped.sensor_node:MappedNode"
-    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.sensor_node:NodeTwin"
+    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.sensor_node:SimulatedMappedNode"
     settings: ClassVar[type[Config] | None] = NodeSettings
 
     channels: Annotated[tuple[str, ...], Field(min_length=1, max_length=64)]

@@ -59,7 +59,7 @@ class Entry:
     compact: bool = False
 
     @property
-    def told(self) -> str:
+    def effective(self) -> str:
         """Its value: as a DCF has configured it, or as it is after power-on."""
         return self.configured or self.default
 
@@ -464,12 +464,12 @@ def _pdo(sheet: DataSheet, index: int) -> Mapped | None:
     communication = sheet.objects.get(index, {})
     mapping = sheet.objects.get(index + PDOS, {})
     used = communication.get(COB_ID)
-    if used is not None and used.told and _raw(sheet, sdo(index, COB_ID))[1] & INVALID:
+    if used is not None and used.effective and _raw(sheet, sdo(index, COB_ID))[1] & INVALID:
         return None
     entries = _entries(sheet, index + PDOS)
     if not entries:
         return None
-    if used is None or not used.told:
+    if used is None or not used.effective:
         raise ValueError(f"{called(sdo(index, COB_ID))} gives no COB-ID")
     base, node = _cob_id(sheet, index)
     objects = [_object(sheet, number, entry, index >= SENT) for number, entry in enumerate(entries, 1)]
@@ -478,7 +478,7 @@ def _pdo(sheet: DataSheet, index: int) -> Mapped | None:
     if twice := [address for number, address in enumerate(objects) if address in objects[:number]]:
         raise ValueError(f"holds {called(twice[0])} twice")
     transmission = WHEN_IT_WANTS
-    if TRANSMISSION_TYPE in communication and communication[TRANSMISSION_TYPE].told:
+    if TRANSMISSION_TYPE in communication and communication[TRANSMISSION_TYPE].effective:
         transmission = _number(sheet, sdo(index, TRANSMISSION_TYPE))
     if not 0 <= transmission <= WHEN_IT_WANTS:
         raise ValueError(f"its transmission type {transmission} is beyond 0 to {WHEN_IT_WANTS}")
@@ -488,7 +488,7 @@ def _pdo(sheet: DataSheet, index: int) -> Mapped | None:
 def _raw(sheet: DataSheet, address: int) -> tuple[bool, int]:
     """Whether an object's value counts from the node id, and the number. Raises ConfigError: it is none."""
     try:
-        relative, rest = split(sheet.entry(address).told)
+        relative, rest = split(sheet.entry(address).effective)
         return relative, whole(rest)
     except ValueError as error:
         raise ConfigError(f"{sheet.name}: {called(address)}: {error}") from None
@@ -510,7 +510,7 @@ def _cob_id(sheet: DataSheet, index: int) -> tuple[int, int]:
     entry = sheet.entry(address)
     relative, number = _raw(sheet, address)
     identifier = number & ~FLAGS
-    shown = entry.told[:40]
+    shown = entry.effective[:40]
     if number & EXTENDED:
         raise ValueError(f"its COB-ID {shown} has 29 bits; a map holds those of 11")
     if number < 0 or identifier > LARGEST:
@@ -534,14 +534,14 @@ def _cob_id(sheet: DataSheet, index: int) -> tuple[int, int]:
 def _entries(sheet: DataSheet, mapping: int) -> list[int]:
     """The mapped objects of a PDO, each with its number of bits. Raises ConfigError, ValueError: they are not known."""
     subs = sheet.objects.get(mapping, {})
-    if 0 not in subs or not subs[0].told:
-        if any(entry.told.strip("0xX") for sub, entry in subs.items() if sub):
+    if 0 not in subs or not subs[0].effective:
+        if any(entry.effective.strip("0xX") for sub, entry in subs.items() if sub):
             raise ValueError(f"{called(sdo(mapping))} gives no number of mapped objects")
         return []
     count = _number(sheet, sdo(mapping))
     if count in MULTIPLEXED:
         raise ValueError(f"{called(sdo(mapping))} = {count}: it is a multiplexed PDO, which a map cannot hold")
-    while count in subs and count and subs[count].compact and not subs[count].told.strip("0xX"):
+    while count in subs and count and subs[count].compact and not subs[count].effective.strip("0xX"):
         count -= 1  # such a list has a place for every object that there can be
     if not 0 <= count <= MOST_MAPPED:
         raise ValueError(f"{called(sdo(mapping))} = {count}: a PDO holds {MOST_MAPPED} objects at most")

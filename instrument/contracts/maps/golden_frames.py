@@ -14,7 +14,7 @@ from typing import Any
 
 from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.contracts.maps import frames
-from palpate.instrument.contracts.maps.map_file import Frame, Message
+from palpate.instrument.contracts.maps.map_file import GoldenFrame, WireMessage
 from palpate.instrument.errors import ConfigError, PalpateError, RangeError, UnknownName, named
 
 TOLERANCE = {"float32": 2.0**-22}  # relative; of other types a few roundings of a float64
@@ -36,7 +36,7 @@ class Proof:
     problems: tuple[str, ...]
 
 
-def prove(contract: Contract, frames: Sequence[Frame]) -> Proof:
+def prove(contract: Contract, frames: Sequence[GoldenFrame]) -> Proof:
     """Prove a contract by frames: each is what our driver sends, and what it holds is decoded and encoded alike."""
     proved: dict[str, str] = {}
     problems: list[str] = []
@@ -56,7 +56,7 @@ def prove(contract: Contract, frames: Sequence[Frame]) -> Proof:
     return Proof(proved, without, tuple(problems))
 
 
-def _checked(contract: Contract, frame: Frame) -> Iterator[str]:
+def _checked(contract: Contract, frame: GoldenFrame) -> Iterator[str]:
     """The fields that a frame proves. Raises ConfigError: it does not fit."""
     values = _numbers(contract, frame)
     beside = {name: value for name, value in values.items() if not isinstance(value, str)} | frame.table.beside
@@ -73,7 +73,7 @@ def _checked(contract: Contract, frame: Frame) -> Iterator[str]:
             yield name
 
 
-def _numbers(contract: Contract, frame: Frame) -> dict[str, float | str]:
+def _numbers(contract: Contract, frame: GoldenFrame) -> dict[str, float | str]:
     """Physical value of each field of a frame; of a text field its text. Raises ConfigError, UnknownName."""
     given: dict[str, Any] = dict(frame.table.values)
     names = frame.names
@@ -146,7 +146,7 @@ def _shown(value: float | str) -> str:
     return repr(value) if isinstance(value, str) else f"{value:.12g}"
 
 
-def _only(frame: Frame, which: str, messages: Sequence[Message], can: bool) -> Sequence[Message]:
+def _only(frame: GoldenFrame, which: str, messages: Sequence[WireMessage], can: bool) -> Sequence[WireMessage]:
     """The messages. Raises ConfigError: there is none, or one is not of this bus."""
     if not messages:
         raise ConfigError(f"has no {which}; give it")
@@ -156,7 +156,7 @@ def _only(frame: Frame, which: str, messages: Sequence[Message], can: bool) -> S
     return messages
 
 
-def _modbus(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapping[str, bytes]:
+def _modbus(contract: Contract, frame: GoldenFrame, data: Mapping[str, bytes]) -> Mapping[str, bytes]:
     """The bytes of each field of a frame. Raises ConfigError: it is not what our driver sends, or no reply to that."""
     request = _only(frame, "request", frame.table.request, can=False)[0].data
     unit, pdu = _split("request", request)
@@ -165,20 +165,20 @@ def _modbus(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapp
     head = len(pdu) if reading else frames.head_of(wanted)
     if len(pdu) != len(wanted) or pdu[:head] != wanted[:head]:
         raise ConfigError(
-            f"{', '.join(data)}: request {Message(request)}, our driver sends "
-            f"{Message(frames.framed(unit, wanted))}{_elsewhere(contract, data, pdu[:head], wanted[:head])}"
+            f"{', '.join(data)}: request {WireMessage(request)}, our driver sends "
+            f"{WireMessage(frames.framed(unit, wanted))}{_elsewhere(contract, data, pdu[:head], wanted[:head])}"
         )
     if not frame.table.reply and not reading:
         return frames.held_by(contract, tuple(data), frames.written(pdu))
     reply = _only(frame, "reply", frame.table.reply, can=False)[0].data
     answering, answer = _split("reply", reply)
     if answering != unit:
-        raise ConfigError(f"reply {Message(reply)} is from unit {answering}, not from {unit}")
+        raise ConfigError(f"reply {WireMessage(reply)} is from unit {answering}, not from {unit}")
     if reading:
         return frames.held_by(contract, tuple(data), frames.replied(contract, tuple(data), answer))
     confirmed = frames.write_reply(pdu)
     if answer != confirmed and not frames.is_refusal(pdu, answer):
-        raise ConfigError(f"reply {Message(reply)}, must be {Message(frames.framed(unit, confirmed))}")
+        raise ConfigError(f"reply {WireMessage(reply)}, must be {WireMessage(frames.framed(unit, confirmed))}")
     return frames.held_by(contract, tuple(data), frames.written(pdu))
 
 
@@ -195,10 +195,10 @@ def _split(which: str, frame: bytes) -> tuple[int, bytes]:
     try:
         return frames.split(frame)
     except ConfigError as error:
-        raise ConfigError(f"{which} {Message(frame)} {error}") from None
+        raise ConfigError(f"{which} {WireMessage(frame)} {error}") from None
 
 
-def _sdo(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapping[str, bytes]:
+def _sdo(contract: Contract, frame: GoldenFrame, data: Mapping[str, bytes]) -> Mapping[str, bytes]:
     """As `_modbus`, for an SDO transfer."""
     if len(data) != 1:
         raise ConfigError(f"is about {', '.join(data)}; a transfer reads or writes one object")
@@ -221,7 +221,7 @@ def _sdo(contract: Contract, frame: Frame, data: Mapping[str, bytes]) -> Mapping
     return {name: held}
 
 
-def _same_frames(name: str, which: str, given: Sequence[Message], wanted: Sequence[bytes], cob_id: int) -> None:
+def _same_frames(name: str, which: str, given: Sequence[WireMessage], wanted: Sequence[bytes], cob_id: int) -> None:
     """Raises ConfigError: frames of a transfer are others than these."""
     same = len(given) == len(wanted) and all(
         each.cob_id == cob_id and frames.alike(each.data, data) for each, data in zip(given, wanted, strict=True)
@@ -229,11 +229,11 @@ def _same_frames(name: str, which: str, given: Sequence[Message], wanted: Sequen
     if not same:
         raise ConfigError(
             f"{name}: {which} {', '.join(map(str, given))}; must be "
-            + ", ".join(str(Message(data, cob_id)) for data in wanted)
+            + ", ".join(str(WireMessage(data, cob_id)) for data in wanted)
         )
 
 
-def _pdo(contract: Contract, frame: Frame) -> Mapping[str, bytes]:
+def _pdo(contract: Contract, frame: GoldenFrame) -> Mapping[str, bytes]:
     """The bytes of each field of a PDO. Raises ConfigError: the frame cannot be that PDO of any node."""
     sends = frame.does == "sends"
     pdo = (contract.sent if sends else contract.taken)(frame.names[0])
@@ -309,21 +309,21 @@ def _example_number(f: Field) -> float:
     return f.scale * round((low + SHARE * (high - low) - f.offset) / f.scale) + f.offset
 
 
-def _exchange(contract: Contract, f: Field, data: bytes, reading: bool) -> tuple[list[Message], list[Message]]:
+def _exchange(contract: Contract, f: Field, data: bytes, reading: bool) -> tuple[list[WireMessage], list[WireMessage]]:
     if contract.bus == "canopen":
         asked, told = (frames.upload if reading else frames.download)(f, data)
         return (
-            [Message(each, frames.REQUESTS + UNIT) for each in asked],
-            [Message(each, frames.ANSWERS + UNIT) for each in told],
+            [WireMessage(each, frames.REQUESTS + UNIT) for each in asked],
+            [WireMessage(each, frames.ANSWERS + UNIT) for each in told],
         )
     held = {f.name: data}
     asking = frames.read_request(contract, held) if reading else frames.write_request(contract, held)
     answer = frames.read_reply(contract, held) if reading else frames.write_reply(asking)
     unit = max(UNIT, contract.manners.units[0]) if contract.manners.units[1] else 0
-    return [Message(frames.framed(unit, asking))], [Message(frames.framed(unit, answer))]
+    return [WireMessage(frames.framed(unit, asking))], [WireMessage(frames.framed(unit, answer))]
 
 
-def _texts(messages: list[Message]) -> str:
+def _texts(messages: list[WireMessage]) -> str:
     texts = [f'"{message}"' for message in messages]
     return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
 

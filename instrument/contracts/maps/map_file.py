@@ -120,7 +120,7 @@ Number = Annotated[float, Key(strict=True, allow_inf_nan=True)]
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class WireMessage:
     """A message on the wire: a frame of Modbus RTU with its CRC, or the data of a CAN frame with its COB-ID."""
 
     data: bytes
@@ -131,12 +131,12 @@ class Message:
         return text if self.cob_id is None else f"{self.cob_id:03X}: {text}"
 
 
-def _message(text: str) -> Message:
+def _message(text: str) -> WireMessage:
     """Raises ValueError: the text is no message."""
     text = text.replace(",", " ")  # as some manuals print them
     found = CAN.fullmatch(text.strip())
     try:
-        return Message(bytes.fromhex(found[2]), int(found[1], 16)) if found else Message(bytes.fromhex(text))
+        return WireMessage(bytes.fromhex(found[2]), int(found[1], 16)) if found else WireMessage(bytes.fromhex(text))
     except ValueError:
         raise ValueError(
             f'{text!r} is no message; give bytes as "01 03 00 00", or of a CAN frame "601: 40 30"'
@@ -163,8 +163,8 @@ class FrameTable(Config):
     """A table `[[frame]]` of a map file."""
 
     says: Annotated[str, AfterValidator(_says)]
-    request: Annotated[tuple[Message, ...], BeforeValidator(_messages)] = ()
-    reply: Annotated[tuple[Message, ...], BeforeValidator(_messages)] = ()
+    request: Annotated[tuple[WireMessage, ...], BeforeValidator(_messages)] = ()
+    reply: Annotated[tuple[WireMessage, ...], BeforeValidator(_messages)] = ()
     values: dict[str, Number | str | tuple[str, ...]] = Key(
         default_factory=dict
     )  # of the fields; of a status word its bits by name
@@ -174,7 +174,7 @@ class FrameTable(Config):
 
 
 @dataclass(frozen=True)
-class Frame:
+class GoldenFrame:
     """A golden frame.
 
     Attributes:
@@ -193,11 +193,11 @@ class Frame:
         return f"frame {self.number} ({self.table.says})"
 
 
-def frame_of(number: int, table: FrameTable) -> Frame:
+def frame_of(number: int, table: FrameTable) -> GoldenFrame:
     """The frame of a checked table."""
     found = DOES.fullmatch(table.says)
     assert found is not None
-    return Frame(number, found[1], tuple(name.strip() for name in found[2].split(",")), table)
+    return GoldenFrame(number, found[1], tuple(name.strip() for name in found[2].split(",")), table)
 
 
 # --- the file --------------------------------------------------------------------------------------------
@@ -225,7 +225,7 @@ class DeviceTable(Config):
     serial: str = ""
 
 
-class Line(Config):
+class LineTable(Config):
     """The table `[line]`: settings of the device's serial line or CAN bus, as it leaves the factory."""
 
     baudrate: Baudrate | None = None
@@ -249,7 +249,7 @@ class MapFile(Config):
     file: ClassVar[str] = "map"
 
     device: DeviceTable
-    line: Line = Line()
+    line: LineTable = LineTable()
     eds: Sheet | None = None
     manners: dict[str, Any] = Key(default_factory=dict)  # keys of each table: see `MANNERS` and its like
     mark: tuple[dict[str, Any], ...] = ()
@@ -281,9 +281,9 @@ class DeviceMap:
     sha256: str
     contract: Contract
     links: tuple[Link, ...]
-    line: Line
+    line: LineTable
     roles: Mapping[str, Mapping[str, Any]]
-    frames: tuple[Frame, ...]
+    frames: tuple[GoldenFrame, ...]
     documents: tuple[str, ...]
     eds: Sheet | None = None
 
@@ -390,7 +390,7 @@ class _Reader:
             self._problems.append(text if text.startswith(self._where) else f"{self._where}: {text}")
             return None
 
-    def frames(self, listed: Sequence[Mapping[str, Any]]) -> Iterator[Frame]:
+    def frames(self, listed: Sequence[Mapping[str, Any]]) -> Iterator[GoldenFrame]:
         """The frames, numbered as in the file."""
         for number, table in enumerate(listed, 1):
             try:
@@ -398,7 +398,7 @@ class _Reader:
             except ConfigError as error:
                 self._problems.append(str(error))
 
-    def fits(self, device: DeviceTable, line: Line, manners: Manners) -> None:
+    def fits(self, device: DeviceTable, line: LineTable, manners: Manners) -> None:
         """Check that links, line and manners are those of its bus."""
         links = [link for link in get_args(Link) if (link == "canopen") == (device.bus == "canopen")]
         if wrong := [link for link in device.links if link not in links] or _twice(device.links):

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from palpate.instrument.models.axisymmetric.mesh import (
     AXIAL,
     RADIAL,
-    Body,
+    AxisymmetricBody,
+    BodyElements,
     Grid,
-    Part,
     compliance_of,
     constants,
     grid,
@@ -34,7 +34,7 @@ from palpate.instrument.models.axisymmetric.mesh import (
     within,
 )
 from palpate.instrument.models.finite_elements import elements as el
-from palpate.instrument.models.finite_elements.elimination import Condensed, Mesh, condense, extrapolated
+from palpate.instrument.models.finite_elements.elimination import Condensed, ElementSystem, condense, extrapolated
 from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.poles import Curve, Sensor, capacitance, charge, curve
 from palpate.instrument.models.finite_elements.work import single
@@ -51,7 +51,7 @@ POINTS = 5  # number of points along a side of an element
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class DisplacementField:
     """Displacements of a body on a grid of points, for a total force of 1 N.
 
     Attributes:
@@ -101,8 +101,8 @@ class OnMesh:
 
     parameters: RoundParameters
     mesh: Grid
-    r: el.Line
-    parts: dict[str, Part]
+    r: el.LineIntegrals
+    parts: dict[str, BodyElements]
     displacements: Array
     internal: Array
 
@@ -111,13 +111,13 @@ class OnMesh:
         return 2 * math.pi * on(self.internal, self.parts[body])
 
 
-def on(local: NDArray[Number], part: Part) -> NDArray[Number]:
+def on(local: NDArray[Number], part: BodyElements) -> NDArray[Number]:
     """Element vectors of a body as (columns, rows, axis, radial shape, axial shape)."""
     shapes = math.isqrt(local.shape[1] // 2)
     return local[part.elements].reshape(len(part.columns), len(part.rows), 2, shapes, shapes)
 
 
-def displacements(at: OnMesh) -> dict[str, Field]:
+def displacements(at: OnMesh) -> dict[str, DisplacementField]:
     """Displacement field of every body, by its name."""
     points = np.linspace(0, 1, POINTS)
     shapes, _ = el.shape_functions(at.r.dofs.shape[1] - 1, points)
@@ -132,7 +132,7 @@ def displacements(at: OnMesh) -> dict[str, Field]:
             along(at.mesh.radii, part.columns), along(at.mesh.heights, part.rows), indexing="ij"
         )
         radial, axial = sampled.reshape(2, *radius.shape)
-        found[name] = Field(radius, height, radial, axial)
+        found[name] = DisplacementField(radius, height, radial, axial)
     return found
 
 
@@ -188,7 +188,7 @@ def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tu
 # --- loads on the elements, and forces, stresses and charges that follow from a solution -----------------
 
 
-def pressing(r: el.Line, part: Part) -> Array:
+def pressing(r: el.LineIntegrals, part: BodyElements) -> Array:
     """Forces of 1 N, spread evenly over the top of the object, per radian: (elements of the object, n)."""
     shapes = r.dofs.shape[1]
     load = np.zeros((len(part.columns), len(part.rows), 2, shapes, shapes))
@@ -197,7 +197,7 @@ def pressing(r: el.Line, part: Part) -> Array:
     return load.reshape(len(part), -1)
 
 
-def charging(r: el.Line, z: el.Line, part: Part) -> Array:
+def charging(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> Array:
     """Forces of a film under 1 V, against its voltage, per radian: (elements of the film, n)."""
     assert part.body.film is not None
     low, high = part.body.heights
@@ -224,7 +224,7 @@ def over_tooth(at: OnMesh) -> float:
     return float(below(at, "object")[within(at.parameters.tooth_radius, at.mesh, at.r)[vertices]].sum())
 
 
-def stresses(at: OnMesh, body: Body) -> tuple[float, float]:
+def stresses(at: OnMesh, body: AxisymmetricBody) -> tuple[float, float]:
     """Mean stresses [Pa] in the plane and along the axis, by virtual work of the displacements r and z."""
     mesh, part, forces = at.mesh, at.parts[body.name], at.forces(body.name)
     radius = np.stack([mesh.radii[part.columns], mesh.radii[part.columns + 1]], axis=1)
@@ -234,20 +234,20 @@ def stresses(at: OnMesh, body: Body) -> tuple[float, float]:
     return float(plane) / body.volume / 2, float(normal) / body.volume
 
 
-def charge_of(at: OnMesh, body: Body) -> float:
+def charge_of(at: OnMesh, body: AxisymmetricBody) -> float:
     """Charge that leaves a short-circuited film [C]."""
     assert body.film is not None
     plane, normal = stresses(at, body)
     return charge(body.film, body.area, plane, plane, normal)
 
 
-def capacitance_of(body: Body) -> float:
+def capacitance_of(body: AxisymmetricBody) -> float:
     """Capacitance of a film [F]."""
     assert body.film is not None
     return capacitance(body.film, body.area, body.heights[1] - body.heights[0])
 
 
-def stressing(r: el.Line, z: el.Line, part: Part) -> tuple[Array, Array]:
+def stressing(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> tuple[Array, Array]:
     """Forces (elements of the film, n) per radian whose work is what strains add to the film's mean stresses.
 
     These are the stress in the plane and that along the axis.
@@ -257,7 +257,7 @@ def stressing(r: el.Line, z: el.Line, part: Part) -> tuple[Array, Array]:
     return plane, el.polarised(r, z, part.columns, part.rows, c.c13 / volume, c.c33 / volume)
 
 
-def stress_by_voltage(body: Body) -> tuple[float, float]:
+def stress_by_voltage(body: AxisymmetricBody) -> tuple[float, float]:
     """What 1 V across a film adds to its mean stresses in the plane and along the axis [Pa/V]."""
     assert body.film is not None
     _, stress, _ = body.film.stiff()
@@ -349,13 +349,13 @@ class _Side:
         forces: parts, each with forces on its elements.
     """
 
-    r: el.Line
-    z: el.Line
-    parts: Sequence[Part]
+    r: el.LineIntegrals
+    z: el.LineIntegrals
+    parts: Sequence[BodyElements]
     unknowns: Indices
     size: int
     mixed: bool
-    forces: Sequence[tuple[Part, Array]]
+    forces: Sequence[tuple[BodyElements, Array]]
 
     @property
     def touched(self) -> NDArray[np.bool_]:
@@ -379,7 +379,7 @@ class _Side:
         def condensed_at(added: float) -> Condensed:
             matrices = self._matrices(added)
             return condense(
-                Mesh(
+                ElementSystem(
                     unknowns=np.concatenate([numbers[self.unknowns[part.elements]] for part in self.parts]),
                     coordinates=np.concatenate([np.stack([x.ravel(), y.ravel()], axis=1) for x, y in places]),
                     matrices=lambda elements: matrices[elements],

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric.curves import (
+    DisplacementField,
     FacePressure,
-    Field,
     OnMesh,
     below,
     capacitance_of,
@@ -29,8 +29,8 @@ from palpate.instrument.models.axisymmetric.curves import (
     pressing,
     stresses,
 )
-from palpate.instrument.models.axisymmetric.mesh import Part, assemble, grid, keeps_pressure, number, parts
-from palpate.instrument.models.axisymmetric.model import Film, resolution_of
+from palpate.instrument.models.axisymmetric.mesh import BodyElements, assemble, grid, keeps_pressure, number, parts
+from palpate.instrument.models.axisymmetric.model import FilmStresses, resolution_of
 from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.poles import Circuits
 from palpate.instrument.models.finite_elements.solving import Elements
@@ -64,14 +64,14 @@ class DirectSolution:
     tooth_force_below: float
     ring_force: float
     base_force: float
-    films: dict[str, Film]
+    films: dict[str, FilmStresses]
     unknowns: int
     residual: float
     seconds: tuple[float, float, float]
     on_mesh: OnMesh
 
     @functools.cached_property
-    def fields(self) -> dict[str, Field]:
+    def fields(self) -> dict[str, DisplacementField]:
         """Displacement field of each body by its name."""
         return displacements(self.on_mesh)
 
@@ -128,7 +128,7 @@ def solve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     return _evaluate(found, polarised, elements, solved[0].residual, (start, built, done))
 
 
-def _everywhere(elements: Elements, part: Part, forces: Array) -> Array:
+def _everywhere(elements: Elements, part: BodyElements, forces: Array) -> Array:
     """Forces (elements, n) that act on one part alone."""
     found = np.zeros(elements.unknowns.shape)
     found[part.elements] = forces
@@ -161,10 +161,10 @@ def _evaluate(
     at = replace(pressed, displacements=displacements, internal=internal)
     above = over_tooth(at)
     ring = float(below(at, "ring").sum())
-    felt: dict[str, Film] = {}
+    felt: dict[str, FilmStresses] = {}
     for name, body, voltage in zip(("tooth", "base"), films, voltages.tolist(), strict=False):
         plane, normal = stresses(at, body)
-        felt[name] = Film(float(below(at, body.name).sum()), plane, normal, voltage, shorted[body.name])
+        felt[name] = FilmStresses(float(below(at, body.name).sum()), plane, normal, voltage, shorted[body.name])
     tooth, base = (felt["tooth"].force, felt["base"].force) if felt else (above, above + ring)
     return DirectSolution(
         force_ratio=above if counts_above(at.parameters) else tooth,

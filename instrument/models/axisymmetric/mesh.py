@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.finite_elements import elements as el
-from palpate.instrument.models.finite_elements.elements import Line
+from palpate.instrument.models.finite_elements.elements import LineIntegrals
 from palpate.instrument.models.finite_elements.solving import Elements
 from palpate.instrument.models.finite_elements.work import Each
 from palpate.instrument.models.parameters import CLOSED, RoundParameters
@@ -32,7 +32,7 @@ Corner = tuple[float, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class AxisymmetricBody:
     """A rectangle of one material: radii and heights [m], and the sheet to which its nodes belong.
 
     Bodies of one sheet share the nodes of their common edges. Sheets are joined only where the model says so, so that a
@@ -67,7 +67,7 @@ class Body:
 class Grid:
     """Bodies and the grid lines that cut them: radii and heights [m], ascending."""
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[AxisymmetricBody, ...]
     radii: Array
     heights: Array
     face: float
@@ -84,8 +84,8 @@ def grid(parameters: RoundParameters, layers: int) -> Grid:
     face = seat + p.sensor_height
     top = face + p.sensed_thickness
     bodies = [
-        Body("object", "object", (0.0, p.sensed_radius), (face, top), p.sensed_modulus, p.sensed_poisson),
-        Body(
+        AxisymmetricBody("object", "object", (0.0, p.sensed_radius), (face, top), p.sensed_modulus, p.sensed_poisson),
+        AxisymmetricBody(
             "ring",
             "ring",
             (p.ring_inner_radius, p.ring_outer_radius),
@@ -100,11 +100,11 @@ def grid(parameters: RoundParameters, layers: int) -> Grid:
         film, plexiglas = (pvdf.modulus, pvdf.poisson, pvdf), (p.plate_modulus, p.plate_poisson)
         heights = [(float(low), float(high)) for low, high in pairwise(levels)]
         bodies += [
-            Body("tooth", "tooth", tooth, (seat, face), p.tooth_modulus, p.tooth_poisson),
-            Body("tooth film", "tooth", tooth, (base, seat), *film),
-            Body("upper plate", "base", plate, heights[2], *plexiglas),
-            Body("base film", "base", plate, heights[1], *film),
-            Body("lower plate", "base", plate, heights[0], *plexiglas),
+            AxisymmetricBody("tooth", "tooth", tooth, (seat, face), p.tooth_modulus, p.tooth_poisson),
+            AxisymmetricBody("tooth film", "tooth", tooth, (base, seat), *film),
+            AxisymmetricBody("upper plate", "base", plate, heights[2], *plexiglas),
+            AxisymmetricBody("base film", "base", plate, heights[1], *film),
+            AxisymmetricBody("lower plate", "base", plate, heights[0], *plexiglas),
         ]
     return Grid(tuple(bodies), _radii(p, layers), _heights(p, layers, levels, base, seat, face), face, base)
 
@@ -201,10 +201,10 @@ WHOLE = 2500  # least number of shared unknowns for two threads; for fewer, they
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class BodyElements:
     """Elements of one body: their slice of all elements, and their columns and rows of the grid."""
 
-    body: Body
+    body: AxisymmetricBody
     elements: slice
     columns: Indices
     rows: Indices
@@ -226,18 +226,20 @@ class Numbering:
     seam: int
 
 
-def parts(mesh: Grid) -> list[Part]:
+def parts(mesh: Grid) -> list[BodyElements]:
     """Elements of each body, ordered by radius and then by height."""
     found, start = [], 0
     for body in mesh.bodies:
         columns, rows = inside(mesh.radii, body.radii), inside(mesh.heights, body.heights)
         count = len(columns) * len(rows)
-        found.append(Part(body, slice(start, start + count), columns, rows))
+        found.append(BodyElements(body, slice(start, start + count), columns, rows))
         start += count
     return found
 
 
-def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: list[Part]) -> Numbering:
+def number(
+    parameters: RoundParameters, mesh: Grid, r: LineIntegrals, z: LineIntegrals, bodies: list[BodyElements]
+) -> Numbering:
     """Number the unknowns: shared ones first, in the order of elimination, then those inside elements.
 
     Fixed unknowns have the number `size`.
@@ -262,7 +264,7 @@ def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: li
     return Numbering(unknowns, size, shared, inner, subdomain, int(subdomain.max()) + 1, seam)
 
 
-def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -> tuple[Indices, Indices, int]:
+def _dissection(mesh: Grid, bodies: list[BodyElements], unknowns: Indices, count: int) -> tuple[Indices, Indices, int]:
     """Order of the elements' unknowns (elements, m) below `count` by nested dissection (George 1973).
 
     The grid is halved by its rows and by its columns in turn. Unknowns in both halves come after those in one half.
@@ -289,18 +291,18 @@ def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -
     return order, path >> first_halving, int(np.count_nonzero(apart <= first_halving))
 
 
-def within(radius: float, mesh: Grid, r: Line) -> NDArray[np.bool_]:
+def within(radius: float, mesh: Grid, r: LineIntegrals) -> NDArray[np.bool_]:
     """Whether each shape function of the radial line, by its number, belongs to an interval within `radius` [m]."""
     return _shapes(mesh, r, (0.0, radius))
 
 
-def _shapes(mesh: Grid, r: Line, radii: tuple[float, float]) -> NDArray[np.bool_]:
+def _shapes(mesh: Grid, r: LineIntegrals, radii: tuple[float, float]) -> NDArray[np.bool_]:
     found = np.zeros(r.dofs.max() + 1, dtype=bool)
     found[r.dofs[inside(mesh.radii, radii)]] = True
     return found
 
 
-def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part) -> Indices:
+def _names(parameters: RoundParameters, mesh: Grid, r: LineIntegrals, z: LineIntegrals, part: BodyElements) -> Indices:
     """A name, an integer, for each unknown (elements, 2 (p + 1)^2): joined unknowns share it, fixed ones have -1."""
     # Axes: column, row, axis, radial shape, axial shape. Vertices have the numbers of their grid lines.
     radial, axial = r.dofs[part.columns][:, None, None, :, None], z.dofs[part.rows][None, :, None, None, :]
@@ -346,7 +348,12 @@ LEAST_COMPLIANCE = 1e-4
 
 
 def assemble(
-    numbering: Numbering, r: el.Line, z: el.Line, bodies: list[Part], keeping: list[Part], each: Each
+    numbering: Numbering,
+    r: el.LineIntegrals,
+    z: el.LineIntegrals,
+    bodies: list[BodyElements],
+    keeping: list[BodyElements],
+    each: Each,
 ) -> Elements:
     """Element matrices of all bodies, per radian.
 
@@ -366,7 +373,7 @@ def assemble(
 
     kept = [part.body for part in keeping]
 
-    def filled(share: list[Part]) -> None:
+    def filled(share: list[BodyElements]) -> None:
         for part in share:
             fill(part.columns, part.rows, constants(part.body, part.body in kept), out=stiffness[part.elements])
 
@@ -394,7 +401,7 @@ def assemble(
     )
 
 
-def constants(body: Body, mixed: bool) -> el.Constants:
+def constants(body: AxisymmetricBody, mixed: bool) -> el.Constants:
     """Stiffness of the body's material; without the dilatation where the pressure is an unknown."""
     if body.film is not None:
         c, _, _ = body.film.stiff()
@@ -403,7 +410,7 @@ def constants(body: Body, mixed: bool) -> el.Constants:
     return el.Constants.isotropic(shear, 0.0 if mixed else 2 * shear * nu / (1 - 2 * nu))
 
 
-def keeps_pressure(body: Body) -> bool:
+def keeps_pressure(body: AxisymmetricBody) -> bool:
     """Whether a body keeps its pressure as an unknown, whatever its modulus.
 
     A nearly incompressible body would lock without it. Rubber that hard bodies press errs several times less with it.
@@ -411,11 +418,11 @@ def keeps_pressure(body: Body) -> bool:
     return body.film is None and body.poisson >= (RUBBER_MIXED_POISSON if body.name in RUBBER else MIXED_POISSON)
 
 
-def compliance_of(body: Body) -> float:
+def compliance_of(body: AxisymmetricBody) -> float:
     """Compliance 1/λ of a body's dilatation over that of its shear, 1/G."""
     return (1 - 2 * body.poisson) / (2 * body.poisson)
 
 
-def keeps_volume(body: Body) -> bool:
+def keeps_volume(body: AxisymmetricBody) -> bool:
     """Whether a body's compliance is too small to eliminate its pressures with."""
     return keeps_pressure(body) and compliance_of(body) < LEAST_COMPLIANCE

@@ -48,7 +48,7 @@ LENGTHS = (*SHARED_LENGTHS, "sensed_radius", "plate_radius")
 
 
 @dataclass(frozen=True, slots=True)
-class Film:
+class FilmStresses:
     """An open film: its force [N], and its mean stresses [Pa] along radius and circumference together, and axis.
 
     Attributes:
@@ -78,7 +78,7 @@ class Solution:
     """
 
     force_ratio: float
-    films: dict[str, Film]
+    films: dict[str, FilmStresses]
 
 
 def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[Solution, float]:
@@ -210,6 +210,6 @@ def read(of: Curve, moduli: Array, voltage_errors: Array | None = None) -> list[
     solutions = []
     for ratio, volts, coulombs, pascals, error in zip(ratios, voltages, charges, stresses, errors, strict=True):
         each = zip((ratio, 1.0), pascals[::2], pascals[1::2], volts, coulombs, strict=False)
-        films = [Film(*film, error) for film in each]
+        films = [FilmStresses(*film, error) for film in each]
         solutions.append(Solution(ratio, dict(zip(FILMS, films, strict=False))))
     return solutions

@@ -26,7 +26,7 @@ Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LineIntegrals:
     """Integrals over the intervals of one line, with 1 for the first shape function: (intervals, p + 1, p + 1).
 
     Rows belong to the first factor named, columns to the second: φ shape function, d its derivative, w the
@@ -62,7 +62,7 @@ class Constants:
         return cls(2 * shear + lame, lame, lame, 2 * shear + lame, shear)
 
 
-def line(points: Array, degree: int, radial: bool) -> Line:
+def line(points: Array, degree: int, radial: bool) -> LineIntegrals:
     """Integrals on a line with grid lines `points` [m], weighted with the radius if `radial`."""
     gauss, weights, shapes, derivatives, tests = _reference(degree)
     count, width = len(points) - 1, np.diff(points)[:, None, None]
@@ -80,7 +80,7 @@ def line(points: Array, degree: int, radial: bool) -> Line:
         return matrices
 
     orthonormal = np.linalg.inv(np.linalg.cholesky(integrals(tests, tests))) @ tests
-    return Line(
+    return LineIntegrals(
         dofs=np.concatenate([first, first + 1, inner], axis=1).astype(np.intp, copy=False),
         positions=points,
         value_value=integrals(shapes, shapes),
@@ -136,7 +136,7 @@ class Stiffness:
     fastest; `differences` gives them.
     """
 
-    def __init__(self, r: Line, z: Line) -> None:
+    def __init__(self, r: LineIntegrals, z: LineIntegrals) -> None:
         # These are computed once for all bodies: on coarse grids they take longer than the products.
         radial = [r.slope_slope + r.hoop, r.value_value, r.slope_slope, r.slope_value.transpose(0, 2, 1)]
         radial += [r.dilatation_dilatation, r.dilatation_value]
@@ -164,14 +164,16 @@ class Stiffness:
         return out
 
 
-def dilatation(r: Line, z: Line, columns: Indices, rows: Indices) -> Array:
+def dilatation(r: LineIntegrals, z: LineIntegrals, columns: Indices, rows: Indices) -> Array:
     """Projected dilatation (elements, (p - 1)^2, 2 (p + 1)^2) of the elements in `columns` x `rows`."""
     pairs = product(r.dilatation[columns], z.value[rows]), product(r.value[columns], z.dilatation[rows])
     both = np.concatenate(pairs, axis=3)
     return both.reshape(-1, *both.shape[2:])
 
 
-def polarised(r: Line, z: Line, columns: Indices, rows: Indices, plane: float, normal: float) -> Array:
+def polarised(
+    r: LineIntegrals, z: LineIntegrals, columns: Indices, rows: Indices, plane: float, normal: float
+) -> Array:
     """Integral of `plane` times the strain in the plane (both directions added) and `normal` times that along the axis.
 
     Returns:

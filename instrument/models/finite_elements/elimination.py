@@ -71,7 +71,7 @@ class Front:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class EliminationOrder:
     """Order of elimination.
 
     Attributes:
@@ -114,7 +114,7 @@ def numbers(runs: Indices) -> Indices:
     return np.concatenate([np.arange(low, high) for low, high in runs] or [np.empty(0, dtype=np.intp)])
 
 
-def dissected(unknowns: Indices, coordinates: Array, kept: NDArray[np.bool_]) -> Order:
+def dissected(unknowns: Indices, coordinates: Array, kept: NDArray[np.bool_]) -> EliminationOrder:
     """Order of elimination of all unknowns that are not kept.
 
     Args:
@@ -234,7 +234,7 @@ def _cut(groups: _Groups, coordinates: Array, of: Indices) -> tuple[Indices, Ind
     return of[best[0]], of[best[1]]
 
 
-def _numbered(groups: _Groups, elements: Indices, nodes: list[tuple[int, int, tuple[int, ...]]]) -> Order:
+def _numbered(groups: _Groups, elements: Indices, nodes: list[tuple[int, int, tuple[int, ...]]]) -> EliminationOrder:
     """New numbers rise with the front that eliminates, then with the first element: so neighbours stay together."""
     count = len(groups.sizes)
     members, places = groups.of(elements)
@@ -271,7 +271,7 @@ def _numbered(groups: _Groups, elements: Indices, nodes: list[tuple[int, int, tu
         ends = np.append(breaks, len(rest)) if len(rest) else breaks
         runs = np.stack([low[np.append(0, breaks)[: len(ends)]], high[ends - 1]], axis=1)
         fronts.append(Front(start, stop, halves, int(starts[number]), eliminated[number], runs))
-    return Order(elements, rank, inside, fronts)
+    return EliminationOrder(elements, rank, inside, fronts)
 
 
 # --- dense algebra during which other threads of Python go on --------------------------------------------
@@ -398,7 +398,7 @@ BLOCK = 256  # rows
 
 
 @dataclass(frozen=True, slots=True)
-class Mesh:
+class ElementSystem:
     """Elements whose matrices are to be added.
 
     Attributes:
@@ -435,7 +435,7 @@ class Condensed:
     inside: Callable[[Array, Array], Array] | None = None
 
 
-def condense(mesh: Mesh, remembers: bool = False) -> Condensed:
+def condense(mesh: ElementSystem, remembers: bool = False) -> Condensed:
     """Eliminate all unknowns that are not kept.
 
     Args:
@@ -472,12 +472,12 @@ def _mirror(matrix: Array) -> None:
         own[:] = np.tril(own) + np.tril(own, -1).T
 
 
-def cost_of(mesh: Mesh) -> Cost:
+def cost_of(mesh: ElementSystem) -> Cost:
     """The cost of `condense`; of the loads only their number counts, and no matrix is made."""
     return _cost(dissected(mesh.unknowns, mesh.coordinates, mesh.kept), mesh)
 
 
-def _cost(order: Order, mesh: Mesh, remembers: bool = False) -> Cost:
+def _cost(order: EliminationOrder, mesh: ElementSystem, remembers: bool = False) -> Cost:
     """The cost of an elimination by its order; `remembers`: the factors are kept."""
     count, size = mesh.unknowns.shape
     own = order.inside / count  # unknowns inside an element, on average
@@ -511,7 +511,7 @@ class _Elimination:
     unknowns and, negative, the work.
     """
 
-    def __init__(self, mesh: Mesh, order: Order, remembers: bool) -> None:
+    def __init__(self, mesh: ElementSystem, order: EliminationOrder, remembers: bool) -> None:
         self._mesh, self._order, self._remembers = mesh, order, remembers
         self._remembered: list[_Remembered] = []
         unknowns = mesh.unknowns[order.elements]

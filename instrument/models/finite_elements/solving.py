@@ -288,7 +288,7 @@ EASINGS = (1.0, 30.0, 1000.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Solved:
+class ElementSolution:
     """Displacement (size + 1,), its last entry zero; forces on nodes (elements, n); residual over its terms."""
 
     displacement: Array
@@ -296,7 +296,7 @@ class Solved:
     residual: float
 
 
-def solve(elements: Elements, loads: Sequence[Array], each: Each) -> list[Solved]:
+def solve(elements: Elements, loads: Sequence[Array], each: Each) -> list[ElementSolution]:
     """Displacement and pressure under each load alone. The first must be solved to the last digit.
 
     Args:
@@ -307,7 +307,7 @@ def solve(elements: Elements, loads: Sequence[Array], each: Each) -> list[Solved
     Raises:
         EstimateError: the first source's residual stays above 1e-9 of its terms.
     """
-    tried: list[list[Solved]] = []
+    tried: list[list[ElementSolution]] = []
     before = None
     for easing in EASINGS:
         bounded = np.maximum(elements.compliance, easing * elements.bound)
@@ -327,7 +327,7 @@ def solve(elements: Elements, loads: Sequence[Array], each: Each) -> list[Solved
     return best
 
 
-def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised, each: Each) -> Solved:
+def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised, each: Each) -> ElementSolution:
     """Refine iteratively as long as steps gain a digit, until they no longer move anything.
 
     The residual alone does not tell the end: beside rubber it is down to rounding while a foil still moves.
@@ -362,7 +362,7 @@ def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised,
             break
         best = residual
         right = lacking(internal)
-    return Solved(displacement, nodal(internal), residual)
+    return ElementSolution(displacement, nodal(internal), residual)
 
 
 def _relative(remainder: Array, terms: float) -> float:

@@ -31,7 +31,7 @@ SWAPPED = [0, 3, 2, 1, 7, 6, 5, 4, 8]  # an element's points with its two direct
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class UnitCell:
     """One sensor's share of the plan: a rectangle around the tooth's axis. Lengths [m]."""
 
     half_length: float
@@ -42,7 +42,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class PlanMesh:
     """Mesh of the plan with labels of its elements.
 
     Attributes:
@@ -71,7 +71,9 @@ def graded(start: float, end: float, layers: int, ratio: float, towards: str) ->
     return start + (end - start) * steps if towards == "start" else (end - (end - start) * steps)[::-1]
 
 
-def plan_mesh(cell: Cell, quarters: dict[tuple[int, int], tuple[float, float, int]], resolution: Resolution) -> Plan:
+def plan_mesh(
+    cell: UnitCell, quarters: dict[tuple[int, int], tuple[float, float, int]], resolution: Resolution
+) -> PlanMesh:
     """Plan of some quarters of cells.
 
     Args:
@@ -101,7 +103,7 @@ def plan_mesh(cell: Cell, quarters: dict[tuple[int, int], tuple[float, float, in
         elements.append(nine)
         regions.append(blocks[1])
         cells.append(np.full(nine.shape[1], number, dtype=np.intp))
-    return Plan(
+    return PlanMesh(
         mesh=_biquadratic(np.array(points).T, np.concatenate(elements, axis=1)),
         region=np.concatenate(regions),
         cell=np.concatenate(cells),
@@ -118,7 +120,7 @@ def _biquadratic(points: Array, nine: NDArray[np.intp]) -> Mesh:
     return MeshQuad2(places, curved.t)
 
 
-def _quarter(cell: Cell, resolution: Resolution) -> tuple[Array, NDArray[np.intp], tuple[NDArray[np.intp], ...]]:
+def _quarter(cell: UnitCell, resolution: Resolution) -> tuple[Array, NDArray[np.intp], tuple[NDArray[np.intp], ...]]:
     """Points (2, n), layer of each point, and elements (9, m) with their regions, for x, y >= 0."""
     m, layers, ratio = resolution.sectors, resolution.layers, resolution.ratio
     core = 0.5 * cell.tooth_radius
@@ -219,7 +221,7 @@ class Elastic:
 
     @property
     def law(self) -> Array:
-        """Stress by the derivatives of displacements without the dilatation, as `Body.add_law` takes it [Pa]."""
+        """Stress by the derivatives of displacements without the dilatation, as `SolidBody.add_law` takes it [Pa]."""
         one = np.eye(3)
         law: Array = self.shear * (np.einsum("ab,de->adbe", one, one) + np.einsum("ae,bd->adbe", one, one))
         return law
@@ -333,7 +335,7 @@ class HeightElements:
         self.pressure = [(value[:, 0], slope[:, 0]) for value, slope in pairs]
 
 
-class Body:
+class SolidBody:
     """One part: a plan, a range of heights, and a material.
 
     Its elements are numbered along the height first, then along the plan. Element matrices have the unknowns
@@ -437,7 +439,7 @@ class Body:
         return joined.reshape(*joined.shape[:2], -1)
 
 
-def plan_basis(plan: Plan, degree: int) -> Any:
+def plan_basis(plan: PlanMesh, degree: int) -> Any:
     """Shape functions of a plan, of a degree."""
     return Basis(plan.mesh, ElementQuad2() if degree == 2 else ElementQuadP(degree), intorder=2 * degree + 2)
 

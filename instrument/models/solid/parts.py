@@ -17,13 +17,13 @@ from palpate.instrument.models.solid.mesh import (
     RING,
     SWAPPED,
     TOOTH,
-    Body,
-    Cell,
     Elastic,
     HeightElements,
     Names,
-    Plan,
     PlanElements,
+    PlanMesh,
+    SolidBody,
+    UnitCell,
     graded,
     plan_basis,
     plan_mesh,
@@ -39,11 +39,11 @@ LEAST_GAP = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SolidPart:
     """A body with the names of its unknowns, an array of the body's shape. Fixed unknowns are named HELD."""
 
     name: str
-    body: Body
+    body: SolidBody
     names: Names
 
     @property
@@ -53,10 +53,10 @@ class Part:
 
 
 # The part below this one, and the displacements that both share.
-Join = tuple[Part, tuple[int, ...]]
+Join = tuple[SolidPart, tuple[int, ...]]
 
 
-class Stack:
+class SolidStack:
     """All parts of one sensor, with one set of names for their unknowns.
 
     Attributes:
@@ -83,13 +83,13 @@ class Stack:
         self.one = np.where(corner | (resolution.degree == 2), 1.0, 0.0)
         self.places = np.stack([self.basis.project(lambda at, axis=axis: at[axis]) for axis in (0, 1)])
         self._plans: dict[bytes, PlanElements] = {}
-        self.parts: list[Part] = []
-        self.floor: list[Part] = []
-        self.base_films: list[Part] = []
+        self.parts: list[SolidPart] = []
+        self.floor: list[SolidPart] = []
+        self.base_films: list[SolidPart] = []
         self.unknowns = 0
         self._build()
 
-    def over_teeth(self, body: Body) -> NDArray[np.bool_]:
+    def over_teeth(self, body: SolidBody) -> NDArray[np.bool_]:
         """Nodes of the plan of a body that lie over a tooth."""
         over = np.unique(self.basis.element_dofs[:, self.plan.region == TOOTH])
         return np.isin(body.plan.nodes, over)
@@ -99,14 +99,14 @@ class Stack:
         p = self._parameters
         return x % p.cell_length - p.cell_length / 2, y % p.cell_width - p.cell_width / 2
 
-    def centres(self, part: Part) -> Array:
+    def centres(self, part: SolidPart) -> Array:
         """Centres of a part's elements (elements, 4) [m]: along both sides of the plan, from the axis, and height."""
         x, y = self.plan.mesh.p[:, self.plan.mesh.t[:4, part.body.plan.elements]].mean(axis=1)
         z = (part.body.height.breaks[1:] + part.body.height.breaks[:-1]) / 2
         flat = np.repeat([x, y, np.hypot(*self.from_axis(x, y))], len(z), axis=1)
         return np.column_stack([*flat, np.tile(z, len(x))])
 
-    def cells(self, part: Part) -> Names:
+    def cells(self, part: SolidPart) -> Names:
         """Cell of each of a part's elements."""
         return self.plan.cell[part.body.plan.elements].repeat(len(part.body.height.local))
 
@@ -203,7 +203,7 @@ class Stack:
         slides: bool = False,
         platen: bool = False,
         capped: bool = False,
-    ) -> Part:
+    ) -> SolidPart:
         """Add a part on the parts below, on the floor, or with some displacements held on rigid teeth.
 
         Its upper side stays flat and level below a platen, and in each cell where it is capped.
@@ -211,7 +211,7 @@ class Stack:
         key = elements.tobytes()
         if key not in self._plans:
             self._plans[key] = PlanElements(self.basis, np.flatnonzero(elements), self._resolution.degree)
-        body = Body(self._plans[key], height, material)
+        body = SolidBody(self._plans[key], height, material)
         names = np.full(body.shape, UNNAMED, dtype=np.intp)
         self._hold_symmetry(names, body, base)
         if floor:
@@ -236,11 +236,11 @@ class Stack:
         new = names == UNNAMED
         names[new] = self.unknowns + np.arange(new.sum())
         self.unknowns += int(new.sum())
-        part = Part(name, body, names)
+        part = SolidPart(name, body, names)
         self.parts.append(part)
         return part
 
-    def _rings(self, body: Body) -> list[NDArray[np.bool_]]:
+    def _rings(self, body: SolidBody) -> list[NDArray[np.bool_]]:
         """Nodes of each ring; rings that touch are one."""
         p, nodes = self._parameters, np.arange(len(body.plan.nodes))
         between = min(p.cell_length, p.cell_width) - 2 * p.ring_outer_radius
@@ -249,14 +249,14 @@ class Stack:
         cells = self.plan.cell[body.plan.elements]
         return [np.isin(nodes, body.plan.local[cells == cell]) for cell in np.unique(cells)]
 
-    def _level(self, names: Names, body: Body, nodes: NDArray[np.bool_]) -> None:
+    def _level(self, names: Names, body: SolidBody, nodes: NDArray[np.bool_]) -> None:
         """Give one height to all of these nodes of the upper side, and hold the unknowns that would bend it."""
         flat = self.one[body.plan.nodes] == 1
         names[2, -1, nodes & ~flat] = HELD
         names[2, -1, nodes & flat] = self.unknowns
         self.unknowns += 1
 
-    def _hold_symmetry(self, names: Names, body: Body, base: bool) -> None:
+    def _hold_symmetry(self, names: Names, body: SolidBody, base: bool) -> None:
         p = self._parameters
         lattice = ((p.length, p.columns), (p.width, p.rows))
         for axis, (size, cells) in enumerate(lattice):
@@ -267,7 +267,7 @@ class Stack:
                 )
                 names[axis][:, np.isin(body.plan.nodes, self.basis.get_dofs(middle).flatten())] = HELD
 
-    def _hold_sliding(self, names: Names, body: Body) -> None:
+    def _hold_sliding(self, names: Names, body: SolidBody) -> None:
         """Hold translation and rotation about z of an object that slides, since nothing else holds them."""
         # The mesh's corners are the first nodes.
         corners = self.plan.mesh.p[0, body.plan.nodes[body.plan.nodes < self.plan.mesh.nvertices]]
@@ -280,9 +280,9 @@ class Stack:
             names[1, -1, far] = HELD
 
 
-def _cell(parameters: SolidParameters) -> Cell:
+def _cell(parameters: SolidParameters) -> UnitCell:
     tooth, inner, half = parameters.tooth_radius, parameters.ring_inner_radius, parameters.cell_length / 2
-    return Cell(
+    return UnitCell(
         half_length=half,
         half_width=parameters.cell_width / 2,
         tooth_radius=tooth,
@@ -298,7 +298,7 @@ def _cell(parameters: SolidParameters) -> Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Work:
+class InternalWork:
     """Work of the inner forces of some elements of a part.
 
     Attributes:
@@ -307,12 +307,12 @@ class Work:
         moved: displacements, an array of the body's shape.
     """
 
-    part: Part
+    part: SolidPart
     elements: Names
     moved: Array
 
     def forces(self, unknowns: int, added: float) -> Array:
-        """Work by each unknown's displacement of 1 m, (unknowns,); added: as in `Body.stiffness`, in steps."""
+        """Work by each unknown's displacement of 1 m, (unknowns,); added: as in `SolidBody.stiffness`, in steps."""
         body = self.part.body
         moved = body.local(self.moved, self.elements)
         forces = body.stiffness(self.elements, added * self.part.step) @ moved[..., None]
@@ -338,24 +338,24 @@ class Electrode:
         area: area [m2].
     """
 
-    part: Part
+    part: SolidPart
     elements: Names
     cell: int
     area: float
 
-    def inside(self, stack: Stack) -> Array:
+    def inside(self, stack: SolidStack) -> Array:
         """Forces (elements, unknowns) of the film under 1 V, against its voltage [N/V]."""
         body = self.part.body
         assert isinstance(body.material, FilmMaterial)
         return body.polarised(body.material, stack.one[body.plan.nodes])[self.elements]
 
-    def forces(self, stack: Stack) -> Array:
+    def forces(self, stack: SolidStack) -> Array:
         """The same on all unknowns."""
         total = np.zeros(stack.unknowns + 1)
         np.add.at(total, self.part.body.local(self.part.names, self.elements), self.inside(stack))
         return total[:-1]
 
-    def charge(self, stack: Stack, goal: Work) -> float:
+    def charge(self, stack: SolidStack, goal: InternalWork) -> float:
         """Change of a goal with the voltage, which is also the charge by the goal's displacements [C]."""
         if goal.part is not self.part:
             return 0.0
@@ -378,7 +378,7 @@ class Goals:
         teeth, bases: number of teeth and of bases.
     """
 
-    works: Sequence[Work]
+    works: Sequence[InternalWork]
     shares: Array
     electrodes: Sequence[Electrode]
     films: Array
@@ -386,7 +386,7 @@ class Goals:
     bases: int
 
 
-def goals(p: SolidParameters, stack: Stack, mirrored: tuple[bool, bool]) -> Goals:
+def goals(p: SolidParameters, stack: SolidStack, mirrored: tuple[bool, bool]) -> Goals:
     """The goals of a sensor of which half or a quarter is solved."""
     on_teeth = _whole(p, mirrored)
     on_bases = on_teeth if p.separate_bases else np.array([[2.0 ** sum(mirrored)]])
@@ -448,7 +448,7 @@ def _whole(p: SolidParameters, mirrored: tuple[bool, bool]) -> Array:
     return grid.reshape(count, count)
 
 
-def _lifted(stack: Stack, part: Part, level: int) -> list[tuple[int, Work]]:
+def _lifted(stack: SolidStack, part: SolidPart, level: int) -> list[tuple[int, InternalWork]]:
     """Forces of a part on each tooth below it, by the tooth's cell."""
     body, over = part.body, stack.over_teeth(part.body)
     moved = np.zeros(body.shape)
@@ -458,30 +458,31 @@ def _lifted(stack: Stack, part: Part, level: int) -> list[tuple[int, Work]]:
     for cell, plan in _cells(stack, part, by_cell=True):
         touching = plan[over[body.plan.local[plan]].any(axis=1)]
         if len(touching):
-            found.append((cell, Work(part, touching * steps + level % steps, moved)))
+            found.append((cell, InternalWork(part, touching * steps + level % steps, moved)))
     return found
 
 
-def _floored(stack: Stack, part: Part, by_cell: bool) -> list[tuple[int, Work]]:
+def _floored(stack: SolidStack, part: SolidPart, by_cell: bool) -> list[tuple[int, InternalWork]]:
     """Forces of a part on the floor, by cell or all together."""
     body = part.body
     moved = np.zeros(body.shape)
     moved[2, 0] = stack.one[body.plan.nodes]
     return [
-        (cell, Work(part, plan * len(body.height.local), moved)) for cell, plan in _cells(stack, part, by_cell=by_cell)
+        (cell, InternalWork(part, plan * len(body.height.local), moved))
+        for cell, plan in _cells(stack, part, by_cell=by_cell)
     ]
 
 
-def _stretched(stack: Stack, film: Part, axis: int, by_cell: bool) -> list[tuple[int, Work]]:
+def _stretched(stack: SolidStack, film: SolidPart, axis: int, by_cell: bool) -> list[tuple[int, InternalWork]]:
     """Mean stresses of a film times its volume, by cell or all together."""
     body = film.body
     moved = np.zeros(body.shape)
     moved[axis] = body.height.one[:, None] * stack.places[axis][body.plan.nodes]
     # A film has one step along the height, so that its elements have the numbers of those of its plan.
-    return [(cell, Work(film, plan, moved)) for cell, plan in _cells(stack, film, by_cell=by_cell)]
+    return [(cell, InternalWork(film, plan, moved)) for cell, plan in _cells(stack, film, by_cell=by_cell)]
 
 
-def _cells(stack: Stack, part: Part, by_cell: bool) -> list[tuple[int, Names]]:
+def _cells(stack: SolidStack, part: SolidPart, by_cell: bool) -> list[tuple[int, Names]]:
     """Cells of a part, and the elements of its plan there; all as those of cell 0 where cells do not count."""
     plan = part.body.plan
     if not by_cell:
@@ -490,11 +491,11 @@ def _cells(stack: Stack, part: Part, by_cell: bool) -> list[tuple[int, Names]]:
     return [(int(cell), np.flatnonzero(cells == cell)) for cell in np.unique(cells)]
 
 
-def _area(work: Work) -> float:
+def _area(work: InternalWork) -> float:
     return float(work.part.body.plan.areas[work.elements].sum())
 
 
-def _volume(work: Work) -> float:
+def _volume(work: InternalWork) -> float:
     return _area(work) * float(np.ptp(work.part.body.height.breaks))
 
 
@@ -534,7 +535,7 @@ class Diagonal:
         halves: whether it is its own mirror image.
     """
 
-    def __init__(self, stack: Stack) -> None:
+    def __init__(self, stack: SolidStack) -> None:
         self.stack = stack
         own = np.arange(stack.unknowns)
         self._images, partner = _elements(stack.plan), own
@@ -564,7 +565,7 @@ class Diagonal:
         found[self._first], found[self._second] = HALF * (one + other), HALF * (one - other)
         return found
 
-    def pieces(self, part: Part) -> list[Piece]:
+    def pieces(self, part: SolidPart) -> list[Piece]:
         """The elements of a part."""
         body, places = part.body, self.stack.centres(part)
         if not self.halves:
@@ -597,7 +598,7 @@ class Diagonal:
 
         return [Piece(sums, beside[0], of(of_sum)), Piece(differences, beside[2], of(of_difference))]
 
-    def _halved(self, part: Part) -> tuple[Names, NDArray[np.bool_]]:
+    def _halved(self, part: SolidPart) -> tuple[Names, NDArray[np.bool_]]:
         """A part's elements without the mirror images of others, and whether each has one beside itself.
 
         Returns:
@@ -619,7 +620,7 @@ def _scaled(matrices: Array, weights: Array) -> Array:
     return matrices
 
 
-def _elements(plan: Plan) -> tuple[Names, NDArray[np.bool_]] | None:
+def _elements(plan: PlanMesh) -> tuple[Names, NDArray[np.bool_]] | None:
     """Mirror image of each element of a plan, and whether its two directions are exchanged there.
 
     None: the plan is not its own mirror image.
@@ -635,7 +636,7 @@ def _elements(plan: Plan) -> tuple[Names, NDArray[np.bool_]] | None:
     return (images, swapped) if (kept | swapped).all() else None
 
 
-def _nodes(stack: Stack, images: Names, swapped: NDArray[np.bool_]) -> Names:
+def _nodes(stack: SolidStack, images: Names, swapped: NDArray[np.bool_]) -> Names:
     """Mirror image of each shape function of the plan."""
     functions, dofs = stack.basis.elem, stack.basis.element_dofs
     places = np.random.default_rng(0).random((2, 2 * len(dofs)))
@@ -648,7 +649,7 @@ def _nodes(stack: Stack, images: Names, swapped: NDArray[np.bool_]) -> Names:
     return found
 
 
-def _unknowns(stack: Stack, images: Names, swapped: NDArray[np.bool_]) -> Names | None:
+def _unknowns(stack: SolidStack, images: Names, swapped: NDArray[np.bool_]) -> Names | None:
     """Mirror image of each unknown; None: the sensor is not its own."""
     nodes = _nodes(stack, images, swapped)
     found = np.arange(stack.unknowns)

@@ -17,7 +17,7 @@ from skfem import FacetBasis
 from palpate.instrument.models.finite_elements.elimination import (
     NODES,
     Condensed,
-    Mesh,
+    ElementSystem,
     condense,
     cost_of,
     extrapolated,
@@ -28,7 +28,7 @@ from palpate.instrument.models.finite_elements.work import Cost, interruptible, 
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.ladders import Resolution, SolidCurve, resolution
 from palpate.instrument.models.solid.mesh import Names, PlanElements, height_basis, locate
-from palpate.instrument.models.solid.parts import Diagonal, Part, Stack, goals
+from palpate.instrument.models.solid.parts import Diagonal, SolidPart, SolidStack, goals
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def alike(unknowns: Names, cells: Names, relative: Array) -> Alike | None:
     return Alike(np.array([own for own, _ in found]), places, np.array([names for _, names in found]))
 
 
-def condensed(mesh: Mesh, cells: Alike) -> Condensed:
+def condensed(mesh: ElementSystem, cells: Alike) -> Condensed:
     """What `elimination.condense` leaves of a mesh, with cells that are alike."""
     kept, goes, stays = _parted(mesh, cells)
     # Loads inside the cells, each only once.
@@ -111,7 +111,7 @@ def condensed(mesh: Mesh, cells: Alike) -> Condensed:
     return replace(joined, work=joined.work + sum(one.work[np.ix_(own, own)] for own in which))
 
 
-def costs(mesh: Mesh, cells: Alike) -> Cost:
+def costs(mesh: ElementSystem, cells: Alike) -> Cost:
     """What `condensed` will cost."""
     kept, _, stays = _parted(mesh, cells)
     loads = mesh.loads.shape[1]
@@ -121,7 +121,7 @@ def costs(mesh: Mesh, cells: Alike) -> Cost:
     return cost_of(one) + cost_of(joined)
 
 
-def _parted(mesh: Mesh, cells: Alike) -> tuple[NDArray[np.bool_], Names, NDArray[np.bool_]]:
+def _parted(mesh: ElementSystem, cells: Alike) -> tuple[NDArray[np.bool_], Names, NDArray[np.bool_]]:
     """Which unknowns are left of a cell (places,), those inside cells (cells, inside), and which stay (size,)."""
     several = np.zeros(len(mesh.kept), dtype=np.intp)
     for names in (*cells.names, np.unique(mesh.unknowns[_others(mesh, cells)])):
@@ -134,17 +134,17 @@ def _parted(mesh: Mesh, cells: Alike) -> tuple[NDArray[np.bool_], Names, NDArray
     return kept, goes, stays
 
 
-def _others(mesh: Mesh, cells: Alike) -> Names:
+def _others(mesh: ElementSystem, cells: Alike) -> Names:
     """Numbers of the elements that belong to none of these cells."""
     other = np.ones(len(mesh.unknowns), dtype=bool)
     other[cells.elements] = False
     return np.flatnonzero(other)
 
 
-def _one(mesh: Mesh, cells: Alike, kept: NDArray[np.bool_], loads: Array) -> Mesh:
+def _one(mesh: ElementSystem, cells: Alike, kept: NDArray[np.bool_], loads: Array) -> ElementSystem:
     """The elements of one cell, which stands for all."""
     model = cells.elements[0]
-    return Mesh(
+    return ElementSystem(
         unknowns=cells.places,
         coordinates=mesh.coordinates[model],
         matrices=lambda elements: mesh.matrices(model[elements]),
@@ -153,13 +153,13 @@ def _one(mesh: Mesh, cells: Alike, kept: NDArray[np.bool_], loads: Array) -> Mes
     )
 
 
-def _joined(mesh: Mesh, cells: Alike, kept: NDArray[np.bool_], stays: NDArray[np.bool_]) -> Mesh:
+def _joined(mesh: ElementSystem, cells: Alike, kept: NDArray[np.bool_], stays: NDArray[np.bool_]) -> ElementSystem:
     """The mesh in which each cell is one element, as yet without matrices and loads."""
     numbers, rest = np.append(np.cumsum(stays) - 1, -1), _others(mesh, cells)
     whole, single = numbers[cells.names[:, kept]], numbers[mesh.unknowns[rest]]
     most = max(whole.shape[1], single.shape[1])
     centres = mesh.coordinates[cells.elements].mean(axis=1)
-    return Mesh(
+    return ElementSystem(
         unknowns=np.concatenate(
             [np.pad(each, ((0, 0), (0, most - each.shape[1])), constant_values=-1) for each in (whole, single)]
         ),
@@ -170,7 +170,7 @@ def _joined(mesh: Mesh, cells: Alike, kept: NDArray[np.bool_], stays: NDArray[np
     )
 
 
-def _matrices(of_cell: Array, cells: int, mesh: Mesh, rest: Names, elements: Names) -> list[Array]:
+def _matrices(of_cell: Array, cells: int, mesh: ElementSystem, rest: Names, elements: Names) -> list[Array]:
     """Matrices of some elements of a mesh whose first ones are cells."""
     others = iter(mesh.matrices(rest[elements[elements >= cells] - cells]))
     return [of_cell if element < cells else next(others) for element in elements.tolist()]
@@ -181,7 +181,7 @@ def _matrices(of_cell: Array, cells: int, mesh: Mesh, rest: Names, elements: Nam
 SAME = 1e-6  # of the length: elements at places that differ by less are translations of each other
 
 
-class Side:
+class Substructure:
     """The sensor without the object, or the object without the sensor.
 
     Attributes:
@@ -190,7 +190,7 @@ class Side:
         keeps_volume: whether the compliance of a part is too small for its element matrices.
     """
 
-    def __init__(self, diagonal: Diagonal, parts: Sequence[Part]) -> None:
+    def __init__(self, diagonal: Diagonal, parts: Sequence[SolidPart]) -> None:
         self.parts, self._diagonal = parts, diagonal
         self.keeps_volume = any(part.step for part in parts)
         self.has = np.zeros(diagonal.stack.unknowns, dtype=bool)
@@ -243,7 +243,9 @@ class Side:
     def cost(self, contact: NDArray[np.bool_], loads: int) -> Cost:
         """What `condensed` will cost, with a number of loads."""
         kept = contact[self.has]
-        mesh = Mesh(self._unknowns, self._coordinates, lambda _: [], kept, np.broadcast_to(0.0, (len(kept), loads)))
+        mesh = ElementSystem(
+            self._unknowns, self._coordinates, lambda _: [], kept, np.broadcast_to(0.0, (len(kept), loads))
+        )
         one = cost_of(mesh) if self._alike is None else costs(mesh, self._alike)
         return total([one] * (len(NODES) if self.keeps_volume else 1))
 
@@ -259,7 +261,7 @@ class Side:
             return [found[element] for element in elements.tolist()]
 
         forces = self._diagonal.turned(loads(added))
-        mesh = Mesh(self._unknowns, self._coordinates, matrices, contact[self.has], forces[self.has])
+        mesh = ElementSystem(self._unknowns, self._coordinates, matrices, contact[self.has], forces[self.has])
         return condense(mesh, remembers) if remembers or self._alike is None else condensed(mesh, self._alike)
 
 
@@ -292,7 +294,7 @@ class System:
         start = time.process_time()
         self.parameters = parameters
         self.mirrored = symmetry(parameters) if mirrored is None else mirrored
-        self.stack = Stack(replace(parameters, sensed_modulus=1.0), resolution, self.mirrored)
+        self.stack = SolidStack(replace(parameters, sensed_modulus=1.0), resolution, self.mirrored)
         self.copies = 2.0 ** sum(self.mirrored)
         asked = self._goals = goals(parameters, self.stack, self.mirrored)
         self.polarised = [electrode.forces(self.stack) for electrode in asked.electrodes]
@@ -300,7 +302,10 @@ class System:
         self._volts = volts.reshape(len(asked.electrodes), len(asked.works)) @ asked.shares.T
         rest = [part for part in self.stack.parts if part is not self.stack.object]
         self._diagonal = Diagonal(self.stack)
-        self._sensor, self._sensed = Side(self._diagonal, rest), Side(self._diagonal, [self.stack.object])
+        self._sensor, self._sensed = (
+            Substructure(self._diagonal, rest),
+            Substructure(self._diagonal, [self.stack.object]),
+        )
         self.contact = self._sensor.has & self._sensed.has
         self._built = time.process_time() - start
 
@@ -322,7 +327,7 @@ class System:
         np.add.at(load, names, weights)
         return load[:-1]
 
-    def works(self, of: Sequence[Part], added: float) -> Array:
+    def works(self, of: Sequence[SolidPart], added: float) -> Array:
         """Goals as forces (unknowns, goals), as far as they are works of these parts; added: as in `Work.forces`."""
         found = [
             work.forces(self.stack.unknowns, added) if work.part in of else np.zeros(self.stack.unknowns)
@@ -382,7 +387,7 @@ class System:
             seconds=(self._built, time.process_time() - start),
         )
 
-    def _condensed(self, side: Side, loads: Sequence[Array], remembers: bool = False) -> Condensed:
+    def _condensed(self, side: Substructure, loads: Sequence[Array], remembers: bool = False) -> Condensed:
         """What is left on the contact of one side of the whole sensor, of which a half or a quarter may be solved.
 
         Its loads are those of its own films under 1 V, or those on the object, and then those of the goals.
@@ -531,7 +536,7 @@ class SectionField:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class SolidSection:
     """Section in the plane y = constant through the axes of the middle row of teeth; of two rows, the upper one.
 
     Attributes:
@@ -545,7 +550,7 @@ class Section:
     pressure: Array
 
 
-def section(p: SolidParameters, refinement: int) -> Section:
+def section(p: SolidParameters, refinement: int) -> SolidSection:
     """Solve the solid model, and return displacements and pressure in the plane through the teeth's axes.
 
     Args:
@@ -559,7 +564,7 @@ def section(p: SolidParameters, refinement: int) -> Section:
     judge(system.cost(), "take a coarser mesh")
     stack, moved = system.stack, p.force * system.displacement(system.load(p.load_at))
     height = (p.rows // 2 + 0.5) * p.cell_width
-    line, face = (_Line(stack, height, points) for points in (POINTS, GAUSS))
+    line, face = (_ElementLine(stack, height, points) for points in (POINTS, GAUSS))
     bodies: dict[str, list[SectionField]] = {}
     for part in stack.parts:
         bodies.setdefault(part.name, []).extend(_pieces(line, part, moved))
@@ -567,10 +572,10 @@ def section(p: SolidParameters, refinement: int) -> Section:
     if system.mirrored[0]:
         bodies = {name: _mirrored(pieces, p.length) for name, pieces in bodies.items()}
         x, pressure = np.concatenate([p.length - x[::-1], x]), np.concatenate([pressure[::-1], pressure])
-    return Section({name: tuple(pieces) for name, pieces in bodies.items()}, x, pressure)
+    return SolidSection({name: tuple(pieces) for name, pieces in bodies.items()}, x, pressure)
 
 
-class _Line:
+class _ElementLine:
     """Sides of the plan's elements on a line along x, by rising x.
 
     Attributes:
@@ -580,7 +585,7 @@ class _Line:
         names: (sides, shapes), names of the shape functions in the plan.
     """
 
-    def __init__(self, stack: Stack, height: float, points: Array) -> None:
+    def __init__(self, stack: SolidStack, height: float, points: Array) -> None:
         mesh = stack.plan.mesh
         x, y = mesh.p[:, mesh.facets]
         negligible = 1e-9 * mesh.p.max()
@@ -598,7 +603,7 @@ class _Line:
         self.names = stack.basis.element_dofs[:, self.elements].T
 
 
-def _pieces(line: _Line, part: Part, moved: Array) -> list[SectionField]:
+def _pieces(line: _ElementLine, part: SolidPart, moved: Array) -> list[SectionField]:
     body = part.body
     sides = np.flatnonzero(np.isin(line.elements, body.plan.elements))
     if not len(sides):
@@ -635,7 +640,7 @@ def _mirrored(pieces: list[SectionField], length: float) -> list[SectionField]:
     return whole
 
 
-def _pressure(line: _Line, system: System, moved: Array) -> tuple[Array, Array]:
+def _pressure(line: _ElementLine, system: System, moved: Array) -> tuple[Array, Array]:
     """The pressure whose work on every shape function of the face is that of the object's forces on it."""
     stack = system.stack
     body = stack.object.body

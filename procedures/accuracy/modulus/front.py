@@ -13,14 +13,14 @@ from typing import Any, Self
 import numpy as np
 
 from palpate.instrument.allocation.allocate import BelowFloor
-from palpate.instrument.allocation.lines import Line, Unit, budget
+from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit, budget
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.object_modulus import ByReferences
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
-from palpate.procedures.measurements.object_modulus.lines import Expected, Wanted, expected, lines_of
+from palpate.procedures.measurements.object_modulus.lines import ExpectedRatio, Wanted, expected, lines_of
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
 from palpate.procedures.measurements.object_modulus.refusal import below_floor, not_known, too_many_sets
 from palpate.procedures.measurements.repeated_sets import MOST_SETS
@@ -63,7 +63,7 @@ SHARED = ("force_ratio", "sensitivity", "shares", "binds")  # told once for the 
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class QuickestPlan:
     """The quickest plan for a tolerance.
 
     Attributes:
@@ -86,7 +86,7 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class PlanningCase:
     """What plans are made for.
 
     Attributes:
@@ -98,7 +98,7 @@ class Setting:
     """
 
     design: Design
-    question: Question
+    question: RatioQuestion
     loads: Sequence[float]
     wanted: Wanted
     references: ByReferences | None = None
@@ -122,17 +122,17 @@ class ModulusFront:
     """
 
     modulus: float
-    found: Expected
-    lines: tuple[Line, ...]
+    found: ExpectedRatio
+    lines: tuple[BudgetLine, ...]
     mounting: float
     person: float
     points: tuple[FrontPoint, ...]
-    targets: tuple[Target, ...]
+    targets: tuple[QuickestPlan, ...]
     mounting_u: float | None
     model_u: float | None
 
     @classmethod
-    def of(cls, setting: Setting, modulus: float) -> Self:
+    def of(cls, setting: PlanningCase, modulus: float) -> Self:
         """Plan every point for an object of a Young modulus [Pa].
 
         Raises:
@@ -150,7 +150,7 @@ class ModulusFront:
         def wanted(tolerance: float | None, time: float | None, relative: bool) -> Wanted:
             return replace(setting.wanted, tolerance=tolerance, time=time, relative=relative)
 
-        def target(tolerance: float, absolute: bool) -> Target:
+        def target(tolerance: float, absolute: bool) -> QuickestPlan:
             asked = wanted(tolerance, None, not absolute)
             try:
                 if absolute and found.validation.u is None:
@@ -162,9 +162,9 @@ class ModulusFront:
                 why = str(error)
             else:
                 if plan.allocation.sets <= MOST_SETS:
-                    return Target(tolerance, absolute, plan, _after(plan, plan.times.mean, asked))
+                    return QuickestPlan(tolerance, absolute, plan, _after(plan, plan.times.mean, asked))
                 why = str(too_many_sets(asked, found, design, loads, plan))
-            return Target(tolerance, absolute, None, why=why)
+            return QuickestPlan(tolerance, absolute, None, why=why)
 
         targets = [target(tolerance, absolute) for absolute in (False, True) for tolerance in TARGETS]
         frequency = setting.wanted.frequency
@@ -179,8 +179,8 @@ class ModulusFront:
         points = {plan.allocation.seconds: _point(design, found, usual, plan) for plan in plans}
         known = found.validation.u is not None
         lines = lines_of(design, found, plans[-1].load, usual, absolute=known)
-        floor = math.hypot(*(line.u for line in lines if line.per is Unit.NOTHING))
-        by_mounting = [line.u for line in lines if line.per is Unit.MOUNTING]
+        floor = math.hypot(*(line.u for line in lines if line.per is RepeatUnit.NOTHING))
+        by_mounting = [line.u for line in lines if line.per is RepeatUnit.MOUNTING]
         return cls(
             modulus=modulus,
             found=found,
@@ -217,14 +217,14 @@ def _after(plan: Prospect, seconds: float, wanted: Wanted) -> float:
     return seconds - costs.start - costs.mounting
 
 
-def _point(design: Design, found: Expected, wanted: Wanted, plan: Prospect) -> FrontPoint:
+def _point(design: Design, found: ExpectedRatio, wanted: Wanted, plan: Prospect) -> FrontPoint:
     taken = plan.allocation
     shares: list[dict[str, float]] = []
     for absolute in (False, True):
         lines = lines_of(design, found, plan.load, wanted, absolute)
         rows = budget(lines, taken.mountings, taken.sets, taken.dwell).rows()
         shares.append({row["name"]: row["share"] for row in rows})
-    noise = math.hypot(*(line.u for line in lines if line.per is Unit.SECOND))
+    noise = math.hypot(*(line.u for line in lines if line.per is RepeatUnit.SECOND))
     known = found.validation.u is not None
     after = _after(plan, taken.seconds, wanted)
     return FrontPoint(after, plan, noise / math.sqrt(taken.sets * taken.dwell), shares[0], shares[1] if known else None)

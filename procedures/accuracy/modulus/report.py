@@ -18,7 +18,7 @@ from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from palpate.procedures.accuracy.modulus.front import ModulusFront, Target
+    from palpate.procedures.accuracy.modulus.front import ModulusFront, QuickestPlan
 
 PLOT = "modulus.png"
 ROWS = 8  # of the front, in the table
@@ -84,13 +84,13 @@ def print_modulus_front(front: ModulusFront, simulated: bool, plot: Path | None)
     )
 
 
-def _cells(target: Target) -> tuple[str, str, str]:
+def _cells(target: QuickestPlan) -> tuple[str, str, str]:
     if target.plan is None:
         return "none, as told below", "", ""
     return plan_text(target.plan), duration(target.plan.times.mean), percent(target.plan.scale_u)
 
 
-def _absolute(target: Target) -> str:
+def _absolute(target: QuickestPlan) -> str:
     return "not reached" if target.plan is None else duration(target.plan.times.mean)
 
 
@@ -139,7 +139,7 @@ def _draw_front(front: ModulusFront, ax: Axes, times: Sequence[float]) -> None:
     ax.plot(times, [100 * point.noise_u for point in front.points], color="0.5", ls="--", lw=1, label="noise alone")
     if front.mounting_u:
         _limit(ax, front.mounting_u, "one mounting; further mountings lower it", times)
-    told: dict[tuple[float, bool], list[Target]] = {}
+    told: dict[tuple[float, bool], list[QuickestPlan]] = {}
     for target in front.targets:
         if target.after is not None:
             told.setdefault((target.after, target.absolute), []).append(target)

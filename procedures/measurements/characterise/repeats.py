@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget, merged
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, merged
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM, SCATTER
@@ -71,7 +71,7 @@ class SlopeRepeats:
         """
         return _allocation(self)
 
-    def lines(self, film: Film) -> tuple[Line, ...]:
+    def lines(self, film: Film) -> tuple[BudgetLine, ...]:
         """Lines of a film's sensitivity."""
         loads, cell = np.array(self.of.loads), cell_component(self.of.cell)
         away = loads - loads.mean()
@@ -82,10 +82,10 @@ class SlopeRepeats:
             return float(np.linalg.norm(weight * each))
 
         return (
-            Line(SCATTER, slope_u(film.scatter * loads), Unit.SET, PRIOR_FREEDOM),
-            Line(NOISE, slope_u(self.of.noise(film)) * math.sqrt(self.of.dwell), Unit.SECOND),
-            Line(READING, slope_u(reading_u(self.of.cell, 1.0)), Unit.SET),
-            Line(LOAD_CELL, cell.u, Unit.NOTHING, cell.degrees_of_freedom),
+            BudgetLine(SCATTER, slope_u(film.scatter * loads), RepeatUnit.SET, PRIOR_FREEDOM),
+            BudgetLine(NOISE, slope_u(self.of.noise(film)) * math.sqrt(self.of.dwell), RepeatUnit.SECOND),
+            BudgetLine(READING, slope_u(reading_u(self.of.cell, 1.0)), RepeatUnit.SET),
+            BudgetLine(LOAD_CELL, cell.u, RepeatUnit.NOTHING, cell.degrees_of_freedom),
         )
 
     @cached_property
@@ -156,7 +156,9 @@ class SlopeRepeats:
         zeroth, first, second = (float(away**power @ expected**2) for power in range(3))
         of_line = zeroth / size**2 + 2 * away * first / size / square + (away / square) ** 2 * second
         own = (1 - 2 / size - 2 * away**2 / square) * expected**2
-        of_set = budget([line for line in self.lines(film) if line.per is not Unit.NOTHING], 1, 1, self.of.dwell).u
+        of_set = budget(
+            [line for line in self.lines(film) if line.per is not RepeatUnit.NOTHING], 1, 1, self.of.dwell
+        ).u
         moved: list[float] = np.exp(of_set * residuals / slope / np.sqrt(own + of_line)).tolist()
         return moved
 
@@ -185,7 +187,7 @@ class SlopeRepeats:
         lines = [
             f"wanted         {self._wanted()}",
             f"plan           {counted(rounds, 'round')} of {loads} loads up, of {dwell}; then down and held",
-            f"time           {duration(plan.seconds)} ({self.mounts.told(1)})",
+            f"time           {duration(plan.seconds)} ({self.mounts.described(1)})",
             f"expected       {share(plan.u, 3)} of each sensitivity at most, {resolution} of each resolution,",
             f"               {most(SNR):.2g} dB of each {SNR}",
             f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
@@ -200,7 +202,9 @@ class SlopeRepeats:
     def _slope_u(self, film: Film) -> float:
         """Expected relative uncertainty of a film's slope by all load sets of the plan."""
         plan = self.allocation
-        return budget([line for line in self.lines(film) if line.per is not Unit.NOTHING], 1, plan.sets, plan.dwell).u
+        return budget(
+            [line for line in self.lines(film) if line.per is not RepeatUnit.NOTHING], 1, plan.sets, plan.dwell
+        ).u
 
     def _wanted(self) -> str:
         time = "" if self.time is None else show(self.time, "s")

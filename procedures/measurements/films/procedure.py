@@ -25,7 +25,7 @@ from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.lab.session import Kept
+from palpate.procedures.lab.session import CalibrationKeys
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.films.expected import expected_sensitivities
 from palpate.procedures.measurements.films.repeats import FilmRepeats
@@ -156,7 +156,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
         origin = lab.origin(SensorNode, self.valid_days)
         return FilmResult(calibrate_films(lab.design, readings, lab.calibration, origin), points)
 
-    def save_calibration(self, done: Finished[FilmResult]) -> Kept:
+    def save_calibration(self, done: Finished[FilmResult]) -> CalibrationKeys:
         found = done.result.calibration
         path = keep(found, done.folder, done.replayed)
         return {"film_calibration": found.source, "film_calibration_file": str(path)}

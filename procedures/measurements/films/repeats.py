@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.stopping import FIRST, enough
 from palpate.instrument.calibration.films import LOAD_CELL, REPEATS
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -61,15 +61,15 @@ class FilmRepeats:
         """
         return _allocation(self)
 
-    def lines(self) -> list[Line]:
+    def lines(self) -> list[BudgetLine]:
         """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
         worst = max(film.scatter for film in self.design.films)
         weakest = min(film.sensitivity for film in self.design.films) * min(self.loads)
         share = 1 / math.sqrt(len(self.frequencies))
         return [
-            Line(REPEATS, share * worst, Unit.SET, PRIOR_FREEDOM),
-            Line(NOISE, share * 2 * noise_of(self.design) / weakest, Unit.SECOND),
-            Line(LOAD_CELL, self.cell_u, Unit.NOTHING, self.cell.degrees_of_freedom or math.inf),
+            BudgetLine(REPEATS, share * worst, RepeatUnit.SET, PRIOR_FREEDOM),
+            BudgetLine(NOISE, share * 2 * noise_of(self.design) / weakest, RepeatUnit.SECOND),
+            BudgetLine(LOAD_CELL, self.cell_u, RepeatUnit.NOTHING, self.cell.degrees_of_freedom or math.inf),
         ]
 
     @property

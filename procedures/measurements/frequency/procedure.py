@@ -23,7 +23,7 @@ from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.frequency.expected import expected_corners
 from palpate.procedures.measurements.frequency.result import (
     FEWEST,
-    FilmResponse,
+    FilmFrequencyResponse,
     FrequencyPoint,
     FrequencyResult,
     evaluate,
@@ -115,8 +115,8 @@ class FrequencySweep(Sweep[FrequencyStep, FrequencyPoint, FrequencyResult]):
         found = expected_corners(target.design, ratio, self.frequencies, dwells, self.load, cell)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def begin(self, plan: Plan[FrequencyStep], lab: Lab, record: Recorder) -> Sweeping:
-        return Sweeping(lab, record, self)
+    def begin(self, plan: Plan[FrequencyStep], lab: Lab, record: Recorder) -> FrequencySweepWork:
+        return FrequencySweepWork(lab, record, self)
 
     def evaluate(self, points: Sequence[FrequencyPoint], plan: Plan[FrequencyStep], lab: Lab) -> FrequencyResult:
         return evaluate(points, lab.design, lab.calibration)
@@ -128,7 +128,7 @@ class FrequencySweep(Sweep[FrequencyStep, FrequencyPoint, FrequencyResult]):
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(SweepWork):
+class FrequencySweepWork(SweepWork):
     """The bench work: one load on one sample, set again at each frequency."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: FrequencySweep) -> None:
@@ -199,7 +199,9 @@ def _point(design: Design, frequency: float, measured: FilmPoint, amplitude: flo
         phase, phase_u = phase_lead(fit, i, reference)
         load_u = measured.load_measured_u / measured.load_measured_N
         relative = math.hypot(film.scatter, float(relative_u[i]), load_u)
-        films.append(FilmResponse(film.name, gain, gain * relative, math.degrees(phase), math.degrees(phase_u)))
+        films.append(
+            FilmFrequencyResponse(film.name, gain, gain * relative, math.degrees(phase), math.degrees(phase_u))
+        )
     return gathered(
         FrequencyPoint, measured,
         frequency_Hz=frequency,

@@ -26,7 +26,7 @@ def in_touch(point: FrequencyPoint) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class FilmResponse:
+class FilmFrequencyResponse:
     """Response of one film.
 
     The exciter and the nodes have no common clock, so the phase relative to the drive is unknown.
@@ -52,7 +52,7 @@ class FrequencyPoint:
     response_N_per_V: Annotated[
         float, Column("the measured load over the exciter's voltage", "N/V", "load/drive\nN/V", "z.3f")
     ]
-    films: Annotated[tuple[FilmResponse, ...], Column("the response of each film", each="film")]
+    films: Annotated[tuple[FilmFrequencyResponse, ...], Column("the response of each film", each="film")]
     valid: columns.Valid
     dwell_s: columns.Dwell
     settling_s: columns.Settling

@@ -28,7 +28,7 @@ PLACED = {"simulated": "placed by the simulated operator", "confirmed": "each co
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class CertificateSection:
     """A heading and a table below it."""
 
     heading: str
@@ -51,7 +51,7 @@ def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
     return folder / "certificate.md"
 
 
-def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
+def _sections(run: Run, c: LoadCellCalibration) -> list[CertificateSection]:
     header: dict[str, Any] = dict(run.header)
     settings = header["settings"]
     bench = recorded_bench(header["bench"], f"{run.folder}: its bench file")
@@ -62,14 +62,14 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
     loads_u = settings["loads_u"]
     pair = ("", "")
     return [
-        Section("Identities", pair, [
+        CertificateSection("Identities", pair, [
             ("load cell with indicator", c.device),
             ("bench", bench.name),
             *((name, serial or "unknown") for name, serial in header["devices"].items()),
             ("record", run.folder.name),
             ("software", f"palpate {header['versions']['palpate']}, commit {header['commit'] or 'unknown'}"),
         ]),
-        Section("Settings", pair, [
+        CertificateSection("Settings", pair, [
             ("gage factor", f"{c.gage_factor:g}"),
             *((f"indicator: {name.replace('_', ' ')}", str(value)) for name, value in indicator.items()),
             ("filter, waiting time before a reading", f"{FILTER:g} s, {SETTLING:g} s"),
@@ -78,7 +78,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
             ("positions", ", ".join(f"{place:g}°" for place in runs)),
             ("curve", f"degree {2 if c.curvature else 1}, {'asked for' if settings['degree'] else 'by F-test'}"),
         ]),
-        Section("Conditions", pair, [
+        CertificateSection("Conditions", pair, [
             ("begun", header["started"]),
             ("time on the bench", f"{points[-1]['bench_ns'] * 1e-9:.0f} s"),
             ("loads", f"dead weights at {STANDARD_GRAVITY} m/s², {c.least_N:.4g} to {c.greatest_N:.4g} N"),
@@ -88,14 +88,14 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
         ]),
         _results(c),
         _classes(c),
-        Section("Raw readings", ("position", "run", "what", "load gf", "load N", "mean mV", "readings mV"), [
+        CertificateSection("Raw readings", ("position", "run", "what", "load gf", "load N", "mean mV", "readings mV"), [
             (
                 f"{p['position_deg']:g}°", f"{p['run']}", p["direction"].replace("_", " "), f"{p['load_gf']:g}",
                 f"{p['load_N']:.5f}", f"{p['reading_mV']:.4f}", " ".join(f"{v:g}" for v in p["readings_mV"]),
             )
             for p in points
         ]),
-        Section("Validity", pair, [
+        CertificateSection("Validity", pair, [
             ("calibrated", c.created),
             ("expires", c.expires or "no date given"),
             ("valid for", f"{c.least_N:.4g} to {c.greatest_N:.4g} N with this indicator at this gage factor"),
@@ -103,7 +103,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
     ]  # fmt: skip
 
 
-def _results(c: LoadCellCalibration) -> Section:
+def _results(c: LoadCellCalibration) -> CertificateSection:
     freedom = math.inf if c.degrees_of_freedom is None else float(c.degrees_of_freedom)
     curve = [
         ("sensitivity", c.sensitivity_mV_per_N, c.sensitivity_u, "mV/N"),
@@ -116,14 +116,14 @@ def _results(c: LoadCellCalibration) -> Section:
         k = coverage_factor(budget.degrees_of_freedom)
         rows.append(_expanded(f"load at one reading of {c.reading(load):.2f} mV", load, budget.u, k, "N"))
     columns = ("quantity", "value", "standard uncertainty", "k", f"expanded uncertainty, {COVERAGE:.0%}", "unit")
-    return Section("Results", columns, rows)
+    return CertificateSection("Results", columns, rows)
 
 
 def _expanded(name: str, value: float, u: float, k: float, unit: str) -> tuple[str, ...]:
     return name, f"{value:.5g}", f"{u:.2g}", f"{k:.2f}", f"{k * u:.2g}", unit
 
 
-def _classes(c: LoadCellCalibration) -> Section:
+def _classes(c: LoadCellCalibration) -> CertificateSection:
     rows = [
         (
             f"{name}",
@@ -139,7 +139,7 @@ def _classes(c: LoadCellCalibration) -> Section:
             ("resolution at the least load", "resolution", c.resolution() / c.least_N),
         )
     ]
-    return Section("Classification", ("quantity", "value", "class"), [
+    return CertificateSection("Classification", ("quantity", "value", "class"), [
         *rows,
         ("linearity, of the span", f"{100 * c.linearity:.3g} %", "-"),
         ("ISO 376", _held(c.iso_376), c.iso_376.name),
@@ -152,7 +152,7 @@ def _held(found: Classification) -> str:
     return found.reason or f"{found.least_N:.4g} to {found.greatest_N:.4g} N"
 
 
-def _markdown(simulated: bool, sections: Sequence[Section]) -> str:
+def _markdown(simulated: bool, sections: Sequence[CertificateSection]) -> str:
     lines = [f"# {STAMP + ': ' if simulated else ''}{TITLE}", ""]
     for section in sections:
         lines += [f"## {section.heading}", "", _row(section.columns), _row(["---"] * len(section.columns))]
@@ -165,7 +165,7 @@ def _row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(safe)} |"
 
 
-def _html(simulated: bool, sections: Sequence[Section]) -> str:
+def _html(simulated: bool, sections: Sequence[CertificateSection]) -> str:
     stamp = f'<p class="simulated">{STAMP}: no real load cell was calibrated</p>' if simulated else ""
     title = html.escape(f"{STAMP + ': ' if simulated else ''}{TITLE}")
     tables = "\n".join(

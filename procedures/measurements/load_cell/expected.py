@@ -40,6 +40,6 @@ def expected_sensitivity(
     return [Expected(SENSITIVITY, math.hypot(u, loads_u))]
 
 
-def told(u: float) -> str:
+def share3(u: float) -> str:
     """A share in percent, with three digits: near what the steps leave, time rises fast."""
     return share(u, 3)

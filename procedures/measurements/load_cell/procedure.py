@@ -26,7 +26,7 @@ from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.mounts import MOUNTING
 from palpate.procedures.lab.probable import probable_load_cell
-from palpate.procedures.lab.session import Kept
+from palpate.procedures.lab.session import CalibrationKeys
 from palpate.procedures.measurements.load_cell.expected import expected_sensitivity
 from palpate.procedures.measurements.load_cell.repeats import CellRepeats, weighing_seconds
 from palpate.procedures.measurements.load_cell.result import (
@@ -248,7 +248,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
             found = result.calibration.iso_376.name
             raise EstimateError(f"class {self.iso_class} is not reached (found: {found}): {result.missed}")
 
-    def save_calibration(self, done: Finished[LoadCellResult]) -> Kept:
+    def save_calibration(self, done: Finished[LoadCellResult]) -> CalibrationKeys:
         from palpate.procedures.measurements.load_cell.certificate import write_certificate
 
         found = done.result.calibration

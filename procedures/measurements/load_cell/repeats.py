@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.stopping import FIRST
-from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.displayed import rounding_u
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_curve import (
@@ -36,7 +36,7 @@ from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import Predicted
 from palpate.procedures.engine.promise import RESULTS
 from palpate.procedures.lab.mounts import MOUNTING
-from palpate.procedures.measurements.load_cell.expected import SENSITIVITY, told
+from palpate.procedures.measurements.load_cell.expected import SENSITIVITY, share3
 from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SETTLING
 from palpate.procedures.measurements.prospects import display_scatter
 from palpate.procedures.showing.plan import duration
@@ -114,14 +114,14 @@ class CellRepeats:
         """
         return _quickest(self)
 
-    def lines_before(self, loads: Sequence[float], runs: int) -> list[Line]:
+    def lines_before(self, loads: Sequence[float], runs: int) -> list[BudgetLine]:
         """Lines of the sensitivity by so many runs with some loads [N], by what is known of the cell before."""
         cell = self.cell
         reading = cell.sensitivity_mV_per_N * np.asarray(loads, dtype=np.float64)
         known = display_scatter(cell), cell.resolution_mV
         return lines_of(loads, reading, self.degree or 1, *known, runs, self.loads_u)
 
-    def learned(self, loads: Sequence[float], runs: Sequence[Run], step: float) -> Learned:
+    def learned(self, loads: Sequence[float], runs: Sequence[WeightRun], step: float) -> Learned:
         """What complete runs with some loads [N] tell; `step`: step of the indicator's display [mV]."""
         load, done = np.asarray(loads, dtype=np.float64), math.ceil(len(runs) / self.positions)
         fitted = load_cell_curve(load, runs, step, self.degree, self.loads_u)
@@ -129,25 +129,27 @@ class CellRepeats:
         u = found.u / found.value
         degree, scatter = curve.coefficients.size - 1, fitted.scatter_mV or step / math.sqrt(12)
         parts = {part.name: part for part in found.components}
-        fixed = [Line(POSITIONS, parts[POSITIONS].u / found.value, Unit.NOTHING)] if parts[POSITIONS].u else []
+        fixed = (
+            [BudgetLine(POSITIONS, parts[POSITIONS].u / found.value, RepeatUnit.NOTHING)] if parts[POSITIONS].u else []
+        )
 
-        def lines_by(number: int, loads_u: float = self.loads_u) -> list[Line]:
+        def lines_by(number: int, loads_u: float = self.loads_u) -> list[BudgetLine]:
             return lines_of(loads, curve.reading(load), degree, scatter, step, number, loads_u)
 
         if curve.by_scatter:
             of_noise = budget(lines_by(len(runs), 0.0), 1, len(runs), 1)
             off = math.sqrt(max((parts[CURVE].u / found.value) ** 2 - of_noise.u**2, 0.0))
-            fixed.append(Line(DEVIATION, off, Unit.NOTHING))
+            fixed.append(BudgetLine(DEVIATION, off, RepeatUnit.NOTHING))
         least = done
         if differing := parts.get(REPEATABILITY):
-            fixed.append(Line("runs", differing.u / found.value * math.sqrt(len(runs)), Unit.SET))
+            fixed.append(BudgetLine("runs", differing.u / found.value * math.sqrt(len(runs)), RepeatUnit.SET))
             least = max(done, FIRST)  # the scatter of the runs themselves decides: few of them tell little of it
         if u <= self.tolerance and len(runs) >= least * self.positions:
             return Learned(u, done, "")
         try:
             plan = self.by_lines(tuple(loads), lambda number: lines_by(number) + fixed)
         except BelowFloor as error:
-            return Learned(u, done, f"{error.line} leaves {told(error.floor)}, which no further run lowers")
+            return Learned(u, done, f"{error.line} leaves {share3(error.floor)}, which no further run lowers")
         except RangeError:  # by the scatter that was found no time is enough
             return Learned(u, done, "by the scatter that was found no number of runs is enough")
         return Learned(u, max(plan.runs, least), "")
@@ -157,9 +159,9 @@ class CellRepeats:
         why = found.why_not
         if not why and found.u > self.tolerance:
             why = "the most runs that were planned are done"
-        return f"{told(found.u)} reached, {told(self.tolerance)} was asked for{f'; {why}' if why else ''}"
+        return f"{share3(found.u)} reached, {share3(self.tolerance)} was asked for{f'; {why}' if why else ''}"
 
-    def by_lines(self, loads: tuple[float, ...], lines_by: Callable[[int], list[Line]]) -> PlannedRuns:
+    def by_lines(self, loads: tuple[float, ...], lines_by: Callable[[int], list[BudgetLine]]) -> PlannedRuns:
         """The plan with some loads; `lines_by`: lines of the sensitivity by a number of runs in all positions.
 
         Raises BelowFloor, or RangeError: no number of runs is enough.
@@ -181,11 +183,11 @@ class CellRepeats:
         plan, count = planned.allocation, len(planned.loads)
         each = "" if self.positions == 1 else f" in each of {counted(self.positions, 'position')}"
         lines = [
-            f"wanted         {told(self.tolerance)} of the sensitivity",
+            f"wanted         {share3(self.tolerance)} of the sensitivity",
             f"plan           {counted(planned.runs, 'run')} up and down{each} with {counted(count, 'weight')}:"
             f" {duration(plan.seconds)}",
             f"weights        {', '.join(f'{load:.4g}' for load in planned.loads)} N",
-            f"expected       {told(plan.u)}; {f'loads count with {told(self.loads_u)}' if self.loads_u else EXACT}",
+            f"expected       {share3(plan.u)}; {f'loads count with {share3(self.loads_u)}' if self.loads_u else EXACT}",
             f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
         ]
         of_series = {"loads_N": list(planned.loads), "runs": planned.runs, "positions": self.positions,
@@ -207,7 +209,7 @@ def weighing_seconds() -> float:
 
 def lines_of(
     loads: Sequence[float], reading: Floats, degree: int, scatter: float, step: float, runs: int, loads_u: float
-) -> list[Line]:
+) -> list[BudgetLine]:
     """Lines of the sensitivity by runs with some loads.
 
     Args:
@@ -225,10 +227,10 @@ def lines_of(
     sensitivity = float(interpolate(load, reading, 0.0, degree).coefficients[1])
     rounded = powers[1] * rounding_u(load, reading, weights, scatter, step, 2 * REPEATS * runs)
     lines = [
-        Line(READINGS, slope_u(load, degree) / sensitivity * scatter / math.sqrt(2 * REPEATS), Unit.SET),
-        Line(RESOLUTION, float(np.linalg.norm(rounded)) / sensitivity, Unit.NOTHING),
+        BudgetLine(READINGS, slope_u(load, degree) / sensitivity * scatter / math.sqrt(2 * REPEATS), RepeatUnit.SET),
+        BudgetLine(RESOLUTION, float(np.linalg.norm(rounded)) / sensitivity, RepeatUnit.NOTHING),
     ]
-    return lines + ([Line(WEIGHTS, loads_u, Unit.NOTHING)] if loads_u else [])
+    return lines + ([BudgetLine(WEIGHTS, loads_u, RepeatUnit.NOTHING)] if loads_u else [])
 
 
 def spread(weights: Sequence[float], count: int) -> tuple[float, ...]:
@@ -252,7 +254,7 @@ def _quickest(asked: CellRepeats) -> PlannedRuns:
     best = min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
     if best.allocation.sets > MOST_RUNS:
         raise RangeError(
-            f"--tolerance {told(asked.tolerance)} takes {counted(best.allocation.sets, 'run')} up and down, "
+            f"--tolerance {share3(asked.tolerance)} takes {counted(best.allocation.sets, 'run')} up and down, "
             f"{duration(best.allocation.seconds)}, above the limit of {MOST_RUNS} runs; give a greater --tolerance"
         )
     return best
@@ -261,10 +263,10 @@ def _quickest(asked: CellRepeats) -> PlannedRuns:
 def _below_floor(asked: CellRepeats, error: BelowFloor, loads: Sequence[float]) -> RangeError:
     """The refusal of a tolerance below what weights and display leave, by the loads that leave the least [N]."""
     tolerance, loads_u, cell = asked.tolerance, asked.loads_u, asked.cell
-    best = f"best now  {told(1.01 * error.floor)}"
+    best = f"best now  {share3(1.01 * error.floor)}"
     if tolerance <= loads_u:
         lines = [
-            f"--tolerance {told(tolerance)} cannot be reached: --loads-u says {told(loads_u)}, which no run lowers",
+            f"--tolerance {share3(tolerance)} cannot be reached: --loads-u says {share3(loads_u)}, which no run lowers",
             best,
             "or        weights of a better class, or the local gravity, and a smaller --loads-u",
         ]
@@ -275,8 +277,8 @@ def _below_floor(asked: CellRepeats, error: BelowFloor, loads: Sequence[float]) 
     left, wanted = (math.sqrt(u**2 - loads_u**2) for u in (error.floor, tolerance))  # by the display alone
     heavier = (loads[-1] - loads[0]) * left / wanted + loads[0]
     lines = [
-        f"--tolerance {told(tolerance)} cannot be reached: resolution leaves {told(left)}"
-        f"{f', and --loads-u {told(loads_u)}' if loads_u else ''}: the display of "
+        f"--tolerance {share3(tolerance)} cannot be reached: resolution leaves {share3(left)}"
+        f"{f', and --loads-u {share3(loads_u)}' if loads_u else ''}: the display of "
         f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
         best,
         f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",
@@ -284,8 +286,8 @@ def _below_floor(asked: CellRepeats, error: BelowFloor, loads: Sequence[float]) 
     ]
     if error.floor > ALIKE * math.hypot(apart, loads_u):
         lines.append(
-            f"or        {told(math.hypot(apart, loads_u))} by weights that are rounded independently: these are nearly"
-            " whole steps of the display apart, and rounded alike"
+            f"or        {share3(math.hypot(apart, loads_u))} by weights that are rounded independently: these are"
+            " nearly whole steps of the display apart, and rounded alike"
         )
     lines.append(f"note      by {cell.source}; a calibration without --tolerance tells the steps of this indicator")
     return RangeError("\n  ".join(lines))

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.uncertainty.budget import Budget
@@ -87,7 +87,7 @@ class LoadCellResult:
         return tuple(load_budget(c, load) for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N))
 
 
-def runs_of(points: Sequence[LoadCellPoint], loads: int) -> Iterator[Run]:
+def runs_of(points: Sequence[LoadCellPoint], loads: int) -> Iterator[WeightRun]:
     """The runs up and down with this number of loads each, with their zeros before and after."""
     length = 2 * loads + 2
     for start in range(0, len(points) - length + 1, length):
@@ -97,4 +97,4 @@ def runs_of(points: Sequence[LoadCellPoint], loads: int) -> Iterator[Run]:
         scatter = float(np.sqrt(np.var(displays, axis=1, ddof=1).mean()))
         loading, unloading = np.array(mean[:loads]), np.array(mean[loads:][::-1])
         zeros = before.reading_mV, after.reading_mV
-        yield Run(before.position_deg, loading, unloading, *zeros, len(displays[0]), scatter)
+        yield WeightRun(before.position_deg, loading, unloading, *zeros, len(displays[0]), scatter)

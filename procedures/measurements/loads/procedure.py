@@ -14,7 +14,7 @@ from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import THESIS_LOADS, Design
 from palpate.instrument.sensor.sample import get_sample, parse_samples
-from palpate.instrument.signals.dwell import STEP, Dwell, dwell_of, floor_u
+from palpate.instrument.signals.dwell import STEP, RequiredDwell, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads, until_full
@@ -127,7 +127,7 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         likely = predicted(steps, [self._expected(target.design, name) for name in self.samples])
         if self.tolerance is not None:
             worst = max(step.ratio_u_expected or 0.0 for step in steps)
-            likely = replace(likely, u=worst, told={**likely.told, "tolerance_of": "point"})
+            likely = replace(likely, u=worst, details={**likely.details, "tolerance_of": "point"})
         return Plan(self.name, steps, likely)
 
     def _repeated(self, repeats: Repeats) -> Plan[LoadStep, Repeats | None]:
@@ -174,13 +174,13 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         dwell = None if self.tolerance else self.dwell
         return LoadStep(dwell, seconds, u, sample, load, what=what, group=group)
 
-    def _chosen(self, design: Design, load: float, ratio: float) -> Dwell:
+    def _chosen(self, design: Design, load: float, ratio: float) -> RequiredDwell:
         """The dwell that is expected to be chosen for the tolerance."""
         assert self.tolerance is not None
         return dwell_of(self.tolerance, expected_noise(design, load, ratio), self.frequency, floor_of(design, ratio))
 
-    def begin(self, plan: Plan[LoadStep, Repeats | None], lab: Lab, record: Recorder) -> Sweeping:
-        return Sweeping(lab, record, self, by_point=self.tolerance is not None and plan.basis is None)
+    def begin(self, plan: Plan[LoadStep, Repeats | None], lab: Lab, record: Recorder) -> LoadSweepWork:
+        return LoadSweepWork(lab, record, self, by_point=self.tolerance is not None and plan.basis is None)
 
     def evaluate(self, points: Sequence[LoadPoint], plan: Plan[LoadStep, Repeats | None], lab: Lab) -> SweepResult:
         return evaluate(points, lab.design, plan.basis, self.tolerance)
@@ -192,7 +192,7 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(SweepWork):
+class LoadSweepWork(SweepWork):
     """The bench work: one load after the other on each sample."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep, by_point: bool) -> None:
@@ -214,7 +214,7 @@ class Sweeping(SweepWork):
 def _chosen(design: Design, target: float) -> DwellChoice:
     """How a dwell is chosen from the noise of a short record, for a relative standard uncertainty of the ratio."""
 
-    def choose(short: SineFit) -> Dwell:
+    def choose(short: SineFit) -> RequiredDwell:
         forces = film_forces(design, short)
         noise = forces.noise_u / forces.force_ratio * math.sqrt(short.samples / short.rate)
         return dwell_of(target, noise, short.frequency, floor_of(design, forces.force_ratio))

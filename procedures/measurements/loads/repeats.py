@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
-from palpate.instrument.allocation.stopping import FIRST, Answer, answer, enough
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
+from palpate.instrument.allocation.stopping import FIRST, RunRatio, answer, enough
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
@@ -63,19 +63,23 @@ class Repeats:
         """
         return {sample: _allocation(self, sample) for sample in self.samples}
 
-    def lines(self, sample: str) -> list[Line]:
+    def lines(self, sample: str) -> list[BudgetLine]:
         """Lines of the mean ratio of a sample."""
         ratio = expected_ratio(self.design, sample)
         noise = math.sqrt(
             math.fsum(expected_noise(self.design, load, ratio) ** 2 for load in self.loads) / len(self.loads)
         )
         lines = [
-            Line(SCATTER, self.design.ratio_scatter, Unit.SET, PRIOR_FREEDOM),
-            Line(NOISE, noise, Unit.SECOND),
+            BudgetLine(SCATTER, self.design.ratio_scatter, RepeatUnit.SET, PRIOR_FREEDOM),
+            BudgetLine(NOISE, noise, RepeatUnit.SECOND),
         ]
         if films := calibration_u(self.design):
-            lines.append(Line(CALIBRATION, films, Unit.NOTHING, self.design.film_freedom or math.inf))
-        lines += [Line(PICKUP, part.u, Unit.NOTHING) for part in floor_of(self.design, ratio) if part.name == PICKUP]
+            lines.append(BudgetLine(CALIBRATION, films, RepeatUnit.NOTHING, self.design.film_freedom or math.inf))
+        lines += [
+            BudgetLine(PICKUP, part.u, RepeatUnit.NOTHING)
+            for part in floor_of(self.design, ratio)
+            if part.name == PICKUP
+        ]
         return lines
 
     @property
@@ -98,7 +102,7 @@ class Repeats:
         except RangeError:  # by the scatter that was found no time is enough
             return True
 
-    def answer(self, sample: str, ratios: Sequence[float]) -> Answer:
+    def answer(self, sample: str, ratios: Sequence[float]) -> RunRatio:
         """Mean ratio of a sample, and its relative uncertainty by what its sets scatter."""
         return answer(self.lines(sample), self.allocations[sample], 1.0, [ratios])
 
@@ -113,7 +117,7 @@ class Repeats:
             f"wanted         {share(self.tolerance, 3)} of the mean ratio of each sample, below the "
             f"{share(self.design.ratio_scatter, 3)} that one load set scatters",
             f"plan           load sets of each sample: {sets}, of {show(dwell, 's')} at most: {duration(seconds)} "
-            f"({self.mounts.told(len(plans))})",
+            f"({self.mounts.described(len(plans))})",
             f"expected       {share(worst.u, 3)} at most",
             f"binds          {worst.binds}, {worst.shares[worst.binds]:.0%} of the variance",
         ]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any, Protocol
 
-from palpate.instrument.allocation.stopping import Answer
+from palpate.instrument.allocation.stopping import RunRatio
 from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.sensor.design import Design
@@ -126,7 +126,7 @@ class SweepResult:
 class Repeated(Protocol):
     """Load sets of samples that are repeated for a tolerance of their mean ratios."""
 
-    def answer(self, sample: str, ratios: Sequence[float]) -> Answer: ...
+    def answer(self, sample: str, ratios: Sequence[float]) -> RunRatio: ...
 
 
 def ratio_of(sample: str) -> str:
@@ -178,7 +178,7 @@ def evaluate(
     return SweepResult(list(points), means, order, tuple(budgets), tolerance, of)
 
 
-def _by_scatter(quantity: str, found: Answer) -> Budget:
+def _by_scatter(quantity: str, found: RunRatio) -> Budget:
     """The budget of a mean ratio by what its sets scatter."""
     parts = tuple(replace(part, sensitivity=found.ratio) for part in found.budget.components)
     return Budget(quantity, found.ratio, "", parts, found.budget.correlations)

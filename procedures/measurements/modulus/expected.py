@@ -23,7 +23,7 @@ COMPLIANCE = 1e-3  # m/N, of the bench, which yields with the sample [M]
 
 
 @dataclass(frozen=True, slots=True)
-class _Line:
+class _EvenLoads:
     """Loads that grow evenly from `first` to `last` [N] over positions, each off by `u` [N].
 
     Those of `least` [N] or less do not count, because they may be no contact.
@@ -76,7 +76,7 @@ def expected_moduli(
     load_u = display_u(cell, displays) / cell.sensitivity_mV_per_N
     force = sample.modulus * sample.area * strain
     sure = SURE * cell.resolution()
-    support, pad = _Line(*bare, steps, load_u, sure), _Line(force / steps, force, steps, load_u, sure)
+    support, pad = _EvenLoads(*bare, steps, load_u, sure), _EvenLoads(force / steps, force, steps, load_u, sure)
     if min(len(support.loads), len(pad.loads)) < LEAST_POINTS:
         return []
     yields = sample.thickness / (sample.modulus * sample.area)  # m/N, of the sample alone

@@ -14,7 +14,7 @@ from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
 from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
-from palpate.instrument.findings.load_line import LEAST_POINTS, SURE, Series
+from palpate.instrument.findings.load_line import LEAST_POINTS, SURE, DisplaySeries
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Step
@@ -146,9 +146,9 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
         return Report(partial(print_modulus, result), partial(plot_modulus, result, lab.bench.simulated))
 
 
-def _series(points: Sequence[DisplaysPoint], name: str) -> Series:
+def _series(points: Sequence[DisplaysPoint], name: str) -> DisplaySeries:
     own = [point for point in points if point.series == name]
-    return Series(np.array([point.position_m for point in own]), np.array([point.readings_mV for point in own]))
+    return DisplaySeries(np.array([point.position_m for point in own]), np.array([point.readings_mV for point in own]))
 
 
 class Compressing:

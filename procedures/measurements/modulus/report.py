@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from palpate.instrument.findings.compression import CompressionPoint
 from palpate.instrument.quantity import show, show_with_u
-from palpate.instrument.thesis import COMPRESSION_TABLES, Table, read_table
+from palpate.instrument.thesis import COMPRESSION_TABLES, ThesisTable, read_table
 from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.modulus.result import ModulusResult
@@ -91,12 +91,12 @@ def plot_modulus(result: ModulusResult, simulated: bool, folder: Path) -> Path:
     return save(figure, folder)
 
 
-def _thesis(sample: str) -> Table | None:
+def _thesis(sample: str) -> ThesisTable | None:
     """The thesis' compression test of a sample; None: it has none (it tests two samples)."""
     return read_table(COMPRESSION_TABLES[sample]) if sample in COMPRESSION_TABLES else None
 
 
-def _printed(table: Table) -> RichTable:
+def _printed(table: ThesisTable) -> RichTable:
     rows = new_table(
         stamped(False, f"Thesis, Table {table.number}"), "position\nmm", "strain", "stress\nkPa", "modulus\nkPa"
     )

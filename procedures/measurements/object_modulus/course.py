@@ -7,13 +7,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from palpate.instrument.allocation.allocate import BelowFloor
-from palpate.instrument.allocation.lines import Costs, Line, Unit
-from palpate.instrument.allocation.stopping import FIRST, SETS, Ratios, Verdict, answer, enough, first_sets, pooled
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
+from palpate.instrument.allocation.stopping import (
+    FIRST,
+    SETS,
+    Ratios,
+    StoppingVerdict,
+    answer,
+    enough,
+    first_sets,
+    pooled,
+)
 from palpate.instrument.allocation.times import MOST_FREEDOM
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM
 from palpate.instrument.models.curve import RatioCurve
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.plan import expected_noise, noise_of
@@ -29,8 +38,8 @@ from palpate.procedures.measurements.object_modulus.lines import (
 from palpate.procedures.measurements.object_modulus.prospect import BOUND_SETS, Prospect
 from palpate.procedures.measurements.object_modulus.result import (
     LEAST_MOUNTINGS,
-    Answer,
     ModulusPoint,
+    ObjectModulusAnswer,
     answered,
     mounting_scatter,
     ratios_of,
@@ -55,7 +64,7 @@ class Course:
     """
 
     design: Design
-    question: Question
+    question: RatioQuestion
     curve: RatioCurve
     wanted: Wanted
     prospect: Prospect
@@ -65,15 +74,15 @@ class Course:
         """Bench times, by which further mountings and sets are chosen."""
         return costs_of(self.prospect.load, self.wanted.frequency, self.wanted.mounts)
 
-    def verdict(self, points: Sequence[ModulusPoint]) -> Verdict:
+    def verdict(self, points: Sequence[ModulusPoint]) -> StoppingVerdict:
         """Whether the points are enough, and how many mountings and sets there will be in all."""
         found = self._whatever_it_takes(points)
         return found if found.why or not points else self._within_time(points, found)
 
-    def _whatever_it_takes(self, points: Sequence[ModulusPoint]) -> Verdict:
+    def _whatever_it_takes(self, points: Sequence[ModulusPoint]) -> StoppingVerdict:
         """The verdict if time were no matter."""
         plan, ratios = self.prospect.allocation, ratios_of(points)
-        found = Verdict(plan.mountings, plan.sets, _unusable(points))
+        found = StoppingVerdict(plan.mountings, plan.sets, _unusable(points))
         if found.why or not ratios:
             return found
         slope = self._sensitivity(ratios)
@@ -84,15 +93,19 @@ class Course:
             return found
         return self._for_tolerance(self.wanted.tolerance, slope, ratios)
 
-    def _for_tolerance(self, tolerance: float, slope: float, ratios: Ratios) -> Verdict:
+    def _for_tolerance(self, tolerance: float, slope: float, ratios: Ratios) -> StoppingVerdict:
         plan = self.prospect.allocation
         lines = self._lines(ratios, slope, absolute=not self.wanted.relative)
         try:
             found = enough(lines, self.costs, tolerance, plan, slope, ratios)
         except BelowFloor as error:
-            return Verdict(plan.mountings, plan.sets, f"{error.line} leaves {error.floor:.2%}, which no set lowers")
+            return StoppingVerdict(
+                plan.mountings, plan.sets, f"{error.line} leaves {error.floor:.2%}, which no set lowers"
+            )
         except RangeError:
-            return Verdict(plan.mountings, plan.sets, "by the scatter that was found no time on the bench is enough")
+            return StoppingVerdict(
+                plan.mountings, plan.sets, "by the scatter that was found no time on the bench is enough"
+            )
         asked, each = plan.mountings, plan.sets // plan.mountings
         missing = asked - sum(len(sets) >= each for sets in ratios)  # one that was interrupted does not count
         if self.wanted.mountings is None or missing <= 0:
@@ -101,9 +114,9 @@ class Course:
         if not found.why and found.mountings >= asked:
             return found
         each = each if found.why else max(each, math.ceil(found.sets / asked))
-        return Verdict(asked, asked * each, "")
+        return StoppingVerdict(asked, asked * each, "")
 
-    def _within_time(self, points: Sequence[ModulusPoint], found: Verdict) -> Verdict:
+    def _within_time(self, points: Sequence[ModulusPoint], found: StoppingVerdict) -> StoppingVerdict:
         """The verdict; a set that would not fit into the time ends the measurement before it.
 
         That time is the given one, or else the printed bound, which leaves the first sets of each mounting alone.
@@ -126,7 +139,7 @@ class Course:
         first = first_sets(plan)
         return sum(min(len(sets), first) for sets in ratios) < first * (self.wanted.mountings or 1)
 
-    def _seconds_after(self, points: Sequence[ModulusPoint], found: Verdict) -> float:
+    def _seconds_after(self, points: Sequence[ModulusPoint], found: StoppingVerdict) -> float:
         """Bench time at the end of a measurement that takes another set [s]."""
         costs, taken = self.costs, math.fsum(point.seconds for point in points)
         following = costs.set + self.prospect.allocation.dwell
@@ -137,7 +150,7 @@ class Course:
         """Whether the object is mounted again before the next set."""
         return _remounts(points, self.verdict(points))
 
-    def answer(self, points: Sequence[ModulusPoint]) -> Answer | None:
+    def answer(self, points: Sequence[ModulusPoint]) -> ObjectModulusAnswer | None:
         """The modulus by the valid points; None: there is none. Raises EstimateError."""
         ratios = ratios_of(points)
         if not ratios:
@@ -241,7 +254,7 @@ class Course:
     def _sensitivity(self, ratios: Ratios) -> float | None:
         return sensitivity_at(self.curve, _mean(ratios))
 
-    def _lines(self, ratios: Ratios, slope: float, *, absolute: bool) -> list[Line]:
+    def _lines(self, ratios: Ratios, slope: float, *, absolute: bool) -> list[BudgetLine]:
         """The lines of the plan at the measured ratio, with what the mountings of this run tell of their scatter.
 
         A scatter that sets do not show counts for mountings. The scatter that a few mountings showed is found from
@@ -252,16 +265,18 @@ class Course:
         lines = lines_of(self.design, found, self.prospect.load, self.wanted, absolute, self._cycles)
         if self.too_alike(ratios):
             scatter = math.hypot(self.design.ratio_scatter, self.wanted.mounted or 0.0)
-            mounted = Line(MOUNTED, slope * scatter, Unit.MOUNTING, PRIOR_FREEDOM)
+            mounted = BudgetLine(MOUNTED, slope * scatter, RepeatUnit.MOUNTING, PRIOR_FREEDOM)
         elif self.wanted.mounted is None and (own := mounting_scatter(ratios)) is not None and own.u > 0:
-            mounted = Line(MOUNTED, slope * own.u, Unit.MOUNTING, float(own.degrees_of_freedom), estimate=SETS)
+            mounted = BudgetLine(
+                MOUNTED, slope * own.u, RepeatUnit.MOUNTING, float(own.degrees_of_freedom), estimate=SETS
+            )
         else:
             return list(lines)
         kept = [line for line in lines if line.name != MOUNTED]
         return [*kept, mounted]
 
 
-def _remounts(points: Sequence[ModulusPoint], verdict: Verdict) -> bool:
+def _remounts(points: Sequence[ModulusPoint], verdict: StoppingVerdict) -> bool:
     ratios = ratios_of(points)
     each = max(1, verdict.sets // verdict.mountings)
     return bool(ratios) and len(ratios) < verdict.mountings and len(ratios[-1]) >= each

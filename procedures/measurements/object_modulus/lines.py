@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.instrument.allocation.lines import Line, Unit
+from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.findings.modulus_of_ratio import MOST_SENSITIVE, modulus_of_ratio
 from palpate.instrument.findings.object_modulus import ByReferences, estimate, validation_of
 from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.sine_columns import sine_columns
@@ -62,7 +62,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ExpectedRatio:
     """What a model expects of an object.
 
     Attributes:
@@ -87,7 +87,7 @@ class Expected:
         return self.references is not None and self.references.same_films
 
 
-def curve_of(question: Question, references: ByReferences | None = None) -> RatioCurve:
+def curve_of(question: RatioQuestion, references: ByReferences | None = None) -> RatioCurve:
     """The curve of the question's model, corrected by references if there are some. Raises as `ratio_curve` does."""
     sensor = question.sensor()
     curve = ratio_curve(sensor, question.load(sensor.ring.material.modulus), question.model, question.tolerance)
@@ -101,7 +101,7 @@ def sensitivity_at(curve: RatioCurve, ratio: float) -> float | None:
     return slope if slope <= MOST_SENSITIVE and math.isfinite(found.modulus[0]) else None
 
 
-def expected(question: Question, modulus: float, references: ByReferences | None = None) -> Expected:
+def expected(question: RatioQuestion, modulus: float, references: ByReferences | None = None) -> ExpectedRatio:
     """What the question's model expects of an object of a Young modulus [Pa].
 
     Raises:
@@ -114,12 +114,12 @@ def expected(question: Question, modulus: float, references: ByReferences | None
     (row,) = estimate(question, [ratio], EDGE, references=references)
     sensitivity = sensitivity_at(curve, ratio) if low <= modulus <= high else None
     line = validation_of(question, row["model"], references)
-    return Expected(ratio, sensitivity, row["curve_error"] / math.sqrt(3), line, row["model"], references)
+    return ExpectedRatio(ratio, sensitivity, row["curve_error"] / math.sqrt(3), line, row["model"], references)
 
 
 def lines_of(
-    design: Design, found: Expected, load: float, wanted: Wanted, absolute: bool, cycles: int = LONG
-) -> tuple[Line, ...]:
+    design: Design, found: ExpectedRatio, load: float, wanted: Wanted, absolute: bool, cycles: int = LONG
+) -> tuple[BudgetLine, ...]:
     """Lines of the modulus' uncertainty. A scatter of mountings that is not known has no line.
 
     Args:
@@ -134,19 +134,21 @@ def lines_of(
     films, pickup = calibration_u(design), pickup_u(design) * math.hypot(1.0, 1 / ratio)
     noise = expected_noise(design, load, ratio) * cost_of_trend(min(cycles, LONG))
     lines = [
-        Line(SCATTER, slope * design.ratio_scatter, Unit.SET, PRIOR_FREEDOM),
-        Line(NOISE, slope * noise, Unit.SECOND),
-        Line(CURVE, slope * found.curve_u / ratio, Unit.NOTHING),
+        BudgetLine(SCATTER, slope * design.ratio_scatter, RepeatUnit.SET, PRIOR_FREEDOM),
+        BudgetLine(NOISE, slope * noise, RepeatUnit.SECOND),
+        BudgetLine(CURVE, slope * found.curve_u / ratio, RepeatUnit.NOTHING),
     ]
     if wanted.mounted:
-        lines.append(Line(MOUNTED, slope * wanted.mounted, Unit.MOUNTING, wanted.mounted_freedom))
+        lines.append(BudgetLine(MOUNTED, slope * wanted.mounted, RepeatUnit.MOUNTING, wanted.mounted_freedom))
     if films and not (absolute and found.films_cancel):
-        lines.append(Line(CALIBRATION, slope * films, Unit.NOTHING, design.film_freedom or math.inf))
+        lines.append(BudgetLine(CALIBRATION, slope * films, RepeatUnit.NOTHING, design.film_freedom or math.inf))
     if pickup:
-        lines.append(Line(PICKUP, slope * pickup, Unit.NOTHING))
+        lines.append(BudgetLine(PICKUP, slope * pickup, RepeatUnit.NOTHING))
     if absolute and found.validation.u is not None:
         validation = found.validation
-        lines.append(Line(VALIDATION, slope * (validation.u or 0.0), Unit.NOTHING, validation.degrees_of_freedom))
+        lines.append(
+            BudgetLine(VALIDATION, slope * (validation.u or 0.0), RepeatUnit.NOTHING, validation.degrees_of_freedom)
+        )
     return tuple(lines)
 
 

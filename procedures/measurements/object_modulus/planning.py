@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.findings.object_modulus import ByReferences
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements.object_modulus.lines import Wanted, expected
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of, for_bound
@@ -18,7 +18,7 @@ from palpate.procedures.measurements.repeated_sets import MOST_SETS
 
 
 def prospect_of(
-    question: Question,
+    question: RatioQuestion,
     modulus: float,
     design: Design,
     loads: tuple[float, ...],

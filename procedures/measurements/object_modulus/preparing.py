@@ -14,17 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.instrument.allocation.preparations import Prepared, prepare
-from palpate.instrument.allocation.purchase import Preparation, Way
+from palpate.instrument.allocation.purchase import Preparation, RunOption
 from palpate.instrument.calibration.films import FEWEST
 from palpate.instrument.errors import PalpateError, RangeError
 from palpate.instrument.findings.film_forces import calibration_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.plan import APPROACH, point_seconds
 from palpate.procedures.lab.mounts import MOUNTING
-from palpate.procedures.measurements.object_modulus.lines import VALIDATION, Expected, Wanted
+from palpate.procedures.measurements.object_modulus.lines import VALIDATION, ExpectedRatio, Wanted
 from palpate.procedures.measurements.object_modulus.prospect import SHORT, fewest_of, way_of
 
 COMPRESSION = 272.0  # s, of the test that tells the modulus of a reference [M]
@@ -34,7 +34,7 @@ REFERENCE_SETS = 6  # load sets of each in palpate calibrate model
 FILM_DWELL = 1.0  # s, in palpate calibrate films
 
 
-def references_of(question: Question, found: Expected, design: Design) -> Preparation | None:
+def references_of(question: RatioQuestion, found: ExpectedRatio, design: Design) -> Preparation | None:
     """References of the model, with those that there are; None: nothing tells how objects spread about a constant."""
     slope, known = found.sensitivity, found.references
     if slope is None:
@@ -62,7 +62,7 @@ def _spread(design: str, parameters: str, model: str) -> float | None:
         return None
 
 
-def films_of(design: Design, found: Expected, frequency: float) -> Preparation | None:
+def films_of(design: Design, found: ExpectedRatio, frequency: float) -> Preparation | None:
     """A calibration of the films, by points on each tooth; None: the ratio only tells a bound of the modulus."""
     if found.sensitivity is None:
         return None
@@ -74,7 +74,7 @@ def films_of(design: Design, found: Expected, frequency: float) -> Preparation |
     return Preparation(CALIBRATION, found.sensitivity * u, teeth * (MOUNTING + APPROACH), teeth * point, FEWEST)
 
 
-def preparations(question: Question, found: Expected, wanted: Wanted, design: Design) -> list[Preparation]:
+def preparations(question: RatioQuestion, found: ExpectedRatio, wanted: Wanted, design: Design) -> list[Preparation]:
     """Those that replace a line of what is wanted."""
     films = None
     if design.film_covariance is not None and not (found.films_cancel and not wanted.relative):
@@ -84,12 +84,12 @@ def preparations(question: Question, found: Expected, wanted: Wanted, design: De
 
 
 def prepared(
-    question: Question, found: Expected, wanted: Wanted, design: Design, loads: Sequence[float]
+    question: RatioQuestion, found: ExpectedRatio, wanted: Wanted, design: Design, loads: Sequence[float]
 ) -> Prepared | None:
     """The quickest way to the tolerance in all; None: nothing reaches it, or a time alone is given."""
     if wanted.tolerance is None or found.sensitivity is None:
         return None
-    ways: list[Way] = [way_of(design, found, wanted, load, cycles) for load in loads for cycles in SHORT]
+    ways: list[RunOption] = [way_of(design, found, wanted, load, cycles) for load in loads for cycles in SHORT]
     try:
         return prepare(ways, wanted.tolerance, preparations(question, found, wanted, design), fewest_of(wanted))
     except RangeError:

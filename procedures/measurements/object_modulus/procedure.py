@@ -10,11 +10,11 @@ from functools import partial
 from typing import Annotated
 
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.calibration.calibration import ANY, Owner
-from palpate.instrument.calibration.mounting_scatter import MountingScatter
+from palpate.instrument.calibration.calibration import ANY, CalibrationOwner
+from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.object_modulus import ByReferences, answering
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
@@ -25,7 +25,8 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_store, keep, mountings_of
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.probable import references_on, with_films
-from palpate.procedures.lab.session import Kept
+from palpate.procedures.lab.session import CalibrationKeys
+from palpate.procedures.measurements.object_modulus.alternatives import alternatives, worth_lines
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
 from palpate.procedures.measurements.object_modulus.course import Course
 from palpate.procedures.measurements.object_modulus.lines import Wanted, curve_of
@@ -40,7 +41,6 @@ from palpate.procedures.measurements.object_modulus.result import (
 )
 from palpate.procedures.measurements.object_modulus.telling import missed_by, planned_lines, scatter_told
 from palpate.procedures.measurements.object_modulus.work import Measuring
-from palpate.procedures.measurements.object_modulus.worth import alternatives, worth_lines
 from palpate.procedures.measurements.settings import Frequency, bench_time, model_name, share
 from palpate.procedures.measurements.softness.procedure import check_simulated
 from palpate.procedures.records.record import Recorder
@@ -129,7 +129,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         told = f"{scatter_told(stored.found)}: {stored.source}{stored.marks()}"
         return Wanted(*asked, stored.means_u, freedom, told, target.mounts, sample)
 
-    def mountings_on(self, target: Target) -> MountingScatter | None:
+    def mountings_on(self, target: Target) -> MountingScatterCalibration | None:
         """The stored scatter of mountings that the plan takes; before the bench is open, the one that it probably has.
 
         None: none is stored, or the run measures it anew by three mountings.
@@ -138,7 +138,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
             return None
         if target.calibrated is not None:
             return target.mountings
-        whose = Owner(ANY, target.scene, target.scene is not None, (target.design.name,))
+        whose = CalibrationOwner(ANY, target.scene, target.scene is not None, (target.design.name,))
         return mountings_of(whose, datetime.now(UTC).date())
 
     def course_on(self, target: Target) -> Course:
@@ -165,9 +165,9 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         low, high = target.calibrated or (0.0, math.inf)
         return tuple(load for load in LOADS if low <= load <= high) or (low,)
 
-    def model_question(self, design: Design) -> Question:
+    def model_question(self, design: Design) -> RatioQuestion:
         """The question for the model that turns the ratio into the modulus; "auto" is the model that it chooses."""
-        asked = Question(design.name, self.model, settings={"sensed_thickness": self.object.thickness})
+        asked = RatioQuestion(design.name, self.model, settings={"sensed_thickness": self.object.thickness})
         return replace(asked, model=answering(asked))
 
     def plan(self, target: Target) -> Plan[Step, Course]:
@@ -226,12 +226,12 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         )
         return replace(found, stopped=f"{stopped}{missed_by(course.wanted, found.achieved_u)}")
 
-    def save_calibration(self, done: Finished[ObjectModulusResult]) -> Kept:
+    def save_calibration(self, done: Finished[ObjectModulusResult]) -> CalibrationKeys:
         """Store what three mountings or more of this run scattered."""
         found, lab = mounting_scatter(ratios_of(done.result.points)), done.session.lab
         if found is None or not found.means_u > 0:
             return {}
-        scatter = MountingScatter(
+        scatter = MountingScatterCalibration(
             means_u=found.means_u,
             degrees_of_freedom=found.degrees_of_freedom,
             sets_u=found.within_u,

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from palpate.instrument.allocation.allocate import Allocation, allocate, allocate_time
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
-from palpate.instrument.allocation.purchase import Way
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
+from palpate.instrument.allocation.purchase import RunOption
 from palpate.instrument.allocation.stopping import FIRST, first_sets
 from palpate.instrument.allocation.times import Times, times
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements import repeated_sets
 from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
-from palpate.procedures.measurements.object_modulus.lines import Expected, Wanted, lines_of
+from palpate.procedures.measurements.object_modulus.lines import ExpectedRatio, Wanted, lines_of
 from palpate.procedures.measurements.repeated_sets import MOST_SETS
 
 ROBUST = 1.02  # what the plan with a greater load may cost over the cheapest one
@@ -41,7 +41,7 @@ class Prospect:
     """
 
     load: float
-    found: Expected
+    found: ExpectedRatio
     allocation: Allocation
     scale_u: float | None
     absolute_u: float | None
@@ -67,7 +67,7 @@ class Prospect:
         }
 
 
-def best_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[float]) -> Prospect:
+def best_of(design: Design, found: ExpectedRatio, wanted: Wanted, loads: Sequence[float]) -> Prospect:
     """The quickest plan for a tolerance, or the most accurate one in a time; with both, not longer than the time.
 
     Of the loads, the greatest is taken whose plan costs little more than the best one: what no plan knows, such as
@@ -87,12 +87,12 @@ def best_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[flo
     return Prospect(best.load, found, plan, scale, absolute, _times(best, wanted))
 
 
-def sets_of(design: Design, found: Expected, wanted: Wanted, loads: Sequence[float]) -> int:
+def sets_of(design: Design, found: ExpectedRatio, wanted: Wanted, loads: Sequence[float]) -> int:
     """Number of load sets of that plan. Raises as `best_of`."""
     return _best(design, found, wanted, loads).plan.sets
 
 
-def _best(design: Design, found: Expected, wanted: Wanted, loads: Sequence[float]) -> _Planned:
+def _best(design: Design, found: ExpectedRatio, wanted: Wanted, loads: Sequence[float]) -> _Planned:
     """The plan of `best_of`."""
     plans, refused = [], []
     for load in loads:
@@ -115,7 +115,7 @@ def _best(design: Design, found: Expected, wanted: Wanted, loads: Sequence[float
     return max(good, key=lambda each: (each.load, -price(each)))
 
 
-def for_bound(found: Expected, wanted: Wanted, load: float) -> Prospect:
+def for_bound(found: ExpectedRatio, wanted: Wanted, load: float) -> Prospect:
     """The plan for an object of which a model expects no more than a bound: a few sets tell it."""
     costs, dwell = costs_of(load, wanted.frequency, wanted.mounts), shortest(wanted.frequency)
     mountings = wanted.mountings or 1
@@ -142,7 +142,7 @@ class _Planned:
 
     load: float
     plan: Allocation
-    lines: tuple[Line, ...]
+    lines: tuple[BudgetLine, ...]
     costs: Costs
 
 
@@ -155,18 +155,20 @@ def _times(planned: _Planned, wanted: Wanted) -> Times:
     return times(planned.lines, planned.costs, wanted.tolerance, plan, sets, wanted.time)
 
 
-def way_of(design: Design, found: Expected, wanted: Wanted, load: float, cycles: int) -> Way:
+def way_of(design: Design, found: ExpectedRatio, wanted: Wanted, load: float, cycles: int) -> RunOption:
     """Lines and costs of runs under a load [N, peak to peak] with a dwell of some cycles or more."""
     least = max(shortest(wanted.frequency), cycles / wanted.frequency)
     lines = lines_of(design, found, load, wanted, not wanted.relative, round(least * wanted.frequency))
     costs = costs_of(load, wanted.frequency, wanted.mounts)
     if wanted.mountings is None:
-        return Way(lines, costs, least)
+        return RunOption(lines, costs, least)
     given = tuple(  # they are paid whatever the sets are, and lower their own line once
-        replace(line, u=line.u / math.sqrt(wanted.mountings), per=Unit.NOTHING) if line.per is Unit.MOUNTING else line
+        replace(line, u=line.u / math.sqrt(wanted.mountings), per=RepeatUnit.NOTHING)
+        if line.per is RepeatUnit.MOUNTING
+        else line
         for line in lines
     )
-    return Way(given, Costs(costs.start + wanted.mountings * costs.mounting, 0.0, costs.set), least)
+    return RunOption(given, Costs(costs.start + wanted.mountings * costs.mounting, 0.0, costs.set), least)
 
 
 def fewest_of(wanted: Wanted) -> int:
@@ -174,7 +176,7 @@ def fewest_of(wanted: Wanted) -> int:
     return FIRST * (wanted.mountings or 1)
 
 
-def _of_most_sets(way: Way, mountings: int, seconds: float) -> Allocation:
+def _of_most_sets(way: RunOption, mountings: int, seconds: float) -> Allocation:
     """The plan of as many sets as a run has, in a time [s]; it dwells no longer than lowers the uncertainty."""
     sets = MOST_SETS // mountings * mountings
     longest = (seconds - way.costs.seconds(mountings, sets, 0.0)) / sets
@@ -185,7 +187,7 @@ def _of_most_sets(way: Way, mountings: int, seconds: float) -> Allocation:
     return Allocation(mountings, sets, dwell, way.costs.seconds(mountings, sets, dwell), u, {}, "")
 
 
-def _planned(design: Design, found: Expected, wanted: Wanted, load: float, cycles: int) -> _Planned:
+def _planned(design: Design, found: ExpectedRatio, wanted: Wanted, load: float, cycles: int) -> _Planned:
     """The plan for one load, with a dwell of some cycles or more and as many sets in each mounting."""
     way = way_of(design, found, wanted, load, cycles)
     given, paid, least = tuple(way.lines), way.costs, way.shortest

@@ -11,15 +11,15 @@ from palpate.instrument.allocation.allocate import BelowFloor
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.mean_ratio import CALIBRATION, PICKUP
 from palpate.instrument.findings.object_modulus import answering
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.quantity import LARGEST_TOLERANCE
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.measurements.object_modulus.lines import CURVE, MOUNTED, VALIDATION, Expected, Wanted
+from palpate.procedures.measurements.object_modulus.alternatives import command_of, quickest
+from palpate.procedures.measurements.object_modulus.lines import CURVE, MOUNTED, VALIDATION, ExpectedRatio, Wanted
 from palpate.procedures.measurements.object_modulus.preparing import COMPRESSION, prepared, references_of
 from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of, sets_of
-from palpate.procedures.measurements.object_modulus.worth import command_of, quickest
 from palpate.procedures.measurements.repeated_sets import MOST_SETS, reachable
-from palpate.procedures.measurements.repeated_sets import share as told
+from palpate.procedures.measurements.repeated_sets import share as percent
 from palpate.procedures.showing.plan import duration
 
 NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
@@ -36,7 +36,12 @@ REMEDIES = {
 
 
 def below_floor(
-    wanted: Wanted, question: Question, found: Expected, design: Design, loads: Sequence[float], error: BelowFloor
+    wanted: Wanted,
+    question: RatioQuestion,
+    found: ExpectedRatio,
+    design: Design,
+    loads: Sequence[float],
+    error: BelowFloor,
 ) -> RangeError:
     """The refusal of a tolerance below the floor."""
     best = f"best now  {reachable(_least_tolerance(design, found, _free(wanted), tuple(loads), error.floor))}"
@@ -47,12 +52,12 @@ def below_floor(
             ways = [f"or        {REMEDIES[error.line]}"]
         if (wanted.tolerance or 0.0) >= LEAST_BY_COMPRESSION:
             ways = [*ways, _by_compression(wanted)]
-        told_floor = f"{error.line} leaves {told(error.floor)}, which no time on the bench lowers"
+        told_floor = f"{error.line} leaves {percent(error.floor)}, which no time on the bench lowers"
         return RangeError("\n  ".join([f"--tolerance {share} cannot be reached: {told_floor}", best, *ways]))
     factor = math.exp((found.sensitivity or 1.0) * (found.validation.u or 0.0))
     lines = [
         f"--tolerance {share} absolute cannot be reached: the model binds: {error.line} of {found.model!r} leaves"
-        f" {told(error.floor)}, a factor of {factor:.2g} ({found.validation.source})",
+        f" {percent(error.floor)}, a factor of {factor:.2g} ({found.validation.source})",
         best,
         *(_prepared(wanted, question, found, design, loads) or _with_references(question, found, design)),
         _by_compression(wanted),
@@ -62,7 +67,7 @@ def below_floor(
 
 
 def too_many_sets(
-    wanted: Wanted, found: Expected, design: Design, loads: Sequence[float], prospect: Prospect
+    wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float], prospect: Prospect
 ) -> RangeError:
     """The refusal of a tolerance above the floor that takes more load sets than a run has."""
     plan = prospect.allocation
@@ -79,7 +84,9 @@ def _free(wanted: Wanted) -> Wanted:
 
 
 @functools.lru_cache(maxsize=64)
-def _least_tolerance(design: Design, found: Expected, wanted: Wanted, loads: tuple[float, ...], floor: float) -> float:
+def _least_tolerance(
+    design: Design, found: ExpectedRatio, wanted: Wanted, loads: tuple[float, ...], floor: float
+) -> float:
     """The least tolerance whose plan has no more load sets than a run; it is above `floor`, which no time lowers."""
     low, high = max(floor, LEAST_TOLERANCE), max(LARGEST_TOLERANCE, 2 * floor)
     while high > CLOSE_TO * low:
@@ -92,7 +99,7 @@ def _least_tolerance(design: Design, found: Expected, wanted: Wanted, loads: tup
     return high
 
 
-def not_known(wanted: Wanted, found: Expected, design: Design, loads: Sequence[float]) -> RangeError:
+def not_known(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float]) -> RangeError:
     """The refusal of an absolute tolerance where the model's validation error is not known."""
     share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
     lines = [
@@ -104,7 +111,7 @@ def not_known(wanted: Wanted, found: Expected, design: Design, loads: Sequence[f
     return RangeError("\n  ".join(lines))
 
 
-def check_mountings(wanted: Wanted, found: Expected, tolerance: float) -> None:
+def check_mountings(wanted: Wanted, found: ExpectedRatio, tolerance: float) -> None:
     """Refuse a tolerance that needs the scatter of mountings where that was never measured. Raises UsageError."""
     if tolerance >= NEEDS_MOUNTINGS or wanted.mounted is not None or (wanted.mountings or 1) >= 3:
         return
@@ -124,7 +131,7 @@ def _by_compression(wanted: Wanted) -> str:
     return f"or        2 to 4 % in {COMPRESSION:.0f} s, where it can be taken off: palpate test modulus {sample}"
 
 
-def _with_references(question: Question, found: Expected, design: Design) -> list[str]:
+def _with_references(question: RatioQuestion, found: ExpectedRatio, design: Design) -> list[str]:
     """What as many references as pay would leave; empty: not known."""
     made = references_of(question, found, design)
     if made is None:
@@ -135,7 +142,9 @@ def _with_references(question: Question, found: Expected, design: Design) -> lis
     return [f"or        {100 * left:.2g} % with {count} references ({seconds}, once): {how}"]
 
 
-def _prepared(wanted: Wanted, question: Question, found: Expected, design: Design, loads: Sequence[float]) -> list[str]:
+def _prepared(
+    wanted: Wanted, question: RatioQuestion, found: ExpectedRatio, design: Design, loads: Sequence[float]
+) -> list[str]:
     """What other sessions make the tolerance reachable, as quickly as can be; empty: none do."""
     best = quickest(prepared(question, found, wanted, design, loads), len(design.teeth))
     if best is None or (wanted.time is not None and best.run_s > wanted.time):
@@ -143,7 +152,7 @@ def _prepared(wanted: Wanted, question: Question, found: Expected, design: Desig
     return [f"or        as asked with {best.told}: {best.how}"]
 
 
-def _on_scale(wanted: Wanted, found: Expected, design: Design, loads: Sequence[float]) -> list[str]:
+def _on_scale(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float]) -> list[str]:
     """What the tolerance costs on the model's scale; empty: it is not reached there either."""
     try:
         plan = best_of(design, found, replace(wanted, time=None, relative=True), loads)

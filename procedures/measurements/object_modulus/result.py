@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.findings.object_modulus import COVERAGE, estimate
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.groups import Between, between_groups
 from palpate.procedures.measurements import columns
-from palpate.procedures.measurements.object_modulus.lines import CURVE, EDGE, VALIDATION, Expected, Wanted
+from palpate.procedures.measurements.object_modulus.lines import CURVE, EDGE, VALIDATION, ExpectedRatio, Wanted
 from palpate.procedures.measurements.object_modulus.prospect import Prospect
 from palpate.procedures.records.columns import Column
 
@@ -60,7 +60,7 @@ def mounting_scatter(ratios: Sequence[Sequence[float]]) -> Between | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ObjectModulusAnswer:
     """The modulus of the object.
 
     Attributes:
@@ -92,7 +92,7 @@ class Answer:
         return Budget(quantity, modulus, "Pa", tuple(parts), self.ratio.correlations)
 
 
-def answered(mean: float, relative: Budget, question: Question, found: Expected) -> Answer:
+def answered(mean: float, relative: Budget, question: RatioQuestion, found: ExpectedRatio) -> ObjectModulusAnswer:
     """The modulus of a mean ratio, by the question's model. Raises as `estimate` does.
 
     Args:
@@ -108,7 +108,7 @@ def answered(mean: float, relative: Budget, question: Question, found: Expected)
         shared = math.fsum(part.u * ratio for part in parts if part.name == CALIBRATION)
         references = replace(references, shared_u=shared)
     (row,) = estimate(question, [ratio], budget.u, budget.degrees_of_freedom, references)
-    return Answer(budget, row, found.validation, found.films_cancel)
+    return ObjectModulusAnswer(budget, row, found.validation, found.films_cancel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ class ObjectModulusResult:
     points: list[ModulusPoint]
     wanted: Wanted
     prospect: Prospect
-    answer: Answer | None
+    answer: ObjectModulusAnswer | None
     stopped: str
     notes: tuple[str, ...]
     noise_density: float | None
@@ -178,7 +178,7 @@ class ObjectModulusResult:
             "mounting_scatter": None if scattered is None else scattered.u,
             "mounting_scatter_freedom": None if scattered is None else scattered.degrees_of_freedom,
             "mounting_scatter_bound": None if scattered is None else scattered.bound_u,
-            "mounting_scatter_told": None if scattered is None else scattered.told,
+            "mounting_scatter_told": None if scattered is None else scattered.significant,
             "coverage": COVERAGE,
             **({} if answer is None else {name: value for name, value in answer.row.items() if name != "model"}),
             "answered_by": self.prospect.found.model,

@@ -58,7 +58,7 @@ def _unknown_mountings(mountings: int, sensitivity: float) -> str:
 
 def scatter_told(found: Between) -> str:
     """What is known of the scatter of mountings beyond that of sets, to follow the word mountings."""
-    if found.told:
+    if found.significant:
         return f"scatter by {share(found.u)} of the ratio, at most {share(found.bound_u)} (95 %)"
     return f"scatter no more than their sets let expect, at most {share(found.bound_u)} of the ratio (95 %)"
 
@@ -67,7 +67,7 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     """What is planned and what is expected of it."""
     plan, found = prospect.allocation, prospect.found
     expected = prospect.scale_u if wanted.relative else prospect.absolute_u
-    person = wanted.mounts.told(plan.mountings, again=True)
+    person = wanted.mounts.described(plan.mountings, again=True)
     counts = f"{counted(plan.mountings, 'mounting')}, {counted(plan.sets, 'set')}"
     each = f"{show(prospect.load, 'N')}, {show(wanted.frequency, 'Hz')}, {show(plan.dwell, 's')}"
     lines = [

@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from palpate.instrument.allocation.lines import Line, Unit
+from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit
 from palpate.instrument.allocation.stopping import FIRST
 from palpate.instrument.findings.mean_ratio import NOISE as BY_NOISE
 from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM, SCATTER
@@ -87,7 +87,7 @@ def share_noise(design: Design, shares: Sequence[float], load: float) -> list[fl
 
 
 @functools.lru_cache(maxsize=1024)
-def lines_at(design: Design, sample: Sample, place: Place, load: float) -> tuple[Line, ...]:
+def lines_at(design: Design, sample: Sample, place: Place, load: float) -> tuple[BudgetLine, ...]:
     """Lines of the uncertainty [m] of a place that load sets find. Arguments as for `expected_places`.
 
     `locate` is no linear function of the shares. So a line is what it adds to ten load sets, the fewest that a
@@ -102,9 +102,9 @@ def lines_at(design: Design, sample: Sample, place: Place, load: float) -> tuple
         return math.sqrt(FIRST * max(u**2 - table**2, 0.0))
 
     return (
-        Line(SCATTER, added(quiet, scatter), Unit.SET, PRIOR_FREEDOM),
-        Line(BY_NOISE, added(noise, still), Unit.SECOND),
-        Line(TABLE, table, Unit.NOTHING),
+        BudgetLine(SCATTER, added(quiet, scatter), RepeatUnit.SET, PRIOR_FREEDOM),
+        BudgetLine(BY_NOISE, added(noise, still), RepeatUnit.SECOND),
+        BudgetLine(TABLE, table, RepeatUnit.NOTHING),
     )
 
 

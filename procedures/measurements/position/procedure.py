@@ -155,8 +155,8 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, PlaceRepe
         """Position of a step [m], to the last digit."""
         return next(place for place in self.positions if 1e3 * place == step.position_mm)
 
-    def begin(self, plan: Plan[PositionStep, PlaceRepeats | None], lab: Lab, record: Recorder) -> Sweeping:
-        return Sweeping(lab, record, self)
+    def begin(self, plan: Plan[PositionStep, PlaceRepeats | None], lab: Lab, record: Recorder) -> PositionSweepWork:
+        return PositionSweepWork(lab, record, self)
 
     def evaluate(
         self, points: Sequence[PositionPoint], plan: Plan[PositionStep, PlaceRepeats | None], lab: Lab
@@ -175,7 +175,7 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, PlaceRepe
         return Report(partial(print_sweep, result, lab.design), plot)
 
 
-class Sweeping(SweepWork):
+class PositionSweepWork(SweepWork):
     """A position sweep on the bench: the point probe presses at one place after the other."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: PositionSweep) -> None:

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate, allocate_time
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.position import Located, deviations, locate
@@ -83,7 +83,7 @@ class PlaceRepeats:
         """
         return _allocations(self)
 
-    def lines(self, x: float) -> tuple[Line, ...]:
+    def lines(self, x: float) -> tuple[BudgetLine, ...]:
         """Lines of the uncertainty of the place x [m]."""
         place = min(max(round(x / NEAR) * NEAR, 0.0), self.design.plate.length), self.design.cell[1] / 2
         return lines_at(self.design, self.sample, place, self.load)
@@ -162,7 +162,7 @@ class PlaceRepeats:
         noise = [less * u for u in self._noise(mean, plan)]
         return locate(self.design, self.sample, mean, noise, less**2 * np.array(self.design.tooth_covariance))
 
-    def _found_lines(self, x: float, shares: Sequence[Shares]) -> tuple[Line, ...]:
+    def _found_lines(self, x: float, shares: Sequence[Shares]) -> tuple[BudgetLine, ...]:
         """Lines of the uncertainty of the place x [m] that was found; the table's by the shares that were measured."""
         *of_sets, table = self.lines(x)
         return (*of_sets, replace(table, u=locate(self.design, self.sample, _mean(shares), QUIET, STILL).u))
@@ -187,7 +187,7 @@ class PlaceRepeats:
 
     def _of_set(self, x: float, plan: Allocation) -> float:
         """What scatter and noise of one set are expected to add to the uncertainty of the place x [m]."""
-        return budget([line for line in self.lines(x) if line.per is not Unit.NOTHING], 1, 1, plan.dwell).u
+        return budget([line for line in self.lines(x) if line.per is not RepeatUnit.NOTHING], 1, 1, plan.dwell).u
 
     def _noise(self, shares: Sequence[float], plan: Allocation) -> list[float]:
         """Expected standard uncertainty of each share by the noise of one set."""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.models.curve import RatioCurve
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.promise import Expected
@@ -23,7 +23,7 @@ from palpate.procedures.measurements.references.result import check_range
 def expected_constant(
     design: Design,
     references: Sequence[Reference],
-    question: Question,
+    question: RatioQuestion,
     curve: RatioCurve,
     loads: Sequence[float],
     dwell: float,

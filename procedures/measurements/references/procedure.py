@@ -13,7 +13,7 @@ from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.model_fit import expected_u
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models.curve import RatioCurve, ratio_curve
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import validate
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
@@ -23,7 +23,7 @@ from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_nameable, keep
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.lab.session import Kept
+from palpate.procedures.lab.session import CalibrationKeys
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.references.expected import expected_constant
 from palpate.procedures.measurements.references.reference import Reference, read_reference
@@ -155,12 +155,12 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         }
         return evaluate(points, self.references, lab.design, question, _curve(question), origin)
 
-    def save_calibration(self, done: Finished[ReferencesResult]) -> Kept:
+    def save_calibration(self, done: Finished[ReferencesResult]) -> CalibrationKeys:
         path = keep(done.result.calibration, done.folder, done.replayed)
         return {"model_calibration_file": str(path)}
 
-    def _question(self, design: Design) -> Question:
-        return Question(design.name, self.model, self.parameters, {"sensed_thickness": self.thickness})
+    def _question(self, design: Design) -> RatioQuestion:
+        return RatioQuestion(design.name, self.model, self.parameters, {"sensed_thickness": self.thickness})
 
     def _touches(self, design: Design) -> SoftnessTest:
         """The softness test of the references, which is how they are measured."""
@@ -174,6 +174,6 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         return Report(partial(print_references, result, lab.films), partial(plot_references, result, curve))
 
 
-def _curve(question: Question) -> RatioCurve:
+def _curve(question: RatioQuestion) -> RatioCurve:
     sensor = question.sensor()
     return ratio_curve(sensor, question.load(sensor.ring.material.modulus), question.model)

@@ -38,20 +38,20 @@ def print_references(result: ReferencesResult, films: FilmCalibration | None, ou
         f"constant       {math.exp(c.constant):z.4f}, by which the model's ratios are divided",
         f"spread         {spread}{freedom}: {c.prior}",
         moduli.absolute_line(result.line),
-        f"films          {_told(films)}",
-        *_worth(result),
+        f"films          {_films_text(films)}",
+        *_modulus_lines(result),
         f"stored in      {outcome['model_calibration_file']}, until {c.expires}",
         *where({**outcome, "film_calibration": None}, plot),
     )
 
 
-def _told(films: FilmCalibration | None) -> str:
+def _films_text(films: FilmCalibration | None) -> str:
     if films is None:
         return "not calibrated; what their sensitivities are off by is the same for references and objects, and cancels"
     return f"calibration {films.source}; its error cancels for objects that are measured with it"
 
 
-def _worth(result: ReferencesResult) -> list[str]:
+def _modulus_lines(result: ReferencesResult) -> list[str]:
     """What the calibration is worth for a modulus, and what another reference would change."""
     if not result.worth:
         return ["another        a second reference tells the spread; until then the absolute uncertainty is not known"]

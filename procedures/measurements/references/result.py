@@ -14,7 +14,7 @@ from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER, mean_ratio
 from palpate.instrument.findings.modulus_of_ratio import MOST_SENSITIVE
 from palpate.instrument.models.curve import RatioCurve
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine, validate
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
@@ -106,7 +106,7 @@ def evaluate(
     points: Sequence[SoftnessPoint],
     references: Sequence[Reference],
     design: Design,
-    question: Question,
+    question: RatioQuestion,
     curve: RatioCurve,
     origin: Mapping[str, Any],
 ) -> ReferencesResult:

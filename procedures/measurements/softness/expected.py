@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from palpate.instrument.findings.object_modulus import ByReferences, estimate
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.promise import Expected
 from palpate.procedures.measurements.prospects import expected_mean
@@ -20,7 +20,7 @@ def expected_moduli(
     ratios: Mapping[str, float],
     loads: Mapping[str, Sequence[float]],
     dwell: float,
-    question: Question | None,
+    question: RatioQuestion | None,
     references: ByReferences | None = None,
 ) -> list[Expected]:
     """Relative uncertainties of the mean ratio and of the modulus of each object, on the model's scale and absolute.

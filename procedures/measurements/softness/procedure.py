@@ -10,7 +10,7 @@ from typing import Annotated
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.object_modulus import estimate
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.response import response
 from palpate.instrument.models.springs import force_ratio
 from palpate.instrument.quantity import show
@@ -124,9 +124,9 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
             taken = {each.name: len(self.loads) for each in self.objects}
             return Plan(self.name, steps, predicted(steps, self._expected(target, taken)))
         likely = ranking.predicted()
-        found = self._expected(target, likely.told["planned"]["sets"])
-        told = {**likely.told, RESULTS: [asdict(each) for each in found]}
-        return Plan(self.name, steps, replace(likely, u=greatest(found), told=told), ranking)
+        found = self._expected(target, likely.details["planned"]["sets"])
+        told = {**likely.details, RESULTS: [asdict(each) for each in found]}
+        return Plan(self.name, steps, replace(likely, u=greatest(found), details=told), ranking)
 
     def _expected(self, target: Target, sets: Mapping[str, int]) -> list[Expected]:
         """What is expected of ratios and moduli, for each object's number of sets, which take the loads in turn."""
@@ -166,8 +166,8 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
         ranked = plan.basis.ranked(points)
         return replace(found, alike=[each.objects for each in ranked.not_told], ranked=ranked)
 
-    def model_question(self, design: Design) -> Question:
-        return Question(design.name, self.model, settings={"sensed_thickness": self.objects[0].thickness})
+    def model_question(self, design: Design) -> RatioQuestion:
+        return RatioQuestion(design.name, self.model, settings={"sensed_thickness": self.objects[0].thickness})
 
     def report(self, result: SoftnessResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.softness.report import plot_softness, print_softness
@@ -175,7 +175,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
         return Report(partial(print_softness, result), partial(plot_softness, result, lab.bench.simulated))
 
 
-def _ratio(design: Design, each: Sample, question: Question | None) -> float:
+def _ratio(design: Design, each: Sample, question: RatioQuestion | None) -> float:
     """The force ratio that is expected of an object: the thesis' mean, or that of the model which answers."""
     if question is None or each.name in design.thesis_force_ratio:
         return design.thesis_force_ratio.get(each.name) or force_ratio(design, each)

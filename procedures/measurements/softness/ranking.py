@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from palpate.instrument.allocation.lines import Costs, Line, Unit, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.order import (
     Family,
     Pair,
@@ -119,7 +119,7 @@ class Ranking:
         lines = [
             f"wanted         the order of {counted(len(self.objects), 'object')} to a risk of {100 * self.risk:.3g} %",
             f"plan           up to {counted(self.most, 'set')} of each object; it goes on as soon as it is told",
-            f"expected       sets of each: {each}: {duration(seconds)} ({self.mounts.told(len(sets))})",
+            f"expected       sets of each: {each}: {duration(seconds)} ({self.mounts.described(len(sets))})",
             f"binds          {binds}, {shares[binds]:.0%} of the variance of a set",
             *([f"doubtful       {told_pairs(left)}: may need more than {self.most} sets"] if left else []),
         ]
@@ -132,17 +132,17 @@ class Ranking:
         known = [each for each in self.objects if SAMPLES.get(each.name) == each]
         return {each.name: expected_ratio(self.design, each.name) for each in known}
 
-    def _lines(self, scatter: float | None = None) -> list[Line]:
+    def _lines(self, scatter: float | None = None) -> list[BudgetLine]:
         """Lines of the ratio of one set; what all objects have in common, such as the films' calibration, is left out.
 
         `scatter`: that of sets, noise included, where a run told it.
         """
         if scatter is not None:
-            return [Line(SCATTER, scatter, Unit.SET)]
+            return [BudgetLine(SCATTER, scatter, RepeatUnit.SET)]
         noise = expected_noise(self.design, min(self.loads), min(self._ratios.values(), default=LEAST_RATIO))
         return [
-            Line(SCATTER, self.design.ratio_scatter, Unit.SET, PRIOR_FREEDOM),
-            Line(NOISE, noise, Unit.SECOND),
+            BudgetLine(SCATTER, self.design.ratio_scatter, RepeatUnit.SET, PRIOR_FREEDOM),
+            BudgetLine(NOISE, noise, RepeatUnit.SECOND),
         ]
 
     @cached_property

@@ -12,7 +12,7 @@ from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.findings.mean_ratio import CALIBRATION, apart, mean_ratio
 from palpate.instrument.findings.object_modulus import COVERAGE, ByReferences, answering, estimate, validation_of
 from palpate.instrument.models.price_list import stored
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
@@ -169,7 +169,7 @@ class SoftnessResult:
 def evaluate(
     points: Sequence[SoftnessPoint],
     design: Design,
-    question: Question,
+    question: RatioQuestion,
     calibration: ModelCalibration | None = None,
     same_films: bool = False,
 ) -> SoftnessResult:

@@ -127,8 +127,8 @@ class TemperatureSweep(Sweep[TemperatureStep, TemperaturePoint, TemperatureResul
         found = expected_change(target.design, ratio, self.load, self.dwell, steps_of(self.temperatures))
         return Plan(self.name, steps, predicted(steps, found))
 
-    def begin(self, plan: Plan[TemperatureStep], lab: Lab, record: Recorder) -> Sweeping:
-        return Sweeping(lab, record, self)
+    def begin(self, plan: Plan[TemperatureStep], lab: Lab, record: Recorder) -> TemperatureSweepWork:
+        return TemperatureSweepWork(lab, record, self)
 
     def evaluate(self, points: Sequence[TemperaturePoint], plan: Plan[TemperatureStep], lab: Lab) -> TemperatureResult:
         return evaluate(points, lab.design)
@@ -140,7 +140,7 @@ class TemperatureSweep(Sweep[TemperatureStep, TemperaturePoint, TemperatureResul
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
-class Sweeping(SweepWork):
+class TemperatureSweepWork(SweepWork):
     """The bench work: one load on one sample, measured as soon as each temperature is set."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: TemperatureSweep) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.thesis import Table
+from palpate.instrument.thesis import ThesisTable
 from palpate.procedures.reproduce.curves import TOOTH
 
 Array = NDArray[np.float64]
@@ -14,7 +14,9 @@ Array = NDArray[np.float64]
 G33 = 0.15  # V m/N, Table 3.2, as a magnitude
 
 
-def voltage_sentence(table: Table, column: str, force: Array, sensor: Design, film: str, ours: dict[str, Array]) -> str:
+def voltage_sentence(
+    table: ThesisTable, column: str, force: Array, sensor: Design, film: str, ours: dict[str, Array]
+) -> str:
     """Sentence that compares voltage over force of the thesis, of g33 t / A, and of our models.
 
     Args:

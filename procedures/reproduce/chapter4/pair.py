@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.instrument.thesis import Table, read_table
+from palpate.instrument.thesis import ThesisTable, read_table
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
 from palpate.procedures.reproduce.chapter4.prediction import prediction_sentences
-from palpate.procedures.reproduce.curves import TOOTH, Case, Curves, ring_of
+from palpate.procedures.reproduce.curves import TOOTH, CurveCase, Curves, ring_of
 from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
 from palpate.procedures.reproduce.judging.odds import odds_sentence
 
@@ -22,9 +22,9 @@ DESIGNS = {
 }
 
 
-def cases(parameters: Sequence[str], design: str, ring: float) -> dict[tuple[str, str], Case]:
+def cases(parameters: Sequence[str], design: str, ring: float) -> dict[tuple[str, str], CurveCase]:
     """Cases that a table for a ring [Pa] needs, by parameter set and model."""
-    return {(name, "solid"): Case(design, "solid", name, ring) for name in parameters}
+    return {(name, "solid"): CurveCase(design, "solid", name, ring) for name in parameters}
 
 
 def compare(number: str, parameters: Sequence[str], curves: Curves) -> Comparison:
@@ -65,7 +65,7 @@ def compare(number: str, parameters: Sequence[str], curves: Curves) -> Compariso
     return Comparison(table, columns, tuple(said))
 
 
-def twin_sentence(table: Table, twin: Table) -> str:
+def twin_sentence(table: ThesisTable, twin: ThesisTable) -> str:
     """Sentence that tells how many cells of a different-base table equal those of the common-base one."""
     pairs = [
         (float(table.values(name)[row]), float(twin.values(other)[row]))

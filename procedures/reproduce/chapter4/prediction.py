@@ -11,7 +11,7 @@ from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.curves import RING, ring_of
-from palpate.procedures.reproduce.judging.comparison import Column, Comparison
+from palpate.procedures.reproduce.judging.comparison import ComparedColumn, Comparison
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def _softer_and_harder(difference: Array, moduli: Array, ring: float) -> str:
     return ", ".join(parts)
 
 
-def _by_film(column: Column, ratio: Array, moduli: Array, ring: float) -> str:
+def _by_film(column: ComparedColumn, ratio: Array, moduli: Array, ring: float) -> str:
     """Text of the same against printed voltages, with each repaired one that is farther off than all others."""
     difference = ratio - NEWTONS_PER_VOLT * np.array([abs(float(cell.printed)) for cell in column.cells])
     sound = np.array([not cell.reason for cell in column.cells])
@@ -68,7 +68,7 @@ def _by_film(column: Column, ratio: Array, moduli: Array, ring: float) -> str:
     )
 
 
-def _scaled(column: Column, number: str, moduli: Array, ring: float) -> str:
+def _scaled(column: ComparedColumn, number: str, moduli: Array, ring: float) -> str:
     """Text that tells how well the thesis' own table of the other ring predicts this one."""
     other = read_table(OTHER_RING[number])
     name = "force_ratio" if "force_ratio" in other.columns else "force_rigid_N"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
 from palpate.procedures.reproduce.chapter4.prediction import prediction_sentences
-from palpate.procedures.reproduce.curves import BASE, TOOTH, Case, Curves, ring_of
+from palpate.procedures.reproduce.curves import BASE, TOOTH, CurveCase, Curves, ring_of
 from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
 from palpate.procedures.reproduce.judging.odds import odds_sentence
 
@@ -15,9 +15,9 @@ MODELS = ("axisymmetric", "solid")
 GOAL = 0.012  # for the set that was identified from A2.1 and A2.3 together
 
 
-def cases(parameters: Sequence[str], ring: float) -> dict[tuple[str, str], Case]:
+def cases(parameters: Sequence[str], ring: float) -> dict[tuple[str, str], CurveCase]:
     """Cases that the tables for a ring [Pa] need, by parameter set and model."""
-    return {(name, model): Case("single", model, name, ring) for name in parameters for model in MODELS}
+    return {(name, model): CurveCase("single", model, name, ring) for name in parameters for model in MODELS}
 
 
 def compare(number: str, parameters: Sequence[str], curves: Curves) -> Comparison:

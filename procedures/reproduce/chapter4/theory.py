@@ -13,9 +13,9 @@ from palpate.instrument.models import beam
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.thesis import Cell, Table, program_lines, read_table
-from palpate.procedures.reproduce.curves import RING, Case, Curves
-from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series, fit_sentence
+from palpate.instrument.thesis import TableCell, ThesisTable, program_lines, read_table
+from palpate.procedures.reproduce.curves import RING, CurveCase, Curves
+from palpate.procedures.reproduce.judging.comparison import ComparedColumn, Comparison, ModelSeries, fit_sentence
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def sample_moduli() -> Array:
 
 def beam_ratios(moduli: Array, ring: float = RING, model: str = "beam") -> Array:
     """Force ratios of the single sensor by a two-dimensional theory, at moduli of the object [Pa], with a ring [Pa]."""
-    case = Case("single", model, "physical", ring)
+    case = CurveCase("single", model, "physical", ring)
     sensor, load = case.sensor(), case.parameter_set.load
     return np.array([response(sensor, load(float(modulus)), model).force_ratio for modulus in moduli])
 
@@ -66,20 +66,22 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
     for name, (design, theories_of_ours, source, of_experiment) in COLUMNS.items():
         errors = table.columns[f"{name}_error_percent"]
         ours = tuple(
-            Series(each, model, _ratios(curves, design, model, each, moduli))
+            ModelSeries(each, model, _ratios(curves, design, model, each, moduli))
             for model in theories_of_ours
             for each in parameters
             if model not in BEAMS or each == "physical"
         )
         theories, taken = implied(name), OF_EXPERIMENT if of_experiment else OF_THEORY
         for definition, values in theories.items():
-            cells = tuple(Cell(e.printed, float(v), e.reason) for e, v in zip(errors, values, strict=False))
+            cells = tuple(TableCell(e.printed, float(v), e.reason) for e, v in zip(errors, values, strict=False))
             # A theory with a table of its own has its goal there.
             goal = GOAL if source is None and definition == taken else None
-            columns.append(Column(f"{name}_{definition}", cells, ours, goal, () if source is None else (source,)))
+            columns.append(
+                ComparedColumn(f"{name}_{definition}", cells, ours, goal, () if source is None else (source,))
+            )
         said.append(_definition(name, theories, taken, source, moduli))
     shown = {column.quantity: column.cells for column in columns}
-    samples_only = Table(
+    samples_only = ThesisTable(
         table.number, table.title, table.key, samples, MappingProxyType(shown),
         "the theory is rebuilt from the printed error and the experiment: the averages printed below Tables A2.9 to"
         " A2.20, and Table 5.7 for different bases; `printed` is the error in percent; " + table.doubt,
@@ -112,14 +114,14 @@ def program_sentence(moduli: Array) -> str:
     )
 
 
-def _samples(table: Table) -> tuple[str, ...]:
+def _samples(table: ThesisTable) -> tuple[str, ...]:
     return tuple(row for row in table.rows if row != "average")
 
 
 def _ratios(curves: Curves, design: str, model: str, parameters: str, moduli: Array) -> Array:
     if model in BEAMS:
         return beam_ratios(moduli, model=model)
-    return curves.of(Case(design, model, parameters)).force_ratio(moduli)
+    return curves.of(CurveCase(design, model, parameters)).force_ratio(moduli)
 
 
 def _definition(name: str, theories: dict[str, Array], taken: str, source: str | None, moduli: Array) -> str:

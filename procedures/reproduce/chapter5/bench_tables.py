@@ -11,10 +11,10 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import LOADING
 from palpate.instrument.models.evidence import GIVEN
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.instrument.thesis import Cell, read_table
+from palpate.instrument.thesis import TableCell, read_table
 from palpate.procedures.measurements.load_cell.result import LoadCellResult
 from palpate.procedures.measurements.modulus.result import ModulusResult
-from palpate.procedures.reproduce.judging.rows import Group, Row, RowTable
+from palpate.procedures.reproduce.judging.rows import Row, RowCorrelation, RowTable
 
 DIGIT_U = math.sqrt(2 / 3)  # mV: both readings are known to ±1 digit
 WENT_IN = GIVEN.evidence(())  # load cell and rubbers are simulated by the thesis' own line and moduli
@@ -34,7 +34,7 @@ def calibration(found: LoadCellResult) -> RowTable:
         ("sensitivity_mV_per_N", line.sensitivity_mV_per_N, line.sensitivity_u),
         ("zero_mV", line.zero_mV, line.zero_u),
     ):
-        cell = Cell("", float(getattr(thesis, name)), "not printed: the line through the readings")
+        cell = TableCell("", float(getattr(thesis, name)), "not printed: the line through the readings")
         rows.append(Row("line", name, cell, value, u, WENT_IN))
     said = (
         f"sensitivity {thesis.sensitivity_mV_per_N:.3f} mV/N by the line; the printed 0.1053 mV/N is mV per gram-force,"
@@ -55,11 +55,11 @@ def compression(number: str, sample: str, found: ModulusResult) -> RowTable:
     for index, row in enumerate(table.rows):
         strain = table.columns["strain"][index].value
         for name, ours, scale in (("stress_Pa", tangent * strain, strain), ("modulus_Pa", tangent, 1.0)):
-            group = Group(name, u * scale, tangent_u * scale)  # one line of ours gives all rows
+            group = RowCorrelation(name, u * scale, tangent_u * scale)  # one line of ours gives all rows
             rows.append(Row(row, name, table.columns[name][index], ours, u * scale, WENT_IN, group=group))
     mean = float(printed.mean())
-    group = Group("mean modulus", tangent_u, 0.0)
-    rows.append(Row("mean", "modulus_Pa", Cell(f"{mean:.1f}", mean), tangent, tangent_u, WENT_IN, group=group))
+    group = RowCorrelation("mean modulus", tangent_u, 0.0)
+    rows.append(Row("mean", "modulus_Pa", TableCell(f"{mean:.1f}", mean), tangent, tangent_u, WENT_IN, group=group))
     said = (
         f"sample {sample}: ours up to a strain of {max(p.strain for p in points):.2f}, by the face of 1 cm2 and the"
         " calibration of Table 5.1; the scatter stated is that of the thesis' moduli, and our standard uncertainty",
@@ -75,7 +75,7 @@ def catalogue(tested: Mapping[str, ModulusResult]) -> RowTable:
     rows = []
     for index, row in enumerate(table.rows):
         ours = tested[row].compression.tangent.value if row in tested else SAMPLES[row].modulus
-        cell = Cell(f"{low[index]:g} to {high[index]:g}", float(np.mean([low[index], high[index]])))
+        cell = TableCell(f"{low[index]:g} to {high[index]:g}", float(np.mean([low[index], high[index]])))
         # Half the range is two standard uncertainties, so that a modulus inside the range is within.
         rows.append(Row(row, "modulus_Pa", cell, ours, float(high[index] - low[index]) / 4, WENT_IN))
     said = ("thesis: the middle of the catalogue's range; half the range counts as two standard uncertainties",)

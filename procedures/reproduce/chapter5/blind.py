@@ -16,7 +16,7 @@ from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.models.validation import SIGN, Validation
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.instrument.thesis import Cell, read_table
+from palpate.instrument.thesis import TableCell, read_table
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.reproduce.chapter4 import theory
 from palpate.procedures.reproduce.chapter5.columns import RATIO
@@ -49,17 +49,19 @@ def compare(arrangement: Arrangement, parameters: str, swept: SweepResult) -> tu
         ours, ours_u = mean.force_ratio or math.nan, mean.force_ratio_u or math.nan
         u = math.hypot(design.ratio_scatter * measured / math.sqrt(arrangement.averaged), ours_u)
         evidence = of_experiment(RATIO, ratio, *tables)
-        rows.append(Row(sample, RATIO, Cell(f"{measured:g}", measured), ours, u, evidence, by=f"{MODEL}, {parameters}"))
+        rows.append(
+            Row(sample, RATIO, TableCell(f"{measured:g}", measured), ours, u, evidence, by=f"{MODEL}, {parameters}")
+        )
         percent[sample] = 100 * (ours / measured - 1)
     found = Validation(design.name, parameters, MODEL, "compared", percent=percent)
     title = f"blind run of {design.name}, which knows nothing of the means beside it"
-    said = (told(found), _own_theory(design.name), OTHER_SIGN)
+    said = (distance_sentence(found), _own_theory(design.name), OTHER_SIGN)
     number = f"{' to '.join(dict.fromkeys((tables[0], tables[-1])))}, {parameters} set"
     name = f"blind_{design.name}_{parameters}"
     return RowTable(number, title, "", tuple(rows), said, name=name), found
 
 
-def told(found: Validation) -> str:
+def distance_sentence(found: Validation) -> str:
     """Sentence on the distance from the measured means."""
     by_sample = ", ".join(f"{sample} {value:+.0f} %" for sample, value in found.percent.items())
     return (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
-from palpate.instrument.thesis import Table, read_table
+from palpate.instrument.thesis import ThesisTable, read_table
 from palpate.procedures.measurements.loads.result import LoadPoint
 
 # True over set force in the thesis: 1.029, with a scatter of 2.0 % between samples and 2.4 % within a sample.
@@ -88,7 +88,7 @@ def between_samples(numbers: Iterable[str], film: tuple[str, str]) -> float:
     return float(np.std(gains, ddof=1) / np.mean(gains)) if len(gains) > 1 else 0.0
 
 
-def load_told(table: Table, set_loads: Iterable[float]) -> float:
+def load_told(table: ThesisTable, set_loads: Iterable[float]) -> float:
     """Load by the thesis' own base films over the set load, in the mean over a table."""
     bases = [column for column in table.columns if "total" in column and column.endswith("_N")]
     told = sum(table.values(column) for column in bases)

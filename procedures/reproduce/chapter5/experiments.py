@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from palpate.instrument.findings.mean_ratio import apart
-from palpate.instrument.models.evidence import Evidence, Part, of_experiment
+from palpate.instrument.models.evidence import Evidence, EvidencePart, of_experiment
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, Cell, Table, read_table
+from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, TableCell, ThesisTable, read_table
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult
 from palpate.procedures.reproduce.chapter5.columns import (
     FORCES,
@@ -27,7 +27,7 @@ from palpate.procedures.reproduce.chapter5.columns import (
     load_told,
     quantities,
 )
-from palpate.procedures.reproduce.judging.rows import WITHIN, Group, Row, RowTable
+from palpate.procedures.reproduce.judging.rows import WITHIN, Row, RowCorrelation, RowTable
 
 AT_3_N = 3.0
 ABSENT = "no oscilloscope is simulated, and what one reads of a noisy record depends on it"
@@ -100,7 +100,7 @@ def _order(swept: SweepResult, design: Design) -> str:
     return f"right; {figure} ({'; '.join(reasons)})" if reasons else "right"
 
 
-def compare(arrangement: Arrangement, swept: SweepResult, ratio: Part) -> Iterator[RowTable]:
+def compare(arrangement: Arrangement, swept: SweepResult, ratio: EvidencePart) -> Iterator[RowTable]:
     """Every table of an arrangement. `ratio` is the part from which our force ratios come."""
     design = get_design(arrangement.design)
     for sample, number in arrangement.tables.items():
@@ -111,14 +111,14 @@ def compare(arrangement: Arrangement, swept: SweepResult, ratio: Part) -> Iterat
     found = _table(arrangement, number, {key: _at(swept, key, AT_3_N) for key in read_table(number).rows}, ratio)
     means = [] if arrangement.tables else [_average(design, swept, key, ratio, number) for key in SAMPLES]
     order = f"softness order of ours, hard to soft: {' > '.join(swept.softness_order)}: {_order(swept, design)}"
-    yield replace(found, rows=(*found.rows, *means), said=(order, *found.said))
+    yield replace(found, rows=(*found.rows, *means), sentences=(order, *found.sentences))
 
 
 def _at(swept: SweepResult, sample: str, load: float) -> LoadPoint:
     return next(p for p in swept.points if p.sample == sample and p.load_N == load)
 
 
-def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint], ratio: Part) -> RowTable:
+def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint], ratio: EvidencePart) -> RowTable:
     """Cells of every row beside the point with that key. Columns of which no quantity of ours tells are absent."""
     table, design = read_table(number), get_design(arrangement.design)
     told = load_told(table, [point.load_N for point in points.values()])
@@ -152,12 +152,12 @@ def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint
 
 
 def _row(
-    table: Table,
+    table: ThesisTable,
     key: str,
     quantity: Quantity,
     point: LoadPoint,
     arrangement: Arrangement,
-    ratio: Part,
+    ratio: EvidencePart,
     told: float,
     of_one_sample: bool,
 ) -> Row:
@@ -171,9 +171,9 @@ def _row(
         varies = quantity.theirs(*(() if of_one_sample else (LOAD_BETWEEN,)), LOAD_WITHIN)
         common = between_samples(arrangement.tables.values(), quantity.film) if of_one_sample else 0.0
         at_load = cell.value / told
-        group = Group(FORCES, math.hypot(varies * at_load, own * ours), common * at_load, told)
+        group = RowCorrelation(FORCES, math.hypot(varies * at_load, own * ours), common * at_load, told)
     elif quantity.column == METER:
-        group = Group(METER, u, u)  # one line of the load cell holds for all
+        group = RowCorrelation(METER, u, u)  # one line of the load cell holds for all
     found = Row(key, quantity.column, cell, ours, u, evidence, group=group)
     if found.within is False and quantity.column != METER:
         expected = quantity.expected(point.load_N, design.thesis_force_ratio[point.sample])
@@ -194,7 +194,7 @@ def _because(thesis: float, ours: float, expected: float, theirs: float, own: fl
     )
 
 
-def _average(design: Design, swept: SweepResult, sample: str, ratio: Part, table: str) -> Row:
+def _average(design: Design, swept: SweepResult, sample: str, ratio: EvidencePart, table: str) -> Row:
     """Row of the mean ratio. The printed mean is over all load sets, that of the different bases over one."""
     mean = next(mean for mean in swept.samples if mean.sample == sample)
     thesis, evidence = design.thesis_force_ratio[sample], of_experiment(RATIO, ratio, table)
@@ -204,5 +204,13 @@ def _average(design: Design, swept: SweepResult, sample: str, ratio: Part, table
         u = math.hypot(design.ratio_scatter * thesis / math.sqrt(sets), u)
     row = "average" if sets > 1 else f"{sample} (ours: mean over loads)"
     # There is one mean for each sample; among cells that are no means it is a kind of its own.
-    found = Row(row, RATIO, Cell(f"{thesis:g}", thesis), ours, u, evidence, group=Group("mean force ratio", u, 0.0))
+    found = Row(
+        row,
+        RATIO,
+        TableCell(f"{thesis:g}", thesis),
+        ours,
+        u,
+        evidence,
+        group=RowCorrelation("mean force ratio", u, 0.0),
+    )
     return replace(found, because="our mean: its own scatter") if found.within is False else found

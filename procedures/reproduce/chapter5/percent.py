@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.thesis import Cell, Table, read_table
+from palpate.instrument.thesis import TableCell, ThesisTable, read_table
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.reproduce.chapter4.theory import COLUMNS, beam_ratios, sample_moduli, table_ratio
 from palpate.procedures.reproduce.judging.comparison import Comparison
-from palpate.procedures.reproduce.judging.rows import WITHIN, Group, Row, RowTable
+from palpate.procedures.reproduce.judging.rows import WITHIN, Row, RowCorrelation, RowTable
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable
                     row, f"{name}_percent", cell, float(found), float(spread), evidence, False,
                     by=f"bench against {by}",
                     # The theory is one curve, so all rows share its part.
-                    group=Group(f"{name}_percent", float(spread), float(np.mean(by_theory))),
+                    group=RowCorrelation(f"{name}_percent", float(spread), float(np.mean(by_theory))),
                 )
                 for row, cell, found, spread in zip(table.rows, cells, ours, [*each, of_mean], strict=True)
             ]  # fmt: skip
@@ -129,12 +129,12 @@ def _by_the_thesis(name: str, of_experiment: bool, printed: bool = False) -> Arr
     return percent_errors(experiment, theory, of_experiment)
 
 
-def _rms(percent: Array, cells: Sequence[Cell]) -> float:
+def _rms(percent: Array, cells: Sequence[TableCell]) -> float:
     """Root mean square of the samples' differences, without the average."""
     return float(np.sqrt(np.mean((percent - [cell.value for cell in cells])[:-1] ** 2)))
 
 
-def _repaired(table: Table, name: str, source: str | None, of_experiment: bool) -> list[Cell]:
+def _repaired(table: ThesisTable, name: str, source: str | None, of_experiment: bool) -> list[TableCell]:
     """The printed percentages; where they follow from a slip in the theory's own table, those of the repaired table."""
     cells = list(table.columns[f"{name}_error_percent"])
     if source is None:
@@ -142,7 +142,7 @@ def _repaired(table: Table, name: str, source: str | None, of_experiment: bool) 
     right, slipped = (_by_the_thesis(name, of_experiment, printed) for printed in (False, True))
     reason = f"thesis slip: its theory is the shifted column of Table {source}"
     return [
-        Cell(cell.printed, float(without), reason)
+        TableCell(cell.printed, float(without), reason)
         if abs(without - with_it) > SLIPPED and abs(cell.value - with_it) < abs(cell.value - without)
         else cell
         for cell, without, with_it in zip(cells, right, slipped, strict=True)

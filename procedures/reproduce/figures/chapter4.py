@@ -20,8 +20,8 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4.theory import OF_THEORY, beam_ratios, implied, sample_moduli
-from palpate.procedures.reproduce.curves import RING, STIFF_RING, Case, Curves
-from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save
+from palpate.procedures.reproduce.curves import RING, STIFF_RING, CurveCase, Curves
+from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, SavedPicture, canvas, legend, save
 from palpate.procedures.reproduce.judging.comparison import Comparison
 
 Array = NDArray[np.float64]
@@ -65,8 +65,8 @@ class TheoryCurve:
         """The parameter sets among these that the model has."""
         return parameters if self.model != "beam" else tuple(name for name in parameters if name == BEAM_SET)
 
-    def case(self, parameters: str) -> Case:
-        return Case(self.design, self.model, parameters, self.ring)
+    def case(self, parameters: str) -> CurveCase:
+        return CurveCase(self.design, self.model, parameters, self.ring)
 
     def ours(self, parameters: str, moduli: Array, curves: Curves) -> Array:
         """Our force ratios at moduli of the object [Pa]."""
@@ -159,20 +159,20 @@ RATIO_FIGURES = (
 )  # fmt: skip
 
 
-def pictures(parameters: Sequence[str], curves: Curves, folder: Path) -> Iterator[Picture]:
+def pictures(parameters: Sequence[str], curves: Curves, folder: Path) -> Iterator[SavedPicture]:
     """Draw Figure 4.4 and Figures 4.7 to 4.17, one after the other. Raises RecordError."""
     yield _draw_area_ratios(folder)
     for figure in RATIO_FIGURES:
         yield _draw_ratios(figure, parameters, curves, folder)
 
 
-def cases(parameters: Sequence[str]) -> list[Case]:
+def cases(parameters: Sequence[str]) -> list[CurveCase]:
     """Cases of the finite-element curves that these figures need."""
     lines = dict.fromkeys(line for figure in RATIO_FIGURES for line in figure.lines if line.model != "beam")
     return [line.case(name) for line in lines for name in parameters]
 
 
-def _draw_ratios(figure: RatioFigure, parameters: Sequence[str], curves: Curves, folder: Path) -> Picture:
+def _draw_ratios(figure: RatioFigure, parameters: Sequence[str], curves: Curves, folder: Path) -> SavedPicture:
     """Draw the figure and beside it the difference of our curves from the thesis' numbers. Raises RecordError."""
     drawing, (left, right) = canvas(figure.number, 2)
     for place, line in enumerate(figure.lines):
@@ -226,7 +226,7 @@ def _caption(figure: RatioFigure, parameters: Sequence[str]) -> str:
     return f"{'. '.join(part[0].upper() + part[1:] for part in parts)}. {figure.taken}".rstrip()
 
 
-def _draw_area_ratios(folder: Path) -> Picture:
+def _draw_area_ratios(folder: Path) -> SavedPicture:
     """Draw columns and beam for several area ratios and the sensor's own. Raises RecordError."""
     drawing, (axes,) = canvas(AREA)
     sensor = get_design("single")
@@ -264,7 +264,7 @@ def with_area_ratio(sensor: Design, ratio: float) -> Design:
     return replace(sensor, ring=ring, plate=plate, teeth=((half, half),))
 
 
-def draw_position(comparison: Comparison, folder: Path) -> Picture:
+def draw_position(comparison: Comparison, folder: Path) -> SavedPicture:
     """Draw Table A2.7, the teeth on the left and their sum on the right. Raises RecordError."""
     drawing, (left, right) = canvas(POSITION, 2)
     x = comparison.table.keys()

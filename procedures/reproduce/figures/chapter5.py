@@ -18,9 +18,9 @@ from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.reproduce.chapter5.blind import MODEL
 from palpate.procedures.reproduce.chapter5.columns import RATIO
 from palpate.procedures.reproduce.chapter5.experiments import AT_3_N, order_by_modulus
-from palpate.procedures.reproduce.curves import Case, Curves
+from palpate.procedures.reproduce.curves import CurveCase, Curves
 from palpate.procedures.reproduce.figures.chapter4 import COMMON, DIFFERENT, THREE, TWO, TheoryCurve
-from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save
+from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, SavedPicture, canvas, legend, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +53,7 @@ BENCH = "ours, on simulated benches, with standard uncertainty"
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class BenchMeasurements:
     """Measurements of the simulated benches.
 
     Attributes:
@@ -86,7 +86,9 @@ WITH_THEORIES = (
 )
 
 
-def pictures(measured: Measured, parameters: Sequence[str], curves: Curves, folder: Path) -> Iterator[Picture]:
+def pictures(
+    measured: BenchMeasurements, parameters: Sequence[str], curves: Curves, folder: Path
+) -> Iterator[SavedPicture]:
     """Draw Figures 5.2 to 5.9, one after the other. Raises RecordError."""
     yield _draw_moduli(measured, folder)
     for design in BY_RATIO:
@@ -96,13 +98,13 @@ def pictures(measured: Measured, parameters: Sequence[str], curves: Curves, fold
         yield _draw_with_theories(figure, measured, parameters, curves, folder)
 
 
-def cases(parameters: Sequence[str]) -> list[Case]:
+def cases(parameters: Sequence[str]) -> list[CurveCase]:
     """Cases of the finite-element curves that these figures need."""
     lines = [line for figure in WITH_THEORIES for line in figure.theories if line.model != "beam"]
     return [line.case(name) for line in lines for name in parameters]
 
 
-def _draw_moduli(measured: Measured, folder: Path) -> Picture:
+def _draw_moduli(measured: BenchMeasurements, folder: Path) -> SavedPicture:
     """Draw Figure 5.2. Raises RecordError."""
     printed = {name: SAMPLES[name].modulus for name in order_by_modulus()}
     tested = {name: found.compression.tangent for name, found in measured.tested.items()}
@@ -118,7 +120,7 @@ def _draw_moduli(measured: Measured, folder: Path) -> Picture:
     return _draw_orders(BY_MODULUS, thesis, ours, caption, folder)
 
 
-def _draw_ratios(design: str, measured: Measured, folder: Path) -> Picture:
+def _draw_ratios(design: str, measured: BenchMeasurements, folder: Path) -> SavedPicture:
     """Draw Figure 5.3, 5.4 or 5.5. Raises RecordError."""
     (number, source), worth = BY_RATIO[design], measured.evidence[design]
     table = read_table(source)
@@ -139,7 +141,7 @@ def _falling(values: Mapping[str, float]) -> list[str]:
     return sorted(values, key=lambda name: values[name], reverse=True)
 
 
-def _draw_orders(number: str, thesis: Order, ours: Order, caption: str, folder: Path) -> Picture:
+def _draw_orders(number: str, thesis: Order, ours: Order, caption: str, folder: Path) -> SavedPicture:
     """Draw both orders side by side, with a line from each sample to itself."""
     drawing, (axes,) = canvas(number, simulated=True)
     places = {name: -float(place) for place, name in enumerate(ours)}
@@ -159,7 +161,7 @@ def _draw_orders(number: str, thesis: Order, ours: Order, caption: str, folder: 
     return save(drawing, number, caption, folder)
 
 
-def _draw_experiments(measured: Measured, folder: Path) -> Picture:
+def _draw_experiments(measured: BenchMeasurements, folder: Path) -> SavedPicture:
     """Draw Figure 5.6. Raises RecordError."""
     drawing, (axes,) = canvas(ALONE, simulated=True)
     for place, design in enumerate(ARRANGEMENTS):
@@ -174,8 +176,8 @@ def _draw_experiments(measured: Measured, folder: Path) -> Picture:
 
 
 def _draw_with_theories(
-    figure: ExperimentFigure, measured: Measured, parameters: Sequence[str], curves: Curves, folder: Path
-) -> Picture:
+    figure: ExperimentFigure, measured: BenchMeasurements, parameters: Sequence[str], curves: Curves, folder: Path
+) -> SavedPicture:
     """Draw experiments and theories of the thesis and ours. Raises RecordError."""
     drawing, (axes,) = canvas(figure.number, simulated=True)
     moduli = np.geomspace(*RANGE, 40)
@@ -218,7 +220,7 @@ def _of_both(line: TheoryCurve, parameters: str, figure: ExperimentFigure) -> st
     return crosses.value if crosses is experiments else f"{crosses.value} (beside experiments: {experiments.value})"
 
 
-def _experiment(axes: Axes, design: str, measured: Measured, color: str) -> None:
+def _experiment(axes: Axes, design: str, measured: BenchMeasurements, color: str) -> None:
     """Draw the thesis' experiments and ours."""
     marker, words = ARRANGEMENTS[design]
     thesis = get_design(design).thesis_force_ratio
@@ -242,7 +244,7 @@ def _bench(axes: Axes, design: str, swept: SweepResult, color: str, label: str) 
         axes.errorbar(moduli, ratios, u, fmt=marker, color=color, ms=3.5, capsize=2, lw=0.8, label=label)
 
 
-def _worth(measured: Measured, *designs: str) -> str:
+def _worth(measured: BenchMeasurements, *designs: str) -> str:
     """Text on what agreement of the benches' ratios is worth, for all or some designs."""
     kinds = dict.fromkeys(measured.evidence[design] for design in designs or measured.evidence)
     return f"They are {'; '.join(f'{kind.value}: {kind.meaning}' for kind in kinds)}"

@@ -22,7 +22,7 @@ PANEL = (5.5, 4.0)  # inches
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class SavedPicture:
     """A drawing on disk.
 
     Attributes:
@@ -64,9 +64,9 @@ def legend(figure: Figure, columns: int = 2) -> None:
     figure.set_figheight(PANEL[1] + 0.18 * lines)
 
 
-def save(figure: Figure, number: str, caption: str, folder: Path) -> Picture:
+def save(figure: Figure, number: str, caption: str, folder: Path) -> SavedPicture:
     """Write the drawing as PNG, named after its number. Raises RecordError."""
     kind, place = number.split()
     file = folder / f"{kind.lower()}_{place.replace('.', '_')}.png"
     write(figure, file, dpi=110)
-    return Picture(number, caption, file)
+    return SavedPicture(number, caption, file)

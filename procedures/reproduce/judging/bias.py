@@ -19,7 +19,7 @@ BY_CHANCE = 0.05  # share of runs without bias in which a bias is found by chanc
 
 
 @dataclass(frozen=True, slots=True)
-class Bias:
+class MeanDifference:
     """Mean difference, ours less the thesis', over one kind of quantity.
 
     Attributes:
@@ -56,7 +56,7 @@ class Bias:
             "difference": self.difference,
         }
 
-    def said(self) -> str:
+    def sentence(self) -> str:
         plain = "" if self.difference is None else f", in its own unit {self.difference:+.3g}"
         return (
             f"{self.of}, {self.kind}: {self.mean:+.2f} ± {self.u:.2f} standard uncertainties of a row{plain}:"
@@ -64,7 +64,7 @@ class Bias:
         )
 
 
-def biases(table: RowTable) -> list[Bias]:
+def biases(table: RowTable) -> list[MeanDifference]:
     """Mean differences of a table, one for each judged kind of quantity and each class."""
     kinds: dict[tuple[str, Evidence], dict[str, list[Row]]] = {}
     for row in table.judged:
@@ -77,10 +77,10 @@ def biases(table: RowTable) -> list[Bias]:
     ]
 
 
-def all_means(tables: Iterable[RowTable]) -> list[Bias]:
+def all_means(tables: Iterable[RowTable]) -> list[MeanDifference]:
     """Mean differences of every table, and of all tables of each arrangement together."""
-    found: list[Bias] = []
-    arrangements: dict[str, list[Bias]] = {}
+    found: list[MeanDifference] = []
+    arrangements: dict[str, list[MeanDifference]] = {}
     for table in tables:
         if table.again:
             continue
@@ -90,18 +90,18 @@ def all_means(tables: Iterable[RowTable]) -> list[Bias]:
     return found + [mean for name, of_it in arrangements.items() for mean in together(f"all tables of {name}", of_it)]
 
 
-def together(of: str, found: Iterable[Bias]) -> list[Bias]:
+def together(of: str, found: Iterable[MeanDifference]) -> list[MeanDifference]:
     """Mean differences over several tables that were measured apart, for each kind and class that they share.
 
     An uncertainty that all rows of a table share completely, such as that of a calibration, is also shared by the
         tables: a mean over them tells nothing more.
     """
-    kinds: dict[tuple[str, Evidence], list[Bias]] = {}
+    kinds: dict[tuple[str, Evidence], list[MeanDifference]] = {}
     for bias in found:
         if bias.u < 1:
             kinds.setdefault((bias.kind, bias.evidence), []).append(bias)
     return [
-        Bias(
+        MeanDifference(
             of, kind, evidence, math.fsum(b.mean for b in several) / len(several),
             math.sqrt(math.fsum(b.u**2 for b in several)) / len(several), sum(b.count for b in several),
         )
@@ -117,7 +117,7 @@ def limit(count: int) -> float:
     return float(ndtri(0.5 + 0.5 * (1 - BY_CHANCE) ** (1 / max(count, 1))))
 
 
-def _mean(of: str, kind: str, evidence: Evidence, loads: Sequence[Sequence[Row]]) -> Bias:
+def _mean(of: str, kind: str, evidence: Evidence, loads: Sequence[Sequence[Row]]) -> MeanDifference:
     """Mean difference over the means of the loads. The part that all rows share does not average out."""
     means = [math.fsum(row.bias_distance for row in rows) / len(rows) for rows in loads]
     common = [math.fsum(row.common for row in rows) / len(rows) for rows in loads]
@@ -125,4 +125,4 @@ def _mean(of: str, kind: str, evidence: Evidence, loads: Sequence[Sequence[Row]]
     own = math.fsum(1 - share**2 for share in common) / len(common) ** 2
     mean, units = math.fsum(means) / len(means), {row.u or math.nan for rows in loads for row in rows}
     difference = mean * units.pop() if len(units) == 1 else None
-    return Bias(of, kind, evidence, mean, math.sqrt(shared**2 + own), len(loads), difference)
+    return MeanDifference(of, kind, evidence, mean, math.sqrt(shared**2 + own), len(loads), difference)

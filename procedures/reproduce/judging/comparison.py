@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence, of_model, ratio_by
 from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.thesis import MODULUS, Cell, Table, read_table
+from palpate.instrument.thesis import MODULUS, TableCell, ThesisTable, read_table
 from palpate.procedures.reproduce.curves import RING, ring_of
-from palpate.procedures.reproduce.judging.rows import WITHIN, Group, Row, RowTable
+from palpate.procedures.reproduce.judging.rows import WITHIN, Row, RowCorrelation, RowTable
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ HARD_END = 0.9  # force ratio above which theories can hardly differ
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class ModelSeries:
     """Values of a model with one parameter set for a column; NaN where it has no answer."""
 
     parameters: str
@@ -69,7 +69,7 @@ class Deviation:
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class ComparedColumn:
     """One column of a table.
 
     Attributes:
@@ -81,8 +81,8 @@ class Column:
     """
 
     quantity: str
-    cells: tuple[Cell, ...]
-    ours: tuple[Series, ...]
+    cells: tuple[TableCell, ...]
+    ours: tuple[ModelSeries, ...]
     goal: float | None = None
     holds: tuple[str, ...] = ()
 
@@ -96,12 +96,12 @@ class Column:
         """The thesis' best values, as magnitudes."""
         return np.array([abs(cell.value) for cell in self.cells])
 
-    def difference(self, series: Series) -> Array:
+    def difference(self, series: ModelSeries) -> Array:
         """Ours less the thesis'."""
         difference: Array = series.values - self.thesis
         return difference
 
-    def deviation(self, series: Series, table: Table) -> Deviation:
+    def deviation(self, series: ModelSeries, table: ThesisTable) -> Deviation:
         """Deviation over the cells for which the model has an answer; there must be at least one."""
         difference = self.difference(series)
         answered = np.isfinite(difference)
@@ -121,7 +121,7 @@ class Column:
             evidence=self.evidence(series, table),
         )
 
-    def evidence(self, series: Series, table: Table) -> Evidence:
+    def evidence(self, series: ModelSeries, table: ThesisTable) -> Evidence:
         """What agreement of the model with this column is worth."""
         return of_model(self.quantity, ratio_by(series.model, series.parameters), table.number, *self.holds)
 
@@ -133,12 +133,12 @@ class Comparison:
     Attributes:
         table: table of the thesis.
         columns: compared columns.
-        said: sentences that tell what agrees and what does not.
+        sentences: sentences that tell what agrees and what does not.
     """
 
-    table: Table
-    columns: tuple[Column, ...]
-    said: tuple[str, ...]
+    table: ThesisTable
+    columns: tuple[ComparedColumn, ...]
+    sentences: tuple[str, ...]
 
     def deviations(self) -> list[Deviation]:
         """Deviation of every column and series."""
@@ -151,9 +151,9 @@ class Comparison:
         """
         rows = [
             Row(
-                key, column.quantity, Cell(cell.printed, abs(cell.value), cell.reason), float(ours), column.u,
+                key, column.quantity, TableCell(cell.printed, abs(cell.value), cell.reason), float(ours), column.u,
                 evidence, False, by=f"{series.model}, {series.parameters}",
-                group=None if column.u is None else Group(column.quantity, column.u, column.u),
+                group=None if column.u is None else RowCorrelation(column.quantity, column.u, column.u),
                 telling=self.table.key != MODULUS or abs(cell.value) < HARD_END,
                 follows=self._follows(series, key),
             )
@@ -163,9 +163,11 @@ class Comparison:
             for key, cell, ours in zip(self.table.rows, column.cells, series.values, strict=True)
         ]  # fmt: skip
         number = self.table.number
-        return RowTable(number, self.table.title, self.table.doubt, tuple(rows), self.said, again=number in REPEATS)
+        return RowTable(
+            number, self.table.title, self.table.doubt, tuple(rows), self.sentences, again=number in REPEATS
+        )
 
-    def _follows(self, series: Series, key: str) -> bool:
+    def _follows(self, series: ModelSeries, key: str) -> bool:
         """Whether the series was fitted to the other ring's table, which has this row at the same ratio of moduli."""
         other = OTHER_RING.get(REPEATS.get(self.table.number, self.table.number))
         if other is None or other not in get_parameter_set(series.parameters, series.model).fitted_to:
@@ -194,10 +196,12 @@ class Comparison:
                 yield record
 
 
-def column_of(table: Table, quantity: str, ours: Mapping[tuple[str, str], Array], goal: float | None = None) -> Column:
+def column_of(
+    table: ThesisTable, quantity: str, ours: Mapping[tuple[str, str], Array], goal: float | None = None
+) -> ComparedColumn:
     """A printed column with series by (parameter set, model)."""
-    series = tuple(Series(parameters, model, values) for (parameters, model), values in ours.items())
-    return Column(quantity, table.columns[quantity], series, goal)
+    series = tuple(ModelSeries(parameters, model, values) for (parameters, model), values in ours.items())
+    return ComparedColumn(quantity, table.columns[quantity], series, goal)
 
 
 def fit_sentence(comparison: Comparison, quantity: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.records.run import storing
-from palpate.procedures.reproduce.judging.bias import BY_CHANCE, Bias, all_means, limit
+from palpate.procedures.reproduce.judging.bias import BY_CHANCE, MeanDifference, all_means, limit
 from palpate.procedures.reproduce.judging.comparison import HARD_END
 from palpate.procedures.reproduce.judging.rows import WITHIN, Count, Row, RowTable
 
@@ -54,7 +54,7 @@ class Verdict:
     follows: Count
     farthest: float
     by_chance: tuple[float, float]
-    means: tuple[Bias, ...]
+    means: tuple[MeanDifference, ...]
     limit: float
 
     @property
@@ -62,7 +62,7 @@ class Verdict:
         return self.count.within / self.count.judged if self.count.judged else None
 
     @property
-    def biased(self) -> list[Bias]:
+    def biased(self) -> list[MeanDifference]:
         """Means that are farther off than chance explains, the farthest first."""
         found = [mean for mean in self.means if abs(mean.distance) > self.limit]
         return sorted(found, key=lambda mean: -abs(mean.distance))
@@ -115,7 +115,7 @@ class Verdict:
         """Text of the class's requirement, and whether it is met."""
         return f"required: {REQUIRED[self.evidence]}: {'met' if self.met else 'NOT MET'}"
 
-    def said(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """Sentences for people, the share first."""
         lines = [self.counted(), *self.following(), self.required()]
         judged = self.count.judged
@@ -139,10 +139,10 @@ class Verdict:
         if self.means:
             lines.append(self.tested())
             if self.biased:
-                lines += [f"BIASED: {mean.said()}" for mean in self.biased]
+                lines += [f"BIASED: {mean.sentence()}" for mean in self.biased]
             else:
                 off = max(self.means, key=lambda mean: abs(mean.distance))
-                lines.append(f"the farthest mean: {off.said()}")
+                lines.append(f"the farthest mean: {off.sentence()}")
         return lines
 
     def tested(self) -> str:
@@ -156,7 +156,7 @@ class Verdict:
         """Short text of the verdict, with the reason where it is not met."""
         lines = [self.counted(), *self.following(), self.required(), *([self.tested()] if self.means else [])]
         if not self.met:
-            lines += [f"BIASED: {mean.said()}" for mean in self.biased]
+            lines += [f"BIASED: {mean.sentence()}" for mean in self.biased]
             lines += [f"without an answer: {self.count.rows - self.answered} rows"] * (self.answered < self.count.rows)
         return lines
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from palpate.instrument.models.springs import LINES, OddsLine
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.thesis import Table
+from palpate.instrument.thesis import ThesisTable
 from palpate.procedures.reproduce.curves import RING, ring_of
 
 Array = NDArray[np.float64]
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 STEPS = 20  # of Gauss and Newton; five would suffice
 
 
-def fitted_line(table: Table) -> OddsLine:
+def fitted_line(table: ThesisTable) -> OddsLine:
     """Line by least squares over the unrepaired force ratios of a table; `residual` is over all its cells."""
     places, ratios, sound = _cells(table)
     x, ratio = places[sound], ratios[sound]
@@ -31,13 +31,13 @@ def fitted_line(table: Table) -> OddsLine:
     return OddsLine(float(start), float(slope), distance(OddsLine(float(start), float(slope), 0.0), table))
 
 
-def distance(line: OddsLine, table: Table) -> float:
+def distance(line: OddsLine, table: ThesisTable) -> float:
     """Greatest difference of the line's force ratio from a table's."""
     places, ratios, _ = _cells(table)
     return float(np.abs([line.force_ratio(place) for place in places] - ratios).max())
 
 
-def odds_sentence(table: Table, design: str) -> str:
+def odds_sentence(table: ThesisTable, design: str) -> str:
     """Sentence that tells how well a table keeps the law, by a line of its own and by model `column_fitted`.
 
     For the long table of the softer ring, with which the experiments were done, it also tells what the law means for
@@ -69,7 +69,7 @@ def moduli_of_experiments(design: str) -> tuple[float, float]:
     return min(shares), max(shares)
 
 
-def _cells(table: Table) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _cells(table: ThesisTable) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Ratios of moduli, force ratios, and whether each of these is as printed."""
     column = table.columns["force_ratio" if "force_ratio" in table.columns else "force_rigid_N"]
     ratios = np.array([abs(cell.value) for cell in column])

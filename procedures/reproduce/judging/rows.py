@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any, Self
 
 from palpate.instrument.models.evidence import Evidence
-from palpate.instrument.thesis import Cell
+from palpate.instrument.thesis import TableCell
 from palpate.procedures.records.run import storing
 
 WITHIN = 2.0  # standard uncertainties of the difference
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class RowCorrelation:
     """Correlation of a row with others of its table, by which a mean over them is judged.
 
     Attributes:
@@ -54,13 +54,13 @@ class Row:
 
     row: str
     quantity: str
-    cell: Cell
+    cell: TableCell
     ours: float
     u: float | None
     evidence: Evidence
     measured: bool = True
     because: str = ""
-    group: Group | None = None
+    group: RowCorrelation | None = None
     by: str = ""
     telling: bool = True
     follows: bool = False
@@ -88,7 +88,7 @@ class Row:
     @property
     def bias_distance(self) -> float:
         """Ours less the thesis' at our load, in standard uncertainties, of a judged row."""
-        group = self.group or Group(self.quantity, self.u or math.nan, 0.0)
+        group = self.group or RowCorrelation(self.quantity, self.u or math.nan, 0.0)
         return (self.ours - self.cell.value / group.load) / group.u
 
     def errors(self) -> tuple[float | None, float | None]:
@@ -141,7 +141,7 @@ class RowTable:
     title: str
     doubt: str
     rows: tuple[Row, ...]
-    said: tuple[str, ...] = ()
+    sentences: tuple[str, ...] = ()
     arrangement: str = ""
     name: str = ""
     again: bool = False
@@ -181,7 +181,7 @@ class RowTable:
                 "cells": self.absent_cells,
                 "because": self.absent_because or None,
             },
-            "said": list(self.said),
+            "said": list(self.sentences),
         }
 
 

@@ -9,7 +9,7 @@ from palpate.instrument.contracts.contract import NOTHING, Contract, Value
 from palpate.instrument.errors import DeviceError
 
 
-class Asked(Protocol):
+class ReadableDevice(Protocol):
     """A device that can be asked for a number."""
 
     name: str
@@ -18,10 +18,10 @@ class Asked(Protocol):
     def get(self, name: str) -> float: ...
 
 
-class Told:
+class ScalingWatch:
     """What a device has told of its scales and units."""
 
-    def __init__(self, device: Asked) -> None:
+    def __init__(self, device: ReadableDevice) -> None:
         self._device = device
         fields = device.contract.fields
         self._scales = tuple(dict.fromkeys(f.scaling.told_by for f in fields if f.scaling))

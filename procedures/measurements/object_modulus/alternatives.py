@@ -11,7 +11,7 @@ from palpate.instrument.allocation.preparations import Prepared
 from palpate.instrument.allocation.purchase import Preparation
 from palpate.instrument.errors import PalpateError
 from palpate.instrument.findings.mean_ratio import CALIBRATION
-from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.mounts import MOUNTING
@@ -70,7 +70,7 @@ class Alternative:
 
 
 def alternatives(
-    question: Question, wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]
+    question: RatioQuestion, wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]
 ) -> list[Alternative]:
     """What else pays beside a plan. Nothing is offered for an object of which only a bound is known."""
     if prospect.found.sensitivity is None:
@@ -89,7 +89,7 @@ def worth_lines(offered: Sequence[Alternative]) -> list[str]:
     return [line for each in offered for line in (f"{each.what:<14} {each.told}", f"{'':<14} {each.how}")]
 
 
-def _references(question: Question, wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | None:
+def _references(question: RatioQuestion, wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | None:
     """One more reference."""
     plan, found = prospect.allocation, prospect.found
     more = references_of(question, found, target.design)
