@@ -20,7 +20,7 @@ Extrapolate = Annotated[bool, Setting(help="Allow loads outside the load cell's 
 ValidDays = Annotated[int, Setting(help="Days until the calibration expires.")]
 
 
-def share(text: str, determines: str = "") -> Setting:
+def share_setting(text: str, determines: str = "") -> Setting:
     """A share, such as "5 %", that is above 0 and at most 0.5. `text` describes it; `determines` is as of `Setting`."""
     return Setting(help=text, read=parse_tolerance, metavar="SHARE", determines=determines)
 
