@@ -32,7 +32,14 @@ from palpate.procedures.measurements.characterise.result import (
 )
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.prospects import expected_ratio
-from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName, bench_time, share
+from palpate.procedures.measurements.settings import (
+    DwellTime,
+    Frequency,
+    PeakLoads,
+    SampleName,
+    bench_time,
+    share_setting,
+)
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
@@ -74,7 +81,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
     )
     tolerance: Annotated[
         float | None,
-        share(
+        share_setting(
             "Relative standard uncertainty of each film's force sensitivity: the loads up are repeated until all have"
             " it."
         ),

@@ -32,7 +32,7 @@ from palpate.procedures.measurements.films.repeats import FilmRepeats
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.prospects import load_cell_of
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, share
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, share_setting
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
@@ -67,7 +67,9 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
     extrapolate: Extrapolate = False
     tolerance: Annotated[
         float | None,
-        share("Relative standard uncertainty of each film's sensitivity: --loads are repeated until it is reached."),
+        share_setting(
+            "Relative standard uncertainty of each film's sensitivity: --loads are repeated until it is reached."
+        ),
     ] = None
 
     def check(self, target: Target) -> None:

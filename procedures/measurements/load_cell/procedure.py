@@ -42,7 +42,7 @@ from palpate.procedures.measurements.load_cell.result import (
     runs_of,
 )
 from palpate.procedures.measurements.load_cell.work import RECOVERY, Weighing, WeightStep
-from palpate.procedures.measurements.settings import ValidDays, share
+from palpate.procedures.measurements.settings import ValidDays, share_setting
 from palpate.procedures.records.record import Recorder
 
 LOADS = tuple(round(1e-3 * m * STANDARD_GRAVITY, 12) for m in range(140, 741, 100))  # N, Table 5.1
@@ -97,7 +97,9 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
     ] = None
     tolerance: Annotated[
         float | None,
-        share("Relative standard uncertainty of the sensitivity: the series is planned for it, of --loads at hand."),
+        share_setting(
+            "Relative standard uncertainty of the sensitivity: the series is planned for it, of --loads at hand."
+        ),
     ] = None
     loads_u: Annotated[
         float,

@@ -24,7 +24,7 @@ from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.loads.repeats import Repeats, floor_of, one_set_suffices
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, ratio_of, valid_ratios
 from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
-from palpate.procedures.measurements.settings import DwellTime, Frequency, share
+from palpate.procedures.measurements.settings import DwellTime, Frequency, share_setting
 from palpate.procedures.measurements.sweep import Sweep, SweepWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
@@ -65,7 +65,7 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
     frequency: Frequency = 10.0
     tolerance: Annotated[
         float | None,
-        share(
+        share_setting(
             "Instead of --dwell: relative standard uncertainty of each point; where no load set can have it, of the"
             " mean of each sample: its loads are then repeated.",
             determines="dwell",

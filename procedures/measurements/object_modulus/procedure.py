@@ -41,7 +41,7 @@ from palpate.procedures.measurements.object_modulus.result import (
 )
 from palpate.procedures.measurements.object_modulus.telling import missed_by, planned_lines, scatter_told
 from palpate.procedures.measurements.object_modulus.work import Measuring
-from palpate.procedures.measurements.settings import Frequency, bench_time, model_name, share
+from palpate.procedures.measurements.settings import Frequency, bench_time, model_name, share_setting
 from palpate.procedures.measurements.softness.procedure import check_simulated
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_time
@@ -65,7 +65,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
     pausable = True
 
     object: Annotated[Sample, Setting(help="Rubber sample.", read=get_sample, option="--sample")]
-    tolerance: Annotated[float | None, share("Relative standard uncertainty of the modulus, absolute.")] = None
+    tolerance: Annotated[float | None, share_setting("Relative standard uncertainty of the modulus, absolute.")] = None
     time: Annotated[float | None, bench_time("Bench time that is not exceeded, mountings included.")] = None
     relative_to_model: Annotated[bool, Setting(help="The tolerance is about the model's scale, not absolute.")] = False
     model: Annotated[str, model_name("Sensor model that turns the ratio into the modulus.")] = "auto"

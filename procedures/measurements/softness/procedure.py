@@ -24,7 +24,7 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.probable import references_on
 from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, model_name, share
+from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, model_name, share_setting
 from palpate.procedures.measurements.softness.expected import expected_moduli
 from palpate.procedures.measurements.softness.ranking import MOST, Ranking
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
@@ -66,7 +66,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
     ] = "experiment"
     risk: Annotated[
         float | None,
-        share("Risk of a wrong pair in the order, such as 5%: the test ends as soon as the order is known."),
+        share_setting("Risk of a wrong pair in the order, such as 5%: the test ends as soon as the order is known."),
     ] = None
     sets: Annotated[int, Setting(help="With --risk: most load sets of each object, which take --loads in turn.")] = MOST
 
