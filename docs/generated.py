@@ -28,8 +28,7 @@ from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.study.description import StudyFile
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
-from palpate.simulators.faults.fault import Fault
-from palpate.simulators.faults.places import places, struck
+from palpate.simulators.faults.fault import Fault, places, struck
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import SceneFile, shipped
 

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
 from palpate.drivers.clock import BenchClock
-from palpate.drivers.devices.heartbeat import Heartbeat
+from palpate.drivers.devices.canopen_device import Heartbeat
 from palpate.instrument.own_process import Own
 
 LOOKS = 1.0  # s between two checks of an exciter without a watchdog

@@ -17,7 +17,20 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
-from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.errors import ConfigError, UnknownName, UsageError
+
+# --- Libraries that come with an extra, not with palpate itself ----------------------------------------
+
+
+def library(name: str, extra: str) -> Any:
+    """The module `name`, which `palpate[extra]` brings. Raises UsageError: it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise UsageError(f"{name} cannot be imported ({error}); give: pip install 'palpate[{extra}]'") from None
+
+
+# -------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
     from palpate.procedures.measurements.position.procedure import PositionSweep
     from palpate.procedures.measurements.references.procedure import ReferenceSeries
-    from palpate.procedures.measurements.references.reference import Reference, read_reference
+    from palpate.procedures.measurements.references.result import Reference, read_reference
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
     from palpate.procedures.records.run import Run, read
@@ -81,7 +81,7 @@ _PLACES = {
     "procedures.measurements.object_modulus.procedure": "ObjectModulus",
     "procedures.measurements.position.procedure": "PositionSweep",
     "procedures.measurements.references.procedure": "ReferenceSeries",
-    "procedures.measurements.references.reference": "Reference read_reference",
+    "procedures.measurements.references.result": "Reference read_reference",
     "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
     "procedures.records.run": "Run read",

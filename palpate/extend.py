@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from palpate.instrument.findings.film_forces import film_forces
     from palpate.instrument.models.table import Response
     from palpate.instrument.sensor.design import FILM_KINDS, Design, Film, FilmSheet, Plate, Ring, Tooth
-    from palpate.instrument.sensor.film_material import FILM_MATERIALS
-    from palpate.instrument.sensor.material import Material
+    from palpate.instrument.sensor.material import FILM_MATERIALS, Material
     from palpate.procedures.engine.plan import Plan, Predicted, Step
     from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, Work, until_full
     from palpate.procedures.engine.promise import Expected, predicted
@@ -49,8 +48,7 @@ if TYPE_CHECKING:
     from palpate.procedures.engine.settings import Setting
     from palpate.procedures.lab.lab import Lab, Target
     from palpate.procedures.lab.open import OpenBench
-    from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-    from palpate.procedures.measurements.static_load import StaticLoadWork
+    from palpate.procedures.measurements.work import DynamicLoadWork, StaticLoadWork
     from palpate.procedures.records.columns import Column, gathered
     from palpate.procedures.records.record import Recorder
     from palpate.procedures.steps.checks import preload_for
@@ -99,9 +97,8 @@ _PLACES = {
     "instrument.errors": "DeviceError SafetyError",
     "instrument.findings.film_forces": "film_forces",
     "instrument.models.table": "Response",
-    "instrument.sensor.design": "FILM_KINDS Design Film FilmSheet Plate Ring Tooth",
-    "instrument.sensor.film_material": "FILM_MATERIALS",
-    "instrument.sensor.material": "Material",
+    "instrument.sensor.design": "Design FILM_KINDS Film FilmSheet Plate Ring Tooth",
+    "instrument.sensor.material": "FILM_MATERIALS Material",
     "procedures.engine.plan": "Plan Predicted Step",
     "procedures.engine.procedure": "Measurement Procedure Report RequiredLoads Work until_full",
     "procedures.engine.promise": "Expected predicted",
@@ -109,8 +106,7 @@ _PLACES = {
     "procedures.engine.settings": "Setting",
     "procedures.lab.lab": "Lab Target",
     "procedures.lab.open": "OpenBench",
-    "procedures.measurements.dynamic_load": "DynamicLoadWork",
-    "procedures.measurements.static_load": "StaticLoadWork",
+    "procedures.measurements.work": "DynamicLoadWork StaticLoadWork",
     "procedures.records.columns": "Column gathered",
     "procedures.records.record": "Recorder",
     "procedures.steps.checks": "preload_for",
@@ -120,7 +116,8 @@ _PLACES = {
     "simulators.linear.periodic": "sine",
     "simulators.physics.effect": "Bound Floats Kind",
     "simulators.physics.stages": "AmplifierEffect CanEffect CellEffect ConverterEffect DriveEffect FilmsEffect"
-    " HysteresisEffect InputEffect LeakEffect LineEffect ShakerEffect ShareEffect SourceEffect StackEffect",
+    " HysteresisEffect InputEffect LeakEffect LineEffect ShakerEffect ShareEffect SourceEffect"
+    " StackEffect",
     "simulators.planning.plan": "Question driven",
     "simulators.planning.settle": "read_scene",
     "simulators.randomness": "Stream",

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 from palpate.instrument.additions import load
 from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
-from palpate.instrument.bench.links import CAN, LINE
-from palpate.instrument.bench.serial_line import FASTEST
-from palpate.instrument.bench.this_machine import LOOPBACK
+from palpate.instrument.bench.links import CAN, FASTEST, LINE, LOOPBACK
 from palpate.instrument.config import check
 from palpate.instrument.contracts.pdo import NODES
 from palpate.instrument.errors import BenchError
@@ -23,8 +21,7 @@ from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import SERIAL, CanSegment
 from palpate.simulators.guests import CHANGER, Guest, replaced
-from palpate.simulators.rig.operator import SimulatedOperator
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig.rig import Rig, SimulatedOperator
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import device as wire
 from palpate.simulators.wire.can_bus import own_channel

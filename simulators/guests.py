@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from palpate.instrument.bench.description import check_name, check_role
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, Role, device_kind, kind_in_file
-from palpate.instrument.bench.listed import check_name, check_role
 from palpate.instrument.config import Config, check
 from palpate.instrument.errors import ConfigError, UnknownName
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from palpate.instrument.bench.can_ends import MULTICAST
+from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.files import read_calibration
 from palpate.instrument.errors import ConfigError

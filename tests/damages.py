@@ -28,7 +28,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run, reading
-from palpate.procedures.study.store import CellOutcome, Store, stored
+from palpate.procedures.study.run import CellOutcome, Store, stored
 
 Files = dict[str, bytes]
 BAD = ("silent", "whole point not returned", "wrong point returned", "crashed")

@@ -27,11 +27,9 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class, inject
-from palpate.simulators.faults.can import CanFault
-from palpate.simulators.faults.fault import parse_faults
-from palpate.simulators.faults.indicator import IndicatorFault
-from palpate.simulators.faults.node import FilmFault
-from palpate.simulators.faults.places import places, struck
+from palpate.simulators.faults.can import CanFault, FilmFault
+from palpate.simulators.faults.device import IndicatorFault
+from palpate.simulators.faults.fault import parse_faults, places, struck
 from palpate.simulators.scenes.scene import Scene
 from tests.fault_procedures import PROCEDURES, SAMPLE, Found, scene, wrong
 

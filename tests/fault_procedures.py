@@ -22,8 +22,8 @@ from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.measurements.modulus.result import NAMES
+from palpate.procedures.measurements.object_modulus.course import ModulusPoint
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.object_modulus.result import ModulusPoint
 from palpate.procedures.measurements.position.procedure import PositionSweep
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.measurements.softness.result import SoftnessPoint

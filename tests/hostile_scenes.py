@@ -28,7 +28,7 @@ from pydantic.fields import FieldInfo
 from palpate.instrument.quantity import Unit
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
-from palpate.simulators.faults.places import places, struck
+from palpate.simulators.faults.fault import places, struck
 from palpate.simulators.scenes.scene import RigParameters, SceneFile, shipped
 
 HOSTILE = (0.0, -1.0, 1e-308, -1e-308, 1e308, -1e308, math.nan, math.inf)

@@ -25,14 +25,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from palpate.instrument.bench.can_ends import MULTICAST
+from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.run import Run, is_run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.rig.mounted import Mounted
+from palpate.simulators.rig.assembly import Mounted
 from palpate.simulators.wire.device import Refused
 
 SAMPLES = "123456"

@@ -7,10 +7,10 @@ from functools import cache, partial
 from typing import Any
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.device import Device
-from palpate.drivers.devices.identified import (
+from palpate.drivers.devices.device import (
     APPLICATION,
     SERIAL,
+    Device,
     check_inventory,
     check_marks,
     check_objects,
@@ -18,8 +18,7 @@ from palpate.drivers.devices.identified import (
     serial_number,
 )
 from palpate.drivers.devices.layouts import Read, ReadRequests, Write, companions, reading, write
-from palpate.drivers.links.modbus import ACKNOWLEDGED, SELDOM, SOON, ModbusLink
-from palpate.drivers.links.requests import READS, WRITES, confirms
+from palpate.drivers.links.modbus import ACKNOWLEDGED, READS, SELDOM, SOON, WRITES, ModbusLink, confirms
 from palpate.instrument.contracts.contract import PROBE, Contract, Value
 from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError, LinkTimeout
 

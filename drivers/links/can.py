@@ -7,6 +7,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,82 @@ import canopen
 from canopen.lss import LssMaster
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from palpate.drivers.clock import WallClock
 from palpate.drivers.links import causes
-from palpate.drivers.links.cyclic import Cyclic
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.can_ends import MULTICAST, WITHIN_MACHINE, close_bus_in_child, keep_to_group, leave
+from palpate.instrument.bench.links import MULTICAST, WITHIN_MACHINE, CanBus, close_bus_in_child, keep_to_group, leave
+from palpate.instrument.contracts.pdo import hand_over
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout, UnknownName
 from palpate.instrument.own_process import OwnLock
+
+# -------------------------------------------------------------------------------------------------------
+# Frames that a CAN bus sends over and over by itself, on time, whatever this program is doing meanwhile
+
+KERNEL = "socketcan"  # the interface of python-can whose cyclic frames the kernel sends
+WITHIN = ("virtual", MULTICAST)  # buses within this machine, whose other end is palpate's own
+LONGEST_US = 60_000_000
+
+
+class Cyclic:
+    """The lists of frames that one bus sends over and over.
+
+    The kernel forgets its lists when this program ends in any way. A bus within this machine goes on with them.
+    """
+
+    def __init__(self, bus: can.BusABC, interface: str, name: str) -> None:
+        self._bus, self._interface, self._name = bus, interface, name
+        self._tasks: dict[int, can.CyclicSendTaskABC | None] = {}
+
+    def check(self) -> None:
+        """Raises LinkError: nothing sends frames on time on this interface."""
+        if self._interface not in (KERNEL, *WITHIN):
+            raise LinkError(
+                f"CAN bus {self._name}: {self._interface} cannot send set-points on time, because no timer of the "
+                f"kernel does; use an adapter with interface = {KERNEL!r}"
+            )
+
+    def begin(self, cob_id: int, frames: Sequence[bytes], period_us: int) -> None:
+        """From now on send these frames in turn, the first at once; they replace those of the same identifier.
+
+        Args:
+            cob_id: identifier of the frames.
+            frames: their data, up to `palpate.instrument.contracts.pdo.MOST_CYCLIC`.
+            period_us: time between two frames [us].
+
+        Raises LinkError: nothing sends frames on time on this interface, or it failed.
+        """
+        self.check()
+        if self._interface == KERNEL:
+            self.end(cob_id)
+            listed = [can.Message(arbitration_id=cob_id, data=data, is_extended_id=False) for data in frames]
+            self._tasks[cob_id] = self._bus.send_periodic(listed, 1e-6 * period_us)
+        else:
+            self._hand_over(cob_id, frames, period_us)
+            self._tasks[cob_id] = None
+
+    def end(self, cob_id: int) -> None:
+        """Send no more of the frames with this identifier. Raises can.CanError: the bus failed."""
+        if cob_id not in self._tasks:
+            return
+        task = self._tasks.pop(cob_id)
+        if task is None:
+            self._hand_over(cob_id, (), 0)
+        else:
+            task.stop()
+
+    def end_all(self) -> None:
+        """As `end`, for all lists."""
+        for cob_id in list(self._tasks):
+            self.end(cob_id)
+
+    def _hand_over(self, cob_id: int, frames: Sequence[bytes], period_us: int) -> None:
+        for identifier, data in hand_over(cob_id, frames, period_us):
+            self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=True))
+
+
+# -------------------------------------------------------------------------------------------------------
 
 for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever fails is raised
     logging.getLogger(_name).addHandler(logging.NullHandler())
@@ -322,3 +391,69 @@ class CanLink:
                 node.nmt.state = state
             except (can.CanError, OSError) as error:
                 raise LinkError(self._why_lost(error)) from error
+
+
+# -------------------------------------------------------------------------------------------------------
+# Listens to a CAN bus without taking part in it: a node with a wrong bit rate destroys the frames of all others
+
+# how python-can's interfaces are told only to listen, by their own arguments (their documentation, python-can 4)
+LISTEN_ONLY: dict[str, dict[str, Any]] = {
+    "cantact": {"monitor": True},
+    "kvaser": {"driver_mode": False},
+    "nixnet": {"listen_only": True},
+    "pcan": {"state": can.BusState.PASSIVE},
+    "seeedstudio": {"operation_mode": "silent"},
+    "slcan": {"listen_only": True},
+    "systec": {"state": can.BusState.PASSIVE},
+    "vector": {"listen_only": True},
+}
+SET_BY_SYSTEM = (
+    "socketcan",
+    MULTICAST,
+    "virtual",
+)  # opening these sets no bit rate
+HEARTBEATS, EMERGENCIES, ANSWERS = range(0x701, 0x780), range(0x81, 0x100), range(0x581, 0x600)
+
+
+@dataclass
+class Heard:
+    """What was heard on a bus: number of data frames, number of error frames, and the node ids that sent some."""
+
+    frames: int = 0
+    errors: int = 0
+    nodes: set[int] = field(default_factory=set)
+
+
+def listens_quietly(bus: CanBus) -> bool:
+    """Whether opening the bus to listen disturbs nobody, even with a wrong bit rate."""
+    return bus.interface in LISTEN_ONLY or bus.interface in SET_BY_SYSTEM or not has_wire(bus)
+
+
+def listen(bus: CanBus, seconds: float) -> Heard:
+    """Listen for so many seconds. Raises LinkError: the bus cannot be opened, or failed."""
+    heard, clock = Heard(), WallClock()
+    try:
+        with can.Bus(
+            interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate, **LISTEN_ONLY.get(bus.interface, {})
+        ) as opened:
+            if bus.interface == MULTICAST:
+                keep_to_group(opened)
+            while (left := seconds - 1e-9 * clock.now_ns()) > 0:
+                if (frame := opened.recv(left)) is not None:
+                    _count(heard, frame)
+    except Exception as error:  # each interface of python-can raises other types, even NameError
+        where = "--can INTERFACE:CHANNEL"
+        raise LinkError(causes.no_bus(bus.interface, bus.channel, bus.bitrate, error, where)) from error
+    return heard
+
+
+def _count(heard: Heard, frame: can.Message) -> None:
+    if frame.is_error_frame:
+        heard.errors += 1
+        return
+    heard.frames += 1
+    if frame.is_extended_id or frame.is_remote_frame:
+        return
+    for identifiers in (HEARTBEATS, EMERGENCIES, ANSWERS):
+        if frame.arbitration_id in identifiers:
+            heard.nodes.add(frame.arbitration_id & 0x7F)

@@ -3,24 +3,151 @@
 from __future__ import annotations
 
 import logging
+import select
+import socket
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from typing import Self
+from typing import Any, Self
 
+from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 from palpate.drivers.clock import Clock, WallClock
 from palpate.drivers.links import causes
-from palpate.drivers.links.requests import only_reads
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
-from palpate.drivers.links.tcp import TcpClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.declaration import USUAL
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.instrument.own_process import OwnLock, close_in_child
+
+# --- Requests that a Modbus device may be sent, for `ModbusLink.transact` ------------------------------
+
+BASIC, REGULAR, EXTENDED = 1, 2, 3  # categories of identity objects
+
+
+def read_coils(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
+    """Read coils (function 1)."""
+    reply: ModbusPDU = client.read_coils(address, count=count, device_id=unit)
+    return reply
+
+
+def read_discrete(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
+    """Read discrete inputs (function 2)."""
+    reply: ModbusPDU = client.read_discrete_inputs(address, count=count, device_id=unit)
+    return reply
+
+
+def read_registers(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
+    """Read holding registers (function 3)."""
+    reply: ModbusPDU = client.read_holding_registers(address, count=count, device_id=unit)
+    return reply
+
+
+def read_inputs(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
+    """Read input registers (function 4)."""
+    reply: ModbusPDU = client.read_input_registers(address, count=count, device_id=unit)
+    return reply
+
+
+def write_coil(client: Any, address: int, coils: list[bool], unit: int) -> ModbusPDU:
+    """Write one coil (function 5)."""
+    reply: ModbusPDU = client.write_coil(address, coils[0], device_id=unit)
+    return reply
+
+
+def write_register(client: Any, address: int, registers: list[int], unit: int) -> ModbusPDU:
+    """Write one holding register (function 6)."""
+    reply: ModbusPDU = client.write_register(address, registers[0], device_id=unit)
+    return reply
+
+
+def write_coils(client: Any, address: int, coils: list[bool], unit: int) -> ModbusPDU:
+    """Write coils (function 15)."""
+    reply: ModbusPDU = client.write_coils(address, coils, device_id=unit)
+    return reply
+
+
+def write_registers(client: Any, address: int, registers: list[int], unit: int) -> ModbusPDU:
+    """Write holding registers (function 16)."""
+    reply: ModbusPDU = client.write_registers(address, registers, device_id=unit)
+    return reply
+
+
+def read_identity(client: Any, category: int, unit: int) -> ModbusPDU:
+    """Read a category of identity objects (function 43/14)."""
+    reply: ModbusPDU = client.read_device_information(read_code=category, object_id=0, device_id=unit)
+    return reply
+
+
+READS: dict[int, Callable[..., ModbusPDU]] = {1: read_coils, 2: read_discrete, 3: read_registers, 4: read_inputs}
+WRITES: dict[int, Callable[..., ModbusPDU]] = {5: write_coil, 6: write_register, 15: write_coils, 16: write_registers}
+
+
+def only_reads(request: Callable[..., ModbusPDU]) -> bool:
+    """Whether a request changes nothing, so that it can be sent again."""
+    return request is read_identity or request in READS.values()
+
+
+def confirms(reply: Any, function: int, address: int, values: list[Any]) -> bool:
+    """Whether a reply confirms that these values were written with this function from this address on."""
+    if reply.function_code != function or reply.address != address:
+        return False
+    if function in (15, 16):
+        return bool(reply.count == len(values))
+    return bool((reply.bits if function == 5 else reply.registers) == values)  # they come back as they were sent
+
+
+# --- The client's end of a Modbus TCP connection -------------------------------------------------------
+
+
+class TcpClient(ModbusTcpClient):
+    """pymodbus' client, which also looks for the end of the connection before it sends anything.
+
+    Gateways and small devices close a connection on which nobody has asked anything for a while. A request that is sent
+    into it is lost, and whether it was carried out can no longer be told. So the end is looked for first, and the
+    request is sent once, over a new connection. The same is done where bytes have come that nobody asked for: they
+    cannot be the reply to a request that is yet to be sent.
+
+    `failure` is why the last attempt to connect failed; None: it did not.
+    """
+
+    failure: OSError | None = None
+
+    def __init__(self, host: str, **settings: Any) -> None:
+        super().__init__(host, retries=0, **settings)
+
+    def connect(self) -> bool:
+        """Connect, if it is not connected; returns whether it is. Raises ValueError: no host can have this name."""
+        if self.socket is not None:
+            return True
+        where = self.comm_params
+        self.failure = None
+        try:
+            self.socket = socket.create_connection((where.host, where.port), timeout=where.timeout_connect)
+        except OSError as error:
+            self.failure = error
+        return self.socket is not None
+
+    def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
+        """Send a request, once. Raises ConnectionException: there is no connection, or it broke."""
+        if self.socket is not None and self._over(self.socket):
+            self.close()  # type: ignore[no-untyped-call]
+            if not self.connect():
+                raise ConnectionException(str(self))
+        sent: int = super().send(request, addr)
+        return sent
+
+    def _over(self, connection: socket.socket) -> bool:
+        """Whether the other end has closed the connection, or has sent what nobody asked for."""
+        looked = select.poll()
+        looked.register(connection, select.POLLIN)
+        return bool(looked.poll(0))
+
+
+# -------------------------------------------------------------------------------------------------------
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
 

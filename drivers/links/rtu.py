@@ -22,7 +22,7 @@ from pymodbus.exceptions import ConnectionException
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
 
-from palpate.instrument.bench.serial_line import FASTEST, character_bits, earliest_reply, silence
+from palpate.instrument.bench.links import FASTEST, character_bits, earliest_reply, silence
 
 READS_BITS, READS_REGISTERS, WRITES_ONE, WRITES_SOME = (1, 2), (3, 4), (5, 6), (15, 16)  # functions
 REFUSED = 0x80  # bit of a function code that marks a refusal

@@ -18,7 +18,7 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
-from palpate.instrument.bench.listed import Listed
+from palpate.instrument.bench.description import Listed
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.errors import RecordError, UsageError, check_path
 from palpate.instrument.own_process import Ends

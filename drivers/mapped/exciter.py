@@ -7,16 +7,142 @@ drive watches the heartbeat of this program, which no kernel sends, and switches
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Self
 
 from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.exciter import Exciter
-from palpate.drivers.mapped.set_points import SetPointGrid, grid
 from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
+from palpate.instrument.bench.role_maps.load_indicator import LowPass
 from palpate.instrument.contracts.contract import Pdo
+from palpate.instrument.contracts.pdo import MOST_CYCLIC
 from palpate.instrument.errors import DeviceError, LinkError, RangeError, SafetyError, Unfed
+
+# --- A sine as a list of set-points that a bus sends over and over -------------------------------------
+
+FEWEST = 20  # set-points of a period
+CLOSEST = 2e-5  # greatest error of the frequency, relative
+LONGEST_US = 1_000_000  # between two set-points
+
+
+@dataclass(frozen=True)
+class SetPointGrid:
+    """Times of the set-points of some whole periods: `count` of them, `step_us` apart, which are `periods`."""
+
+    count: int
+    step_us: int
+    periods: int
+
+    @property
+    def length_ns(self) -> int:
+        """Time that the list takes."""
+        return 1000 * self.count * self.step_us
+
+    @property
+    def frequency(self) -> float:
+        """Frequency of the sine [Hz]."""
+        return 1e9 * self.periods / self.length_ns
+
+    def sine(self, peak: float) -> list[float]:
+        """The set-points of a sine."""
+        return [peak * math.sin(2 * math.pi * self.periods * number / self.count) for number in range(self.count)]
+
+
+def grid(frequency: float, fastest: float, who: str) -> SetPointGrid:
+    """The times of set-points whose sine is closest to a frequency.
+
+    Args:
+        frequency: frequency of the sine [Hz].
+        fastest: shortest time between two set-points [s].
+        who: name of the device, for the message.
+
+    Raises RangeError: the frequency is too high or too low, or no list has it.
+    """
+    highest, lowest = 1 / (FEWEST * fastest), 1e6 / (MOST_CYCLIC * LONGEST_US)
+    if not lowest <= frequency <= highest:
+        raise RangeError(
+            f"{who}: frequency = {frequency:g} Hz is outside {lowest:.3g} to {highest:g} Hz, which {FEWEST} to "
+            f"{MOST_CYCLIC} set-points of a period reach, {1e3 * fastest:g} ms or more apart; give one inside"
+        )
+    best = min(_lists(frequency, fastest), key=lambda each: abs(each.frequency - frequency))
+    if abs(best.frequency - frequency) > CLOSEST * frequency:
+        raise RangeError(
+            f"{who}: frequency = {frequency:.10g} Hz: no list of set-points, which come every whole microsecond, has "
+            f"it; the nearest has {best.frequency:.10g} Hz"
+        )
+    return best
+
+
+def _lists(frequency: float, fastest: float) -> Iterator[SetPointGrid]:
+    """All lists near a frequency, those of few periods first, and of these the finest first."""
+    for periods in range(1, MOST_CYCLIC // FEWEST + 1):
+        for count in range(MOST_CYCLIC, FEWEST * periods - 1, -1):
+            step_us = round(1e6 * periods / (frequency * count))
+            if fastest * (1 - 1e-9) <= 1e-6 * step_us <= 1e-6 * LONGEST_US:
+                yield SetPointGrid(count, step_us, periods)
+
+
+# -------------------------------------------------------------------------------------------------------
+# How well readings follow a force that changes: what a filter and too few readings take off a peak-to-peak
+# value
+
+LARGEST_LOSS = 0.05  # of a peak-to-peak value, beyond which a frequency is refused
+POLLS = 64  # readings from which a peak-to-peak value is made up
+GOLDEN = (math.sqrt(5) - 1) / 2  # fraction whose multiples are spread most evenly over a cycle
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """What readings can follow.
+
+    Attributes:
+        filter: the low-pass through which they go.
+        rate: readings in a second [1/s].
+        polled: whether extremes are found among readings that are asked for, not among all that are made.
+    """
+
+    filter: LowPass
+    rate: float
+    polled: bool = False
+
+    def loss(self, frequency: float) -> float:
+        """The part of a peak-to-peak value that is lost at a frequency [Hz], at most.
+
+        The readings next to the extremes are half a reading's interval away from them, at most.
+        """
+        seldom = 1 - math.cos(min(math.pi * frequency / self.rate, math.pi / 2))
+        return 1 - self.filter.passes(frequency) * (1 - seldom)
+
+    def relative_u(self, frequency: float) -> float:
+        """Relative standard uncertainty of a peak-to-peak value that is not corrected for what is lost.
+
+        The loss lies between nothing and its greatest value. Of polled readings, at phases spread over the cycle, those
+        nearest to the extremes take off pi²/N² on the average, and scatter by as much.
+        """
+        lost = self.loss(frequency) / math.sqrt(3)
+        return math.hypot(lost, math.pi**2 / POLLS**2) if self.polled else lost
+
+    def highest(self) -> float:
+        """The highest frequency that is not refused [Hz], rounded down to three digits."""
+        low, high = 0.0, self.filter.corner + self.rate
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.loss(middle) <= LARGEST_LOSS else (low, middle)
+        digits = 2 - math.floor(math.log10(low))
+        return round(math.floor(low * 10.0**digits) / 10.0**digits, digits)
+
+
+def pauses(window: float, readings: int = POLLS) -> Iterator[float]:
+    """Pauses between so many polled readings over a window [s], in step with no frequency."""
+    mean = window / (readings - 1)
+    return (mean * (0.5 + number * GOLDEN % 1.0) for number in range(1, readings))
+
+
+# -------------------------------------------------------------------------------------------------------
 
 NODE_BITS = 16  # bits of 1016h below those of the node id that is watched
 OFF = 0.0

@@ -3,14 +3,215 @@
 from __future__ import annotations
 
 import math
+import struct
+from contextlib import suppress
 from dataclasses import dataclass
 
+from palpate.drivers.devices.device import Device
 from palpate.drivers.devices.either_bus import EitherBus
-from palpate.drivers.mapped.following import pauses
-from palpate.drivers.mapped.reading_filter import ReadingFilter
-from palpate.drivers.mapped.word_order import WordOrder
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, says
+from palpate.drivers.mapped.exciter import LARGEST_LOSS, Following, pauses
+from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, LowPass, says
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.field import FLOATS, swapped
 from palpate.instrument.errors import DeviceError, RangeError
+
+# -------------------------------------------------------------------------------------------------------
+# The order of the words of a reading, which many devices let their users choose: told by what the readings mean
+
+TINY = 1e-9  # of the unit of a display; a float of this size is no load
+MOST_STEPS = 1e8  # of a display, that a float can tell: far more than a converter has
+MOST_COUNTS = 1 << 24  # of an integer: a converter of 24 bits
+
+
+class WordOrder:
+    """Whether readings of one field come in the order of words that its map says, as far as they tell.
+
+    A reading that would be no load in the order of the map is refused. One that would be no load in the other order
+    tells that the order is right. Until there was one, a reading that could be a load in both orders is in doubt.
+
+    Attributes:
+        proved: whether the order is known to be right.
+    """
+
+    def __init__(self, contract: Contract, name: str, step: float) -> None:
+        """Nothing is told yet.
+
+        Args:
+            contract: the device's contract.
+            name: the field.
+            step: step of the display, in the field's unit.
+        """
+        self._contract, self._field, self._step = contract, contract[name], step
+        several = contract.bus == "modbus" and self._field.width > 1
+        self.proved = not several or _proved(contract, name)
+
+    def doubt(self, value: float, beside: dict[str, float], device: str) -> str:
+        """Why it is not known that a reading is right; empty: it is known, or the reading is the same in both orders.
+
+        Args:
+            value: the reading, a number.
+            beside: what the device tells of its scale.
+            device: name of the device, for messages.
+
+        Raises DeviceError: it is no load.
+        """
+        f = self._field
+        read = f"{device}: {f.name} reads {value:.6g} {f.unit}".rstrip()
+        other = self._otherwise(value, beside)
+        if not self._can_be(value, beside):
+            remedy = (
+                f"so its words come in the other order ({other:.6g} {f.unit}".rstrip()
+                + "); set the device to the order of its map, or use a map for its order"
+                if other is not None
+                else "which is no load; check type, address and scale of the field in its map, and the display's "
+                "resolution"
+            )
+            raise DeviceError(
+                f"{read}, {remedy}. If it says that there is no reading, give it as `missing`", device=device
+            )
+        if self.proved or value in (0, other):
+            return ""
+        if other is None:
+            self.proved = True
+            return ""
+        return (
+            f"{read}, with its words in the other order {other:.6g} {f.unit}".rstrip()
+            + ": which is right is not told yet; compare with the display, or change the load until a reading tells"
+        )
+
+    def _can_be(self, value: float, beside: dict[str, float]) -> bool:
+        """Whether a value can be a load."""
+        f = self._field
+        if value == 0:
+            return True
+        if self._contract.misread(f.name, value):
+            return False
+        if f.type in FLOATS:
+            return TINY <= abs(value) <= MOST_STEPS * self._step
+        return abs(value - f.offset) <= MOST_COUNTS * abs(self._contract.step(f.name, beside))
+
+    def _otherwise(self, value: float, beside: dict[str, float]) -> float | None:
+        """The load in the other order of words; None: in this order there is none."""
+        name = self._field.name
+        signs = {self._field.sign[0]: 0.0} if self._field.sign else {}
+        with suppress(struct.error, OverflowError, ValueError):
+            data = swapped(self._contract.pack(name, value, beside), words=True, octets=False)
+            found = self._contract.decode(name, data, beside | signs)
+            return found if found == found and self._can_be(found, beside) else None
+        return None
+
+
+def _proved(contract: Contract, name: str) -> bool:
+    """Whether a device is known by a number of several words in the same order, which reads otherwise in another."""
+    words = contract[name].words
+    if contract.has("probe") and contract["probe"].words == words:
+        return True
+    for mark in contract.marks:
+        f = contract[mark.field]
+        if f.type != "text" and f.width > 1 and f.words == words:
+            data = contract.encode(f.name, mark.value)
+            if data != swapped(data, words=True, octets=False):
+                return True
+    return False
+
+
+# -------------------------------------------------------------------------------------------------------
+# The filter of a load indicator's readings: whether it is as it was, and which frequencies get through
+
+
+class ReadingFilter:
+    """The low-pass through which the readings of a load indicator go.
+
+    Attributes:
+        level: raw value of the field that sets it; None: no field does, or neither section nor device told it yet.
+    """
+
+    def __init__(self, device: Device, role: LoadIndicatorMap, settings: LoadIndicatorSettings) -> None:
+        self._device, self._role, self._settings = device, role, settings
+        self._table = role.filter
+        self.level: float | None = settings.filter
+
+    def set_up(self) -> None:
+        """Write the level of the section, and read the one that the device has. Raises LinkError, DeviceError."""
+        if self._table is not None:
+            if self._settings.filter is not None:
+                self._device.give(**{self._table.field: self._settings.filter})
+            self.level = self._device.get(self._table.field)
+
+    @property
+    def told_by_section(self) -> bool:
+        """Whether the section tells the filter, so that the device need not be asked."""
+        return self._table is None or self._settings.filter is not None
+
+    @property
+    def following(self) -> Following:
+        """What the readings can follow. Raises RangeError: nothing tells the filter."""
+        name, rate = self._device.name, self._settings.rate or self._role.rate
+        if self._table is not None:
+            low_pass = self._table.levels.get(f"{self.level:g}")
+            if low_pass is None:
+                raise RangeError(
+                    f"{name}: {self._table.field} reads {self.level:g}, of which the map tells no cut-off "
+                    f"frequency; write filter = one of {', '.join(self._table.levels)} in its section"
+                )
+        elif self._settings.bandwidth is None:
+            raise RangeError(
+                f"{name}: no field tells the filter of its readings, so it is not known which forces they "
+                'follow; write bandwidth = "NUMBER Hz" in its section, as set at the device'
+            )
+        else:
+            low_pass = LowPass(corner=self._settings.bandwidth)
+        return Following(low_pass, rate, polled=not self._role.extremes)
+
+    def check_kind(self) -> None:
+        """Raises RangeError: another kind of filter is set than that of which the map tells the frequencies."""
+        contract = self._device.contract
+        for name, needed in self._table.needs.items() if self._table else ():
+            if (found := self._device.get(name)) != needed:
+                raise RangeError(
+                    f"{self._device.name}: {name} reads {contract.choice(name, found)}; the map tells cut-off "
+                    f"frequencies for {contract.choice(name, needed)} alone; set it so at the device"
+                )
+
+    def check_frequency(self, frequency: float) -> None:
+        """Raises RangeError: a peak-to-peak reading would lose too much at this frequency [Hz]."""
+        following = self.following
+        if (loss := following.loss(frequency)) <= LARGEST_LOSS:
+            return
+        levels = self._table.levels if self._table else {}
+        able = [
+            level
+            for level, low_pass in levels.items()
+            if Following(low_pass, following.rate, following.polled).loss(frequency) <= LARGEST_LOSS
+        ]
+        now = f"{self._table.field} = {self.level:g}: " if self._table else ""
+        faster = "" if self._table else "set the device faster and write its bandwidth and rate in its section, or "
+        remedy = f"write filter = {able[0]} in its section, or " if able else faster
+        raise RangeError(
+            f"{self._device.name}: its readings ({now}{following.filter.corner:g} Hz, {following.rate:g} a second) "
+            f"lose up to {100 * loss:.2g} % of a force at {frequency:g} Hz, {100 * LARGEST_LOSS:g} % are allowed; "
+            f"{remedy}drive at up to {following.highest():g} Hz"
+        )
+
+    def changed(self) -> str:
+        """Which part of it is not as it was, so that the load would be taken for less than it is; empty: none."""
+        return ", ".join(f"{n} has changed" for n, value in self._fields().items() if self._device.get(n) != value)
+
+    def changes(self) -> list[str]:
+        """What somebody has changed that a recovery does not write again, as texts for people."""
+        found = []
+        for name, value in self._fields().items():
+            restored = self._table is not None and name == self._table.field and self._settings.filter is not None
+            if not restored and (now := self._device.get(name)) != value:
+                found.append(f"{self._device.name}: {name} is {now:g}, was {value:g}")
+        return found
+
+    def _fields(self) -> dict[str, float | None]:
+        """What the fields of the filter must read."""
+        return {self._table.field: self.level, **self._table.needs} if self._table else {}
+
+
+# -------------------------------------------------------------------------------------------------------
 
 LOOKS = 6  # readings beside those of extremes, which tell that the display still moves
 MOVED = 4  # steps of the display that a load must move by, so that not all of these readings can be equal

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Self
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +15,162 @@ from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevi
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sensor_node import LARGEST_RECORDING, LATEST_WAITS, Recording
 from palpate.drivers.links.can import CanLink, FrameCallback
-from palpate.drivers.mapped.counts import Counts
-from palpate.drivers.mapped.sync import Sync, missing_sync
-from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap
+from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap, raw_limits
 from palpate.instrument.contracts.contract import Contract, Pdo
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, frames_load
+from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER, frames_load
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
+
+# -------------------------------------------------------------------------------------------------------
+# The readings in the frames of a node that samples: integers, their scale, and where they are saturated
+
+Floats = npt.NDArray[np.float64]
+Kept = Sequence[tuple[int, bytes]]
+"""Frames, each with the number of the SYNC before it."""
+BROKEN = -1  # number of a frame of a wrong size
+
+
+class Counts:
+    """How the frames of a node become readings.
+
+    Attributes:
+        pdos: the PDOs that hold channels.
+        sizes: bytes of their frames.
+        step: step of each channel, shape (channels,) [unit of the readings].
+        full_scale: greatest reading that every channel can have, of either sign [unit of the readings].
+    """
+
+    def __init__(self, contract: Contract, channels: Sequence[str]) -> None:
+        self._contract, self._channels = contract, channels
+        self.pdos = tuple(pdo for pdo in contract.pdos if set(pdo.fields) & set(channels))
+        self.sizes = tuple(sum(contract[name].size for name in pdo.fields) for pdo in self.pdos)
+        self.step = np.ones(len(channels))
+        self._low, self._high = np.zeros(len(channels)), np.zeros(len(channels))
+        self.full_scale = 0.0
+
+    def read_scales(self, beside: Callable[[str], Mapping[str, float]]) -> None:
+        """Take in the scales; `beside` gives what the node tells of a field's scale. Raises what `beside` raises."""
+        for number, name in enumerate(self._channels):
+            f = self._contract[name]
+            self.step[number] = self._contract.step(name, beside(name))
+            self._low[number], self._high[number] = raw_limits(f, self.step[number])
+        offset = np.array([self._contract[name].offset for name in self._channels])
+        ends = np.abs([self.step * self._low + offset, self.step * self._high + offset])
+        self.full_scale = float(ends.max(axis=0).min() if (self._low < 0).all() else ends[1].min())
+
+    def first_wrong(self, pdo: Pdo, frames: Kept, count: int) -> int | None:
+        """Number of the first SYNC, up to `count`, that was not answered by one whole frame; None: there is none."""
+        size = self.sizes[self.pdos.index(pdo)]
+        numbers = np.fromiter((number if len(data) == size else BROKEN for number, data in frames[:count]), int)
+        wrong = np.flatnonzero(numbers != np.arange(1, len(numbers) + 1))
+        if not wrong.size:
+            return len(numbers) + 1 if len(numbers) < count else None
+        due, came = int(wrong[0]) + 1, int(numbers[wrong[0]])
+        return max(came, 1) if BROKEN < came < due else due  # a second answer to an earlier one, or none to this one
+
+    def decoded(self, frames: Mapping[str, Kept]) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """Readings, shape (channels, n), and whether each is at the end of its range, where it may be saturated.
+
+        NaN: the node says that it has no reading.
+        """
+        raw = np.array([self._raw(name, frames) for name in self._channels])
+        offset = np.array([self._contract[name].offset for name in self._channels])
+        readings = raw * self.step[:, np.newaxis] + offset[:, np.newaxis]
+        for number, name in enumerate(self._channels):
+            if missing := self._contract[name].missing:
+                readings[number, np.isin(raw[number], missing)] = np.nan
+        return readings, (raw <= self._low[:, np.newaxis]) | (raw >= self._high[:, np.newaxis])
+
+    def _raw(self, channel: str, frames: Mapping[str, Kept]) -> npt.NDArray[np.int64]:
+        pdo = next(pdo for pdo in self.pdos if channel in pdo.fields)
+        before = pdo.fields[: pdo.fields.index(channel)]
+        at, f = sum(self._contract[name].size for name in before), self._contract[channel]
+        data = np.frombuffer(b"".join(each for _, each in frames[pdo.name]), np.uint8)
+        octets = data.reshape(len(frames[pdo.name]), -1)[:, at : at + f.size].astype(np.int64)
+        raw: npt.NDArray[np.int64] = octets @ (1 << 8 * np.arange(f.size))
+        if f.type.startswith("int"):
+            raw = np.where(raw >= 1 << 8 * f.size - 1, raw - (1 << 8 * f.size), raw)
+        return raw
+
+
+# --- The SYNC of a CAN bus, by which its nodes sample (CiA 301, 7.2.5) ---------------------------------
+#
+# One of the nodes sends it, whose crystal keeps the rate. This program sends none: between two programs of a PC a
+# frame may wait for milliseconds, and a sample that is taken at another time than its number says is wrong.
+
+COB_ID, PERIOD = 0x1005, 0x1006  # objects
+MICROSECONDS = 1e6
+LONGEST = (1 << 32) - 1  # µs
+BLOCK = 16  # SYNCs whose time stamps are compared with the next ones by their median
+SHIFT = 0.4  # of a period: how far they must move until a SYNC is taken to be missing
+
+
+class Asks(Protocol):
+    """The node for which SYNC is sent, whose name stands in messages."""
+
+    name: str
+    link: CanLink
+
+
+class Sync:
+    """Switches SYNC on and off in the node that sends it."""
+
+    def __init__(self, asking: Asks, node_id: int) -> None:
+        self._asking, self.node_id = asking, node_id
+        self.rate = 0.0  # SYNCs a second; 0: not set
+
+    def set_rate(self, rate: float) -> None:
+        """Set the rate [1/s], while no SYNC is sent. Raises RangeError, LinkError, DeviceError."""
+        period = MICROSECONDS / rate if rate > 0 else math.inf
+        if not 1 <= round(min(period, 2 * LONGEST)) <= LONGEST:
+            raise RangeError(f"{self._asking.name}: no period of SYNC gives {rate:g} samples/s; give 0.001 to 1e6")
+        self.off()  # a program that was killed may have left it on
+        self._write(PERIOD, round(period))
+        self.rate = MICROSECONDS / round(period)
+
+    def lost(self) -> bool:
+        """Whether the node that sends SYNC no longer holds its rate. Raises LinkError, DeviceError."""
+        if not self.rate:
+            return False
+        held = self._asking.link.upload(self._asking.name, self._asking.link.add_node(self.node_id), PERIOD, 0, 4)
+        return int.from_bytes(held, "little") != round(MICROSECONDS / self.rate)
+
+    def restore(self) -> None:
+        """Write the rate again. Raises LinkError, DeviceError."""
+        if self.rate:
+            self.set_rate(self.rate)
+
+    def on(self) -> None:
+        self._write(COB_ID, SYNC_PRODUCER | SYNC_COB_ID)
+
+    def off(self) -> None:
+        self._write(COB_ID, SYNC_COB_ID)
+
+    def _write(self, index: int, value: int) -> None:
+        link, who = self._asking.link, f"{self._asking.name}, whose SYNC node {self.node_id} sends"
+        try:
+            link.download(who, link.add_node(self.node_id), index, 0, value.to_bytes(4, "little"))
+        except DeviceError as error:
+            raise DeviceError(
+                f"{error}, writing {index:04X}h; a node that sends SYNC takes this, so name one by sync_node"
+            ) from None
+
+
+def missing_sync(stamps: Sequence[float], rate: float) -> int | None:
+    """Number of the SYNC from which on some are missing or too many, by the times at which they came; None: none is.
+
+    A lost SYNC moves all later ones by a period, and a late time stamp moves itself alone. So the medians of successive
+    blocks are compared.
+
+    Args:
+        stamps: time stamps of the CAN adapter or its driver, shape (n,) [s].
+        rate: SYNCs a second.
+    """
+    late = np.asarray(stamps) * rate - np.arange(len(stamps))
+    blocks = [float(np.median(late[at : at + BLOCK])) for at in range(0, len(late), BLOCK)]
+    return next((at * BLOCK + 1 for at, (one, two) in enumerate(pairwise(blocks)) if abs(two - one) > SHIFT), None)
+
+
+# -------------------------------------------------------------------------------------------------------
 
 FIXED = "fixed"  # name of the only range
 # How far SYNCs may be from the bench's clock: a part of them, some at both ends, and how late a machine may be [s].

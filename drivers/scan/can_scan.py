@@ -6,12 +6,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from palpate.drivers.clock import WallClock
-from palpate.drivers.devices.canopen_node import CanopenNode
-from palpate.drivers.links.can import has_wire
-from palpate.drivers.links.can_listening import LISTEN_ONLY, SET_BY_SYSTEM, Heard, listen, listens_quietly
-from palpate.drivers.scan.fitting import fitting
-from palpate.drivers.scan.found import FoundDevice, Search
-from palpate.drivers.scan.read_only import ReadOnlyCan
+from palpate.drivers.devices.canopen_device import CanopenNode
+from palpate.drivers.links.can import LISTEN_ONLY, SET_BY_SYSTEM, Heard, has_wire, listen, listens_quietly
+from palpate.drivers.scan.found import FoundDevice, ReadOnlyCan, Search, fitting
 from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.bench.links import CanBus
 from palpate.instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout, UsageError

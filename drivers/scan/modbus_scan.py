@@ -8,16 +8,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from palpate.drivers.clock import WallClock
-from palpate.drivers.devices.identified import APPLICATION, PRODUCT, REVISION, VENDOR, identity_objects
+from palpate.drivers.devices.device import APPLICATION, PRODUCT, REVISION, VENDOR, identity_objects
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.causes import SEARCH
-from palpate.drivers.links.requests import read_registers
-from palpate.drivers.scan.fitting import Fitting, fitting
-from palpate.drivers.scan.found import FoundDevice, Search
-from palpate.drivers.scan.read_only import ReadOnlyModbus
+from palpate.drivers.links.modbus import read_registers
+from palpate.drivers.scan.found import Fitting, FoundDevice, ReadOnlyModbus, Search, fitting
+from palpate.instrument.bench.description import can_be_asked
 from palpate.instrument.bench.kinds import DeviceKind, LinkKind
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.bench.listed import can_be_asked
 from palpate.instrument.contracts.declaration import ITSELF
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
 
-from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.description import BenchDescription, Listed, filling
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.bench.links import KIND_OF
-from palpate.instrument.bench.listed import Listed, filling
 
 Tables = dict[str, dict[str, Any]]
 

@@ -2,15 +2,159 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import socket
+import termios
+import tty
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
 from palpate.instrument.config import Config, check
 from palpate.instrument.contracts.maps.map_file import Baudrate, Bitrate
-from palpate.instrument.errors import ConfigError
+from palpate.instrument.errors import BenchError, ConfigError
+from palpate.instrument.own_process import close_in_child
 from palpate.instrument.quantity import Seconds
+
+# -------------------------------------------------------------------------------------------------------
+# What a bench that lies within this machine needs of it: a pseudo-terminal for its serial line, and loopback
+
+LOOPBACK = "127.0.0.1"
+
+
+def pseudo_terminal() -> tuple[int, int, str]:
+    """The device's end and the client's end of a new serial line, as descriptors, and the name of the client's end.
+
+    Raises BenchError: this machine gives none.
+    """
+    ends: tuple[int, ...] = ()
+    try:
+        ends = os.openpty()
+        tty.setraw(ends[1])
+        return ends[0], ends[1], os.ttyname(ends[1])
+    except (OSError, termios.error) as error:
+        for end in ends:
+            os.close(end)
+        raise BenchError(
+            f"there is no pseudo-terminal for the simulated serial line ({error.args[-1]}), as in a container without "
+            "them; mount them with: mount -t devpts -o ptmxmode=0666 devpts /dev/pts && ln -sf pts/ptmx /dev/ptmx"
+        ) from None
+
+
+def check_loopback(host: str) -> None:
+    """Raises BenchError: `host` lies within this machine, and its loopback interface is down."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        try:
+            if host == LOOPBACK:
+                end.connect((host, 1))  # sends nothing
+        except OSError as error:
+            if error.errno == errno.ENETUNREACH:
+                raise BenchError(
+                    f"nothing can be reached at {host}, because the loopback interface of this machine is down; bring "
+                    "it up with: ip link set lo up"
+                ) from None
+
+
+# --- What the client's and the simulated end of a CAN bus both need ------------------------------------
+
+MULTICAST = "udp_multicast"  # name of python-can's interface; each bus on it also receives its own frames
+RECEIVE_BUFFER = 4 << 20  # bytes; the system's default size holds only 256 frames
+# by family: level and Linux' option by which a socket hears its own groups alone; `socket` has no names for them
+OWN_GROUPS = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
+WITHIN_MACHINE: dict[str, Any] = {"hop_limit": 0}  # option of python-can for the multicast bus: no frame goes farther
+
+
+def keep_to_group(bus: Any) -> None:
+    """Let a new multicast bus hear frames of its own group alone, and give it a large buffer.
+
+    Linux gives a socket that is bound to a port the datagrams of every group that any program of the machine has joined
+    on that port. Those that came before this call are thrown away. Anybody can also send to the group what is no frame,
+    at which python-can would end its thread; that is passed over.
+    """
+    with socket.socket(fileno=os.dup(bus.fileno())) as end:
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        end.setsockopt(*OWN_GROUPS[end.family], 0)
+        with suppress(BlockingIOError):
+            while True:
+                end.recv(1, socket.MSG_DONTWAIT)
+    bus._recv_internal = partial(_received, bus._recv_internal)
+
+
+def _received(receive: Callable[[float | None], Any], timeout: float | None) -> Any:
+    """What python-can receives; nothing if a datagram is no frame. Raises can.CanError: the bus has failed."""
+    try:
+        return receive(timeout)
+    except Exception as error:
+        if error.__cause__ is None or isinstance(error.__cause__, OSError):
+            raise
+        return None, False
+
+
+def close_bus_in_child(bus: Any) -> None:
+    """Let a fork close python-can's bus in the child, where nothing is sent at its end."""
+    close_in_child(bus, _left_to_parent)
+
+
+def _left_to_parent(bus: Any) -> list[int]:
+    bus._is_shutdown = True  # else python-can would stop the cyclic frames of the kernel, which are the parent's
+    ends = [*getattr(bus, "_bcm_sockets", {}).values()]
+    return [end.fileno() for end in (ends if hasattr(bus, "queue") else [bus, *ends])]
+
+
+def leave(network: Any) -> None:
+    """Disconnect canopen's network from its bus, without a wait if the bus lies within this process.
+
+    python-can's thread looks every `NOTIFIER_CYCLE` whether it shall stop. On its virtual bus anything that is
+    put into the thread's queue wakes it; listeners are gone by then, so that nobody hears of it.
+    """
+    received = getattr(network.bus, "queue", None)
+    if network.notifier is not None and received is not None:
+        network.notifier.listeners.clear()
+        network.notifier._stopped = True
+        received.put(True)
+    network.disconnect()
+
+
+# -------------------------------------------------------------------------------------------------------
+# Timing of a Modbus RTU line, which both of its ends need ("MODBUS over serial line" 1.02, 2.5.1.1)
+
+SILENCE = 3.5  # number of characters' time that separates two frames
+SHORTEST_SILENCE = 1.75e-3  # s, above 19200 bit/s
+FASTEST = 4_000_000  # bit/s for pseudo-terminals, which have no real baud rate; the fastest one costs the least waiting
+CLOCKS = 0.95  # two ends of a wire understand each other if their clocks differ by up to 5 %
+
+
+def character_bits(parity: bool, stop_bits: int) -> int:
+    """Number of bits of a character: start bit, eight data bits, parity bit, stop bits."""
+    return 1 + 8 + parity + stop_bits
+
+
+def silence(baudrate: float, bits: int) -> float:
+    """Silence [s] that must separate two frames, so that devices know where the second begins."""
+    return max(SILENCE * bits / baudrate, SHORTEST_SILENCE)
+
+
+def reply_begins(size: int, baudrate: float, bits: int) -> float:
+    """Time [s] from the first bit of a request of `size` bytes until a device that keeps the silence may reply."""
+    return (size + SILENCE) * bits / baudrate
+
+
+def earliest_reply(size: int, baudrate: float, bits: int) -> float:
+    """Shortest time [s] from handing a request of `size` bytes to a port until a part of its reply can be read there.
+
+    By then the request and one character of the reply must have been on the wire. An adapter that collects characters
+    gives them later, and no adapter gives them sooner. The silence before a reply does not count, because some devices
+    leave it out.
+    """
+    return CLOCKS * (size + 1) * bits / baudrate
+
+
+# -------------------------------------------------------------------------------------------------------
 
 LINE, CAN = "line", "can"  # links of a simulated bench that several devices share; faults strike them by these names
 Timeout = Annotated[Seconds, Field(ge=1e-3, le=60)]

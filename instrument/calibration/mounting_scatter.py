@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field
 
 from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.config import Name, NotNegative, Positive
-from palpate.instrument.uncertainty.groups import Between
+from palpate.instrument.uncertainty.budget import Between
 
 
 class MountingScatterCalibration(Calibration):

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.springs import stretch_stiffness
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.limits import require_positive
+from palpate.instrument.sensor.load import require_positive
 from palpate.instrument.sensor.sample import Sample
 
 Array = NDArray[np.float64]

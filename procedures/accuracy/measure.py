@@ -5,8 +5,14 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import os
+import platform
+import time
+import timeit
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +21,7 @@ from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models import beam
 from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from palpate.instrument.models.parameters import Parameters
-from palpate.instrument.models.price_list import Price, PriceList, ReferenceRatios, stored
+from palpate.instrument.models.price_list import Machine, Price, PriceList, ReferenceRatios, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.stored import surface
 from palpate.instrument.models.stored.surface import Surface
@@ -23,10 +29,55 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import by_interval, element_prices, errors_of
-from palpate.procedures.accuracy.machine import seconds_of, this_machine
 from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, solve_all
 from palpate.procedures.accuracy.references import truth_of
 from palpate.procedures.console.progress import Progress
+from palpate.procedures.records.run import storing
+
+# --- Writing the files of what is measured once and shipped: prices of models and validation -----------
+
+
+def keep(text: str, path: Path) -> None:
+    """Replace a file at once, so that an interruption leaves the old one.
+
+    Raises:
+        RecordError: it cannot be written.
+    """
+    fresh = path.with_suffix(".new")
+    with storing(path):
+        fresh.write_text(text, encoding="utf-8")
+        fresh.replace(path)
+
+
+# --- Timing of calls on this machine, and a description of the machine ---------------------------------
+
+
+def seconds_of(call: Callable[[], object]) -> float:
+    """Processor time of one call [s]: the least of five rounds of 20 ms or more."""
+    timer = timeit.Timer(call, timer=time.process_time)
+    count = 1
+    while timer.timeit(count) < 0.02:
+        count *= 2
+    return min(timer.repeat(5, count)) / count
+
+
+def this_machine() -> Machine:
+    """Name of the processor, where the system tells it, and today's date."""
+    cpu = platform.processor() or platform.machine()
+    information = Path("/proc/cpuinfo")
+    if information.exists():
+        named = [line for line in information.read_text().splitlines() if line.startswith("model name")]
+        cpu = named[0].partition(":")[2].strip() if named else cpu
+    return Machine(
+        cpu=cpu,
+        cores=os.cpu_count() or 1,
+        system=f"{platform.system()} {platform.machine()}",
+        python=platform.python_version(),
+        date=datetime.now(UTC).date().isoformat(),
+    )
+
+
+# -------------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 

@@ -13,12 +13,53 @@ import click
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from palpate.procedures.commands import texts
-from palpate.procedures.commands.model_shear import shear
-from palpate.procedures.commands.options import FILE_NAME, Output, StrictGroup, option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, StrictGroup, option, output_options
 from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
     from palpate.instrument.models.ratio import RatioQuestion
+
+
+# --- The command palpate model shear -------------------------------------------------------------------
+
+
+@click.command(
+    cls=StrictCommand,
+    epilog="Examples:\n\n  palpate model shear\n\n  palpate model shear --design different_base --sample 2 --json",
+)
+@option("--design", default="common_base", help="single, common_base or different_base.")
+@option("--sample", default="1", help="Rubber sample on the sensor.")
+@output_options
+def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
+    """Compute the effect of a shear force on each film, and the off-centre load with the same effect.
+
+    The force acts along the line of the teeth, once on the top of the first tooth and once on the object's upper side.
+    The solid model computes it, with the object bonded. The change is the difference from the next coarser mesh.
+    """
+    from palpate.instrument.models import shear as model
+    from palpate.instrument.notice import price
+    from palpate.instrument.sensor.designs import get_design
+    from palpate.instrument.sensor.sample import get_sample
+
+    sensor, sensed, output = get_design(design), get_sample(sample), Output(as_json, quiet)
+    meshes: list[dict[str, model.FilmShear]] = []
+    with output.prices(), output.progress("solving") as progress:
+        for refinement in model.MESHES:
+            if meshes:  # the coarse one refuses what has no answer, and takes a tenth of the time
+                price(f"solving the finer mesh of {sensor.name}", model.SECONDS)
+            meshes.append(model.shear(sensor, sensed, refinement))
+            progress(len(meshes), len(model.MESHES), f"mesh {refinement}")
+    coarse, films = meshes
+    if output.as_json:
+        found = [{"film": name, **film.summary(coarse[name])} for name, film in films.items()]
+        output.json({"design": design, "sample": sample, "films": found, "told": model.shear_pattern(films)})
+    elif output.for_people:
+        from palpate.procedures.showing.models import print_shear
+
+        print_shear(f"{design}, sample {sample}", films, coarse)
+
+
+# -------------------------------------------------------------------------------------------------------
 
 # Settings that replace values of the parameter set, with their units and help.
 _SETTINGS = {
@@ -254,7 +295,8 @@ def plot(
     The section is drawn for the first modulus and 1 N. Only the axisymmetric and the solid model compute a section; for
     other models only the force ratio is drawn.
     """
-    from palpate.procedures.showing import model_picture, model_plot
+    from palpate.procedures.showing import model_picture
+    from palpate.procedures.showing import model_picture as model_plot
 
     output = Output(as_json, quiet)
     file = model_plot.place(f"{question.design}-{question.model}", out, store())

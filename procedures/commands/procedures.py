@@ -15,7 +15,7 @@ from palpate.procedures.commands.options import BenchChoice, Output
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.run import open_and_run, prepared
-from palpate.procedures.lab import keys
+from palpate.procedures.lab import operator
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
 from palpate.procedures.lab.session import places
@@ -63,7 +63,7 @@ def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, 
 
         announce(prepared(procedure, chosen.target)[1])
     with output.prices():
-        with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
+        with operator.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
             done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
         tell(procedure, done, output)
 

@@ -42,8 +42,7 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
     from palpate.procedures.reproduce import everything
     from palpate.procedures.reproduce.files import table_object
     from palpate.procedures.reproduce.models import Reproduction
-    from palpate.procedures.reproduce.outcome import Everything
-    from palpate.procedures.reproduce.report import print_everything
+    from palpate.procedures.reproduce.page import Everything, print_everything
 
     output = Output(as_json, quiet)
     with result_folder(out, everything.PROCEDURE, datetime.now(UTC)) as folder:
@@ -94,7 +93,7 @@ def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet:
     from palpate.instrument.notice import price
     from palpate.procedures.reproduce import models as against
     from palpate.procedures.reproduce.files import table_object
-    from palpate.procedures.reproduce.show import print_reproduction
+    from palpate.procedures.reproduce.page import print_reproduction
 
     output = Output(as_json, quiet)
     chosen = against.parameter_sets(parameters)

@@ -41,8 +41,7 @@ def study(
     from palpate.procedures.study.description import read_study
     from palpate.procedures.study.report import plot_study, print_study
     from palpate.procedures.study.results import read_results
-    from palpate.procedures.study.run import run
-    from palpate.procedures.study.store import RECORD, Store
+    from palpate.procedures.study.run import RECORD, Store, run
     from palpate.procedures.virtual.executors import executor_of
     from palpate.procedures.virtual.study_cell import StudyComputation
 

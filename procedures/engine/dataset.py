@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.instrument.additions import library
 from palpate.instrument.errors import ConfigError, UnknownName, UsageError
-from palpate.instrument.extras import library
 from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.records.run import Run

@@ -13,10 +13,9 @@ from typing import Any, Generic
 from typing_extensions import TypeVar  # typing has defaults of type variables from Python 3.13 on
 
 from palpate.instrument.sensor.design import FILM_KINDS, USUAL_NOISE, Design
-from palpate.procedures.lab.mounts import BY_HAND, Mounts
+from palpate.procedures.lab.lab import BY_HAND, Mounts
 from palpate.procedures.steps.films import settling_length
-from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
-from palpate.procedures.steps.servo import FIRST_AMPLITUDE, LARGEST_GROWTH, window
+from palpate.procedures.steps.servo import FIRST_AMPLITUDE, LARGEST_GROWTH, READING_INTERVAL, READINGS, window
 
 APPROACH = 30.0  # s to move home and down again until the preload is reached [M]
 FIRST_STEPS, LATER_STEPS = 4, 1  # servo steps to the first load, and to each later load [M]

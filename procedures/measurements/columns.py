@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Annotated
 
 from palpate.procedures.records.columns import LAST, Column
-from palpate.procedures.showing.marks import verdict
+from palpate.procedures.showing.text import verdict
 
 ASKED = Column("the load that was asked for", "N", "load\nN", "g")
 MEASURED = Column("the measured load", "N", u="load_measured_u")

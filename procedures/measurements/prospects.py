@@ -10,6 +10,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from palpate.instrument.allocation.allocate import Allocation
+from palpate.instrument.allocation.lines import BudgetLine, Costs, budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
@@ -21,7 +23,7 @@ from palpate.instrument.uncertainty.budget import Budget
 from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import expected_noise
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.steps.indicator import READINGS
+from palpate.procedures.steps.servo import READINGS
 
 DISPLAY_NOISE = 0.3  # of the indicator's step: standard deviation of a reading before it is rounded [A]
 
@@ -105,3 +107,38 @@ def film_noise(film: Film, force: float, dwell: float, density: float) -> float:
         density: amplitude density of the noise [V/√Hz].
     """
     return density / (film.sensitivity * force / 2) / math.sqrt(dwell)
+
+
+# -------------------------------------------------------------------------------------------------------
+# Load sets that are repeated for a tolerance: a plan in whole rounds of loads, and the most sets that a run
+# takes
+
+MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without the tolerance
+MOST_SETS = 10_000  # of a plan, and of a run
+
+
+def in_rounds(lines: Sequence[BudgetLine], costs: Costs, sets: int, dwell: float, each: int = 1) -> Allocation:
+    """The plan of one mounting with `sets` sets or a few more, in whole rounds of `each`, and a dwell of a set [s]."""
+    sets = each * math.ceil(sets / each)
+    reached = budget(lines, 1, sets, dwell)
+    shares = {row["name"]: row["share"] for row in reached.rows()}
+    binds = max(shares, key=lambda name: shares[name])
+    seconds = costs.seconds(1, sets, dwell)
+    return Allocation(1, sets, dwell, seconds, reached.u, shares, binds, reached.degrees_of_freedom)
+
+
+def most_sets(plan: Allocation, each: int = 1) -> int:
+    """The most sets of a run with a tolerance, in whole rounds of `each`."""
+    return each * math.ceil((MOST[0] * plan.sets + MOST[1]) / each)
+
+
+def share(u: float, digits: int = 2) -> str:
+    """A share in percent, with so many digits."""
+    percent = 100 * u
+    return f"{percent:.{digits}g} %" if percent < 10**digits - 0.5 else f"{percent:.0f} %"
+
+
+def reachable(floor: float) -> str:
+    """A share a little above a floor, in percent with two digits: one that may be asked for."""
+    step = 10.0 ** (math.floor(math.log10(1.01 * floor)) - 1)
+    return share(step * math.ceil(1.01 * floor / step))

@@ -13,8 +13,8 @@ from typing import Any
 from palpate.procedures.engine.plan import B
 from palpate.procedures.engine.procedure import P, Procedure, R, S
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.settings import Extrapolate
+from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.record import Recorder
 
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
+from palpate.instrument.additions import library
 from palpate.instrument.errors import UnknownName, UsageError, check_path
-from palpate.instrument.extras import library
 from palpate.procedures.records.run import Run, frame_of, storing
 
 if TYPE_CHECKING:

@@ -29,10 +29,8 @@ from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experimen
 from palpate.procedures.reproduce.chapter5.columns import RATIO
 from palpate.procedures.reproduce.figures.chapter5 import BenchMeasurements, pictures
 from palpate.procedures.reproduce.judging.criterion import write_classes
-from palpate.procedures.reproduce.judging.rows import RowTable
-from palpate.procedures.reproduce.judging.slips import write_slips
-from palpate.procedures.reproduce.outcome import Everything
-from palpate.procedures.reproduce.page import write_page
+from palpate.procedures.reproduce.judging.rows import RowTable, write_slips
+from palpate.procedures.reproduce.page import Everything, write_page
 
 PROCEDURE = "reproduce"
 SECONDS = 18.0  # s of processor time that `run` takes [M]

@@ -15,7 +15,7 @@ from palpate.procedures.reproduce.curves import RINGS, CurveCase, Curves
 from palpate.procedures.reproduce.figures import chapter4, chapter5
 from palpate.procedures.reproduce.figures.picture import SavedPicture
 from palpate.procedures.reproduce.files import write_summary, write_table
-from palpate.procedures.reproduce.judging.comparison import Comparison
+from palpate.procedures.reproduce.judging.rows import Comparison
 from palpate.procedures.reproduce.solutions import Solutions
 
 PROCEDURE = "reproduce-models"

@@ -4,20 +4,103 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Sequence
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from palpate.instrument.models.evidence import Evidence
+from palpate.instrument.models.validation import SIGN, Validation
 from palpate.procedures.records.run import storing
 from palpate.procedures.reproduce.chapter5.blind import distance_sentence
 from palpate.procedures.reproduce.figure_page import ALL, anchor, figure_sections, heading, listed, pictures_of
-from palpate.procedures.reproduce.judging.cells import every_cell
-from palpate.procedures.reproduce.judging.comparison import Comparison
-from palpate.procedures.reproduce.judging.criterion import Verdict
-from palpate.procedures.reproduce.judging.rows import Row, RowTable, counts, counts_said
-from palpate.procedures.reproduce.judging.slips import COLUMNS, slips
-from palpate.procedures.reproduce.outcome import Everything
-from palpate.procedures.showing.text import STAMP, number
+from palpate.procedures.reproduce.judging.criterion import Verdict, judge
+from palpate.procedures.reproduce.judging.rows import (
+    COLUMNS,
+    Comparison,
+    Row,
+    RowTable,
+    counts,
+    counts_said,
+    every_cell,
+    slips,
+)
+from palpate.procedures.reproduce.models import Reproduction
+from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped
+
+# --- What reproducing the whole thesis has come to so far: models, tables, verdicts, and the page ------
+
+
+@dataclass(slots=True)
+class Everything:
+    """Everything that is done so far: the models' part, tables of rows with their files, and the page."""
+
+    models: Reproduction
+    tables: list[tuple[RowTable, Path]] = field(default_factory=list)
+    orders: dict[str, bool] = field(default_factory=dict)
+    order_evidence: dict[str, Evidence] = field(default_factory=dict)
+    blind: list[Validation] = field(default_factory=list)
+    page: Path | None = None
+
+    def all_tables(self) -> list[RowTable]:
+        """Tables of the experiments and tables of the models."""
+        return [table for table, _ in self.tables] + [found.row_table() for found, _ in self.models.tables]
+
+    def verdicts(self) -> dict[Evidence, Verdict]:
+        """Verdict on each class of rows."""
+        return judge(self.all_tables())
+
+    def outside(self) -> list[tuple[str, Row]]:
+        """Rows outside their stated scatter, with their table."""
+        return [(table.number, row) for table in self.all_tables() for row in table.judged if not row.within]
+
+    def met(self) -> bool:
+        """Whether every class meets its requirement and the orders are right."""
+        return all(verdict.met for verdict in self.verdicts().values()) and all(self.orders.values())
+
+    def summary(self) -> dict[str, Any]:
+        """The summary with the names that JSON has."""
+        return {
+            "evidence": {evidence.value: verdict.record() for evidence, verdict in self.verdicts().items()},
+            "softness_order_right": self.orders,
+            "softness_order_evidence": {design: each.value for design, each in self.order_evidence.items()},
+            "blind": {"sign": SIGN, "runs": [found.record() for found in self.blind]},
+            "met": self.met(),
+            "outside": [{"table": number, **row.record()} for number, row in self.outside()],
+        }
+
+
+# --- Printing the results of `reproduce models` --------------------------------------------------------
+
+
+def print_reproduction(done: Reproduction) -> None:
+    """Print a table of deviations for each table of the thesis, its sentences, and the place of the files."""
+    for comparison, _ in done.tables:
+        table = comparison.table
+        shown = new_table(
+            stamped(False, f"Table {table.number}: {table.title}"),
+            "quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "within goal", "evidence",
+        )  # fmt: skip
+        deviations = comparison.deviations()
+        # Where a column has a goal, the others repeat it, or are voltages, on which there is a sentence.
+        goals = any(d.goal is not None for d in deviations)
+        for d in deviations:
+            if goals and d.goal is None:
+                continue
+            within = "-" if d.within is None else f"{d.within} of {d.cells} ({d.goal:g})"
+            shown.add_row(
+                d.quantity, d.parameters, d.model, f"{d.worst:+.3g}", d.worst_at, f"{d.rms:.3g}", f"{d.factor:.3g}",
+                within, d.evidence.value,
+            )  # fmt: skip
+        doubt = [f"doubtful as a whole: {table.doubt}"] if table.doubt else []
+        repaired = f"repaired cells: {len(table.repaired())}; the CSV has them as printed, with the reason"
+        sentences = (*counts_said(comparison.row_table()), *comparison.sentences, *doubt, repaired)
+        print_all(shown, *(f"- {sentence}" for sentence in sentences), "")
+    print_all(*(f"{p.number}: {p.shows}   {p.file}" for p in done.pictures))
+    print_all(f"summary   {done.summary}", f"tables    {done.folder}")
+
+
+# -------------------------------------------------------------------------------------------------------
 
 PARTS = (
     "Table by table", "Models beside the experiments", "Experiments", "Models", "Figures", "Slips of the thesis", ALL,
@@ -236,3 +319,33 @@ def _list(lines: Sequence[str]) -> str:
 
 def _cells(tag: str, values: Sequence[str]) -> str:
     return "".join(f"<{tag}>{escape(value)}</{tag}>" for value in values)
+
+
+# --- Printing the results of `reproduce` ---------------------------------------------------------------
+
+
+def print_everything(done: Everything) -> None:
+    """Print each class of each table, the verdict on each class, and the place of everything else."""
+    overview = new_table(
+        stamped(True, "The thesis beside ours: rows within twice their stated scatter"),
+        "table", *(each.value for each in Evidence), "absent", "",
+    )  # fmt: skip
+    overview.columns[-1].justify = "left"
+    for table in done.all_tables():
+        mark = "*" if table.again else ""
+        overview.add_row(
+            f"{table.number}{mark}", *map(str, counts(table).values()), str(table.absent_cells or ""), table.title
+        )
+    verdicts = []
+    for evidence, verdict in done.verdicts().items():
+        verdicts += [f"{evidence.value.upper()}: {evidence.meaning}", *(f"  {line}" for line in verdict.brief())]
+    blind = [
+        f"blind run, {found.design}, {found.parameters} set: model less measured mean {found.mean:+.1f} % in the mean,"
+        f" {found.worst:+.1f} % at worst"
+        for found in done.blind
+    ]
+    print_all(
+        overview, f"* {AGAIN}", absent_said(done.all_tables()), "", *verdicts, "", *orders(done), *blind,
+        f"page      {done.page}   rows outside and why, what each table says, figures",
+        f"tables    {done.models.folder}",
+    )  # fmt: skip

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from palpate.instrument.bench.kinds import all_kinds
-from palpate.instrument.bench.mapped import serves
+from palpate.instrument.bench.kinds import all_kinds, serves
 from palpate.instrument.contracts.field import Field, Table
 from palpate.instrument.contracts.maps.data_sheet import read_sheet
 from palpate.instrument.contracts.maps.eds import FOLDERS, disagreements, fixed_otherwise, folders, own_copy

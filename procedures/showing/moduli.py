@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from palpate.instrument.findings.modulus_of_ratio import AT_LEAST, AT_MOST, INTERVAL
+from palpate.instrument.findings.object_modulus import AT_LEAST, AT_MOST, INTERVAL
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import show
 from palpate.procedures.records.columns import Column

@@ -9,9 +9,8 @@ from typing import Any
 from palpate.instrument.quantity import counted
 from palpate.procedures.records.damage import DamageReport, Repaired
 from palpate.procedures.records.run import Run, RunSummary
-from palpate.procedures.showing.marks import legend
-from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, new_table, number, print_all, stamped
-from palpate.procedures.steps.flags import FLAGS
+from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, legend, new_table, number, print_all, stamped
+from palpate.procedures.steps.policy import FLAGS
 
 TIME = "%Y-%m-%d %H:%M:%S"
 

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.procedures.showing.figure import new_figure, save
-from palpate.procedures.showing.marks import MARKS, legend
-from palpate.procedures.showing.text import new_table, number, print_all, stamped
+from palpate.procedures.showing.text import MARKS, legend, new_table, number, print_all, stamped
 from palpate.procedures.study.results import Results, coordinate
 
 MOST_LINES, MOST_PANELS, MOST_REASONS = 40, 3, 5

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.instrument.additions import library
 from palpate.instrument.errors import PalpateError, RecordError, check_path
-from palpate.instrument.extras import library
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.quantity import parse
 from palpate.procedures.records.chain import check_holes
@@ -25,7 +25,7 @@ from palpate.procedures.records.export import check_format
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import hashable, storing
 from palpate.procedures.study.description import Study, StudyFile, Value, parted, study_of
-from palpate.procedures.study.store import RECORD, CellOutcome, stored
+from palpate.procedures.study.run import RECORD, CellOutcome, stored
 
 if TYPE_CHECKING:
     import pandas as pd

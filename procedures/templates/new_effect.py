@@ -6,7 +6,7 @@ from pathlib import Path
 
 from palpate.instrument.errors import UsageError
 from palpate.procedures.templates.new_files import check_name, write_package
-from palpate.procedures.virtual.effects import GROUP, effect_names
+from palpate.procedures.virtual.explained import GROUP, effect_names
 
 
 def new_effect(name: str, folder: Path) -> list[Path]:

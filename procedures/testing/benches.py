@@ -21,7 +21,7 @@ from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.errors import PalpateError
 from palpate.procedures.lab.chosen import DEFAULT_SCENE
 from palpate.procedures.lab.operator import ConsoleOperator
-from palpate.procedures.testing.traffic import Traffic
+from palpate.procedures.testing.wire import Traffic
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene, with_faults
 from palpate.simulators.scenes.scene import Scene, shipped

@@ -16,8 +16,16 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.instrument.contracts.contract import Field
 from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
-from palpate.procedures.testing.conformance import Conformance, first
-from palpate.procedures.testing.limits import inside, number, outside, outside_raw, settings, writable
+from palpate.procedures.testing.conformance import (
+    Conformance,
+    first,
+    inside,
+    number,
+    outside,
+    outside_raw,
+    settings,
+    writable,
+)
 from palpate.procedures.testing.wire import frames, impatient_node, transfers
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.wire.canopen_device import SimulatedNode

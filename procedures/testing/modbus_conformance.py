@@ -14,8 +14,16 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.contracts.contract import PROBE, Identity
 from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
-from palpate.procedures.testing.conformance import Conformance, first
-from palpate.procedures.testing.limits import inside, number, outside, outside_raw, settings, writable
+from palpate.procedures.testing.conformance import (
+    Conformance,
+    first,
+    inside,
+    number,
+    outside,
+    outside_raw,
+    settings,
+    writable,
+)
 from palpate.procedures.testing.wire import Wire, impatient, listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedDevice

@@ -11,10 +11,10 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.errors import BenchError
-from palpate.procedures.testing.guest import NAME, guest_scene
+from palpate.procedures.testing.conformance import NAME, guest_scene
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class
-from palpate.simulators.faults.places import places, struck
+from palpate.simulators.faults.fault import places, struck
 from palpate.simulators.planning.settle import with_faults
 
 STRIKES = 4  # number of the request that a fault strikes; the first ones identify the device

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 
-from palpate.instrument.extras import library
+from palpate.instrument.additions import library
 from palpate.procedures.console.terminal import say
 
 

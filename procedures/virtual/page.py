@@ -18,9 +18,9 @@ from palpate.procedures.accuracy.page import (
     of_modulus,
 )
 from palpate.procedures.console.progress import Progress
-from palpate.procedures.measurements.object_modulus.lines import Wanted
 from palpate.procedures.measurements.object_modulus.procedure import LOADS
-from palpate.procedures.virtual.dwell import SAMPLES_PER_CYCLE, price
+from palpate.procedures.measurements.object_modulus.prospect import Wanted
+from palpate.procedures.virtual.waveforms import SAMPLES_PER_CYCLE, price
 from palpate.simulators.linear import integrators
 from palpate.simulators.planning.plan import Question
 

@@ -19,18 +19,18 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
-from palpate.procedures.lab.software import packages_of
+from palpate.procedures.lab.session import packages_of
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.steps.checks import check_frequency
 from palpate.procedures.steps.film_point import is_short
-from palpate.procedures.steps.flags import CLIPPED, SHORT, USED
+from palpate.procedures.steps.policy import CLIPPED, SHORT, USED
 from palpate.procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class
-from palpate.simulators.planning.load_sets import load_sets
 from palpate.simulators.planning.settle import read_scene, scene_of
+from palpate.simulators.planning.waveforms import load_sets
 from palpate.simulators.scenes.scene import Scene, SceneFile
 
 COLUMNS = (

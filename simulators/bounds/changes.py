@@ -9,22 +9,70 @@ no bound.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.bounds.fits import SIGMAS
-from palpate.simulators.bounds.held_shares import shares
 from palpate.simulators.bounds.rounding import reaches_rail, step_changes, steps
 from palpate.simulators.bounds.sides import Side, certain, deterministic, reach, sides
 from palpate.simulators.bounds.strays import strays
 from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.physics.dwells import ROUNDING, begun, met, touched
-from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Rates
+from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Kind, Rates
 from palpate.simulators.physics.in_order import Effects
+from palpate.simulators.physics.stages import ShareEffect
+from palpate.simulators.randomness import Stream
+
+# --- Effects on the share of the force that teeth take, held at the ends of what they may draw ---------
+#
+# What another effect changes grows or falls with that share, and so does what such an effect changes itself: both are
+# greatest at an end, or where nothing is drawn.
+
+
+class HeldShare(ShareEffect):
+    """A change of the force ratio's natural logarithm by a constant."""
+
+    kind: ClassVar[Kind] = "lti"
+    cancels_in_ratio: ClassVar[bool] = False
+
+    ln: float
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        return self.ln, self.ln
+
+    def ln_change(self, sample: Sample, stream: Stream, mounted_at_ns: int) -> float:
+        return self.ln
+
+
+def shares(without: Effects, effect: Effect) -> Iterator[tuple[Effects, Effect]]:
+    """Effects without one and that one itself, for each end of the share of the force that they may draw."""
+    own = Effects({effect.name: effect}).share
+    for ln in _ends(without):
+        before = without.but(*without.share)
+        if without.share:
+            before = before.including(HeldShare(ln=ln))
+        if not own:
+            yield before, effect
+        for change in own[0].reach if own else ():
+            yield before, HeldShare(ln=ln + change)
+
+
+def _ends(effects: Effects) -> tuple[float, ...]:
+    """Changes of the ratio's natural logarithm: none, least and greatest."""
+    if not effects.share:
+        return (0.0,)
+    low, high = (math.fsum(each.reach[end] for each in effects.share) for end in (0, 1))
+    return tuple(sorted({low, 0.0, high}))
+
+
+# -------------------------------------------------------------------------------------------------------
 
 BEYOND = Bound(math.inf, math.inf)
 BETWEEN = {True: 0.01, False: 0.5}  # share of the results' span over phases that is added for phases between

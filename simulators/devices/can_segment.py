@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.bench.can_ends import MULTICAST, leave
+from palpate.instrument.bench.links import MULTICAST, leave
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock

@@ -15,8 +15,7 @@ from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS
 from palpate.instrument.sensor.design import Film
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.physics.converter import convert
-from palpate.simulators.rig.film_inputs import FilmInputs
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig.rig import FilmInputs, Rig
 from palpate.simulators.wire.canopen_device import SimulatedNode
 
 CONTRACT = sensor_node.CONTRACT

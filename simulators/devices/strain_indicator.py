@@ -7,8 +7,7 @@ from typing import Self
 
 from palpate.instrument.contracts import strain_indicator
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.rig.load_cell import RigLoadCell
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig.rig import Rig, RigLoadCell
 from palpate.simulators.wire.device import DEVICE_BUSY, Refused, SimulatedDevice, SimulatedPlace
 
 UPDATE_NS = 100_000_000  # ns between two updates of the display [A]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from palpate.instrument.bench.serial_line import SHORTEST_SILENCE, SILENCE
+from palpate.instrument.bench.links import SHORTEST_SILENCE, SILENCE
 from palpate.instrument.quantity import BitsPerSecond
 from palpate.simulators.physics.effect import Bound, Case, Kind
 from palpate.simulators.physics.stages import LineEffect

@@ -9,14 +9,10 @@ from typing import Any
 from palpate.instrument.bench.links import CAN, LINE
 from palpate.instrument.errors import ConfigError, UsageError
 from palpate.simulators.clock import NEVER
-from palpate.simulators.faults.can import CanFault, FaultyBus
-from palpate.simulators.faults.device import DeviceFault, Faulty, device
-from palpate.simulators.faults.fault import MOST, WHEN, Fault, Trigger, parse_fault
-from palpate.simulators.faults.indicator import IndicatorFault
-from palpate.simulators.faults.node import FilmFault
-from palpate.simulators.faults.places import places
-from palpate.simulators.faults.rtu import NoisyLine, RtuFault
-from palpate.simulators.faults.tcp import FaultyLink, TcpFault
+from palpate.simulators.faults.can import CanFault, FaultyBus, FilmFault
+from palpate.simulators.faults.device import DeviceFault, Faulty, IndicatorFault, device
+from palpate.simulators.faults.fault import MOST, WHEN, Fault, Trigger, parse_fault, places
+from palpate.simulators.faults.modbus import FaultyLink, NoisyLine, RtuFault, TcpFault
 from palpate.simulators.wire.device import SimulatedDevice
 
 # Time-out by the wall clock of a link with faults. While it is waited for, the bench's clock stands. If a busy machine

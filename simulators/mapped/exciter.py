@@ -11,7 +11,7 @@ from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
 from palpate.instrument.contracts.contract import Field, Pdo
 from palpate.simulators.clock import NEVER
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, sine
-from palpate.simulators.mapped.drive_state import OF_THE_STATE, DriveState
+from palpate.simulators.mapped.positioner import OF_THE_STATE, DriveState
 from palpate.simulators.mapped.twin import CanopenTwin
 from palpate.simulators.wire.device import SimulatedPlace
 

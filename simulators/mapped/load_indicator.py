@@ -12,7 +12,7 @@ import numpy.typing as npt
 from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.contract import Command
 from palpate.simulators.mapped.twin import Twin
-from palpate.simulators.rig.load_cell import RigLoadCell
+from palpate.simulators.rig.rig import RigLoadCell
 from palpate.simulators.wire.device import SimulatedPlace
 
 Floats = npt.NDArray[np.float64]

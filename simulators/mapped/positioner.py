@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -9,10 +10,125 @@ from palpate.instrument.bench.role_maps.positioner import PositionerMap, Positio
 from palpate.instrument.bench.role_maps.steps import ramp_of, speed_of
 from palpate.instrument.contracts.contract import Command, Contract, Field, sdo
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.mapped.axis import Axis
-from palpate.simulators.mapped.drive_state import DriveState
 from palpate.simulators.mapped.twin import CanopenTwin, Twin
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
+
+# --- A simulated axis: it speeds up, goes at a constant speed, and slows down --------------------------
+
+
+class Axis:
+    """Position of an axis over time [step]; times are those of the bench's clock [ns]."""
+
+    def __init__(self) -> None:
+        self._from = self._to = 0.0
+        self._begun_ns = 0
+        self._speed = self._up = self._down = math.inf
+        self.ends_ns = NEVER
+
+    @property
+    def moving(self) -> bool:
+        return self.ends_ns != NEVER
+
+    @property
+    def goal(self) -> float:
+        return self._to
+
+    def put(self, position: float) -> None:
+        """Stand at a position, which counts differently from now on."""
+        self._from = self._to = position
+        self.ends_ns = NEVER
+
+    def go(self, now_ns: int, goal: float, speed: float, up: float, down: float) -> None:
+        """Go to `goal` at a speed [step/s], with these accelerations [step/s²]."""
+        self._from, self._to, self._begun_ns = self.at(now_ns), goal, now_ns
+        distance = abs(self._to - self._from)
+        peak = math.sqrt(2 * distance / (1 / up + 1 / down)) if up < math.inf or down < math.inf else math.inf
+        self._speed, self._up, self._down = min(speed, peak), up, down
+        self.ends_ns = now_ns + round(1e9 * self._duration()) if distance else NEVER
+
+    def _duration(self) -> float:
+        v, distance = self._speed, abs(self._to - self._from)
+        return distance / v + v / 2 * (1 / self._up + 1 / self._down)
+
+    def at(self, now_ns: int) -> float:
+        """Position at a time [step]."""
+        if not self.moving:
+            return self._to
+        passed = 1e-9 * (now_ns - self._begun_ns)
+        v, distance, whole = self._speed, abs(self._to - self._from), self._duration()
+        if passed >= whole:
+            return self._to
+        if passed < v / self._up:
+            gone = self._up * passed**2 / 2
+        elif whole - passed < v / self._down:
+            gone = distance - self._down * (whole - passed) ** 2 / 2
+        else:
+            gone = v * (passed - v / self._up / 2)
+        return self._from + math.copysign(gone, self._to - self._from)
+
+    def stop(self, now_ns: int) -> None:
+        """Stop where it is."""
+        self.put(round(self.at(now_ns)))
+
+    def arrive(self) -> None:
+        """Stand at the goal."""
+        self.put(self._to)
+
+
+# -------------------------------------------------------------------------------------------------------
+# The state machine of a drive (CiA 402-2): what its controlword asks for, and what its statusword tells
+
+DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOPPING, FAULT = 0x40, 0x21, 0x23, 0x27, 0x07, 0x08
+OF_THE_STATE = 0x6F  # bits of the statusword that tell the state
+RESET = 0x80  # bit of the controlword
+STAYING = 5  # the least option code of a quick stop (605Ah) with which a drive stays in that state
+
+
+class DriveState:
+    """State of a drive, as the bits of its statusword.
+
+    Attributes:
+        bits: the state.
+    """
+
+    def __init__(self) -> None:
+        self.bits = DISABLED
+        self._last = 0
+
+    @property
+    def enabled(self) -> bool:
+        return self.bits == ENABLED
+
+    def control(self, word: int, quick_stop: int) -> None:
+        """Take a controlword; one that the present state does not know changes nothing.
+
+        Args:
+            word: the controlword.
+            quick_stop: option code of a quick stop (605Ah): with 5 or more the drive stays in that state, with less it
+                is disabled once it stands still.
+        """
+        rising = word & ~self._last
+        self._last = word
+        if self.bits == FAULT:
+            if rising & RESET:
+                self.bits = DISABLED
+        elif not word & 0x02:  # disable voltage
+            self.bits = DISABLED
+        elif not word & 0x04:  # quick stop
+            self.bits = QUICK_STOPPING if self.enabled and quick_stop >= STAYING else DISABLED
+        elif word & 0x0F == 0x06:  # shutdown
+            self.bits = READY if self.bits != QUICK_STOPPING else self.bits
+        elif word & 0x0F == 0x07 and self.bits in (READY, ENABLED):  # switch on, disable operation
+            self.bits = SWITCHED_ON
+        elif word & 0x0F == 0x0F and self.bits in (READY, SWITCHED_ON):  # enable operation
+            self.bits = ENABLED
+
+    def fail(self) -> None:
+        """Go to the state of a fault, which stays until it is reset."""
+        self.bits = FAULT
+
+
+# -------------------------------------------------------------------------------------------------------
 
 HOMING_SPEED = 5e-3  # m/s [A]
 LOST, BEYOND = 0x85, 0x70  # alarms of a master that is gone, and of a target beyond the limits (BLV-R)

@@ -13,7 +13,7 @@ from palpate.instrument.contracts.contract import Command, Field
 from palpate.instrument.contracts.field import codec
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.mapped.twin import CanopenTwin
-from palpate.simulators.rig.film_inputs import FilmInputs
+from palpate.simulators.rig.rig import FilmInputs
 from palpate.simulators.wire.canopen_device import Times
 from palpate.simulators.wire.device import SimulatedPlace
 

@@ -15,25 +15,208 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.instrument.additions import taken
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import ConfigError, RangeError
-from palpate.instrument.sensor.design import Design
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.load import check_force
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.dwell import LONGEST
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import SampleBlock, SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS, GROUP, WHAT, effect_class, effect_names, origin
-from palpate.simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.linear.lti import Complexes, Floats, Times
+from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 from palpate.simulators.physics.dwells import SimulatedDwell, dwell_of
 from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.parts import Touch
-from palpate.simulators.planning.impairments import impairments
-from palpate.simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import RigParameters, Scene, SceneFile
+
+# -------------------------------------------------------------------------------------------------------
+# What the sensor nodes of a scene sample, without a bench, each film in the range that a run would set
+
+FINEST, WIDEST = RANGE_VOLTS.index(min(RANGE_VOLTS)), RANGE_VOLTS.index(max(RANGE_VOLTS))
+
+
+def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Samples of each film [V], and whether they are saturated.
+
+    A film has the finest range if that holds what load and amplifiers give, with `HEADROOM`. If noise or hum clip it
+    there, it is sampled in the widest range, as a run repeats its point.
+    """
+    volts = rig.film_voltages(time_ns)
+    samples, saturated = np.empty(volts.shape), np.empty(volts.shape, bool)
+    for number in range(1, scene.nodes + 1):
+        node = SimulatedSensorNode(VirtualClock(), number, number, rig)
+        wired = ((i, node.wired(film)) for i, film in enumerate(scene.design.films))
+        films = {i: channel for i, channel in wired if channel is not None}
+        fits = {i: HEADROOM * np.abs(volts[i]).max() <= min(RANGE_VOLTS) for i in films}
+        ranges = {films[i]: FINEST if fine else WIDEST for i, fine in fits.items()}
+        at_inputs = node.film_channels @ volts
+        taken = _taken(node, ranges, time_ns, at_inputs, period_ns)
+        clipped = {channel for channel in ranges if (taken.saturation >> (channel - 1) & 1).any()}
+        if any(ranges[channel] != WIDEST for channel in clipped):
+            ranges |= dict.fromkeys(clipped, WIDEST)
+            again = SimulatedSensorNode(VirtualClock(), number, number, rig)
+            taken = _taken(again, ranges, time_ns, at_inputs, period_ns)
+        for i, channel in films.items():
+            samples[i] = taken.counts[:, channel - 1] * (RANGE_VOLTS[ranges[channel]] / FULL_SCALE_COUNTS)
+            saturated[i] = taken.saturation >> (channel - 1) & 1
+    return samples, saturated
+
+
+def _taken(
+    node: SimulatedSensorNode, ranges: dict[int, int], time_ns: Times, volts: Floats, period_ns: int
+) -> SampleBlock:
+    """Samples of a node with these ranges of its channels."""
+    for channel, range_ in ranges.items():
+        node.settings[f"range_{channel}"] = float(range_)
+    return node.sample(time_ns, volts, period_ns)
+
+
+# -------------------------------------------------------------------------------------------------------
+# Settled state of a scene under a sine: phasors of its films and of its force, without following the motion
+#
+# Linear parts give them at once. A play operator outside any loop, under a sine of its force, gives a known
+# fundamental: its describing function times the force. Plays act on the films alone, so they are never in a loop.
+
+POINTS = 4096  # samples in a period of a scene that is followed
+SETTLED = 10.0  # s after the drive was set, for such a scene
+
+
+@dataclass(frozen=True, slots=True)
+class FilmState:
+    """Fundamental of one film.
+
+    Attributes:
+        amplitude: amplitude [V].
+        phase: phase against the force on the load cell [rad].
+        ratio: force ratio of a film under teeth to the film under their base; None: it is no such film.
+    """
+
+    film: str
+    amplitude: float
+    phase: float
+    ratio: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyState:
+    """Fundamentals of a settled scene; `force` on the load cell, peak to peak [N]."""
+
+    force: float
+    films: tuple[FilmState, ...]
+
+
+def describing_function(radius: float, amplitude: float) -> complex:
+    """Fundamental of a play operator over the sine that moves it; 0 where the sine is too small to move it.
+
+    Gelb and Vander Velde, Multiple-input describing functions (1968): backlash.
+    """
+    if amplitude <= radius:
+        return 0j
+    m = 1 - 2 * radius / amplitude
+    root = math.sqrt(max(1 - m * m, 0.0))
+    return complex(math.pi / 2 + math.asin(m) + m * root, -root * root) / math.pi
+
+
+def phasors(rig: Rig) -> Complexes:
+    """Phasors (films + 1,) of the films' voltages [V] and the force on the load cell [N], where no limit acts."""
+    system, plays = rig.without_limits()
+    voltage = rig.coil_voltage()
+    rate = 2j * math.pi * voltage.frequency / HERTZ
+    volts = voltage.amplitude[0]
+    a, push = system.a.astype(complex), (system.b[:, 0] + rate * system.b[:, 2]) * volts
+    if plays:
+        # So far each play follows its force, as if it had no radius.
+        force = np.linalg.solve(rate * np.eye(system.order) - a, push)[plays]
+        radii = rig.effects.plays.plays().radii if rig.effects.plays else ()
+        factors = np.array([describing_function(r, abs(x)) for r, x in zip(radii, force, strict=True)])
+        a[plays] *= factors[:, np.newaxis]
+        push[plays] *= factors
+    state = np.linalg.solve(rate * np.eye(system.order) - a, push)
+    return np.asarray(system.c @ state + (system.d[:, 0] + rate * system.d[:, 2]) * volts)
+
+
+def followed(rig: Rig) -> Complexes:
+    """Phasors (films + 1,) where limits act, by a Fourier sum over a period that is followed by its transitions."""
+    voltage = rig.coil_voltage()
+    period = SECOND * HERTZ / voltage.frequency
+    times = round(SETTLED * SECOND) + np.round(period * np.arange(POINTS) / POINTS).astype(np.int64)
+    seen = np.vstack([rig.film_voltages(times), rig.cell_force(times)])
+    turns = np.exp(-2j * math.pi * 1e-18 * voltage.phase(times))
+    return np.asarray(2 * (seen * turns).mean(axis=1))
+
+
+def steady_state(rig: Rig, values: Complexes) -> SteadyState:
+    """The settled state from phasors of films and force."""
+    films, force = rig.scene.design.films, values[-1]
+    # If a film lies under several teeth, this is the ratio of one tooth.
+    shares = [abs(v) / film.sensitivity / len(film.teeth) for v, film in zip(values[:-1], films, strict=True)]
+    tooth, base = FILM_KINDS
+    states = []
+    for film, value, share in zip(films, values[:-1], shares, strict=True):
+        under = (s for s, f in zip(shares, films, strict=True) if f.kind == base and set(film.teeth) <= set(f.teeth))
+        below = next(under, 0.0) if film.kind == tooth else 0.0
+        ratio = float(share / below) if below else None
+        states.append(FilmState(film.name, float(abs(value)), float(np.angle(value / force)), ratio))
+    return SteadyState(float(2 * abs(force)), tuple(states))
+
+
+# --- What will impair a measurement of a scene: films that a converter cuts off, or hardly sees --------
+
+FILMS_SETTLED, FILMS_LOOKED_AT = 2.0, 1.0  # s after the drive was set when films are looked at, and how long
+SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
+
+
+def impairments(scene: Scene, rig: Rig, pressed: Sample, load: float, rate: float) -> list[str]:
+    """A line for each film that exceeds its converter's widest range, and one for a rigid film of hardly a step.
+
+    Args:
+        scene: the scene.
+        rig: its rig, driven with the load.
+        pressed: the sample.
+        load: the load, peak to peak [N].
+        rate: samples per second.
+    """
+    period_ns = round(1e9 / rate)
+    time_ns = period_ns * np.arange(round(FILMS_SETTLED * rate), round((FILMS_SETTLED + FILMS_LOOKED_AT) * rate))
+    _, saturated = sampled(scene, rig, time_ns, period_ns)
+    return [*_clipped(scene.design, saturated), *_in_steps(scene, pressed, load, rate)]
+
+
+def _clipped(design: Design, saturated: npt.NDArray[np.bool_]) -> list[str]:
+    return [
+        f"film {film.name!r}: its voltage exceeds the widest range of the converter, {max(RANGE_VOLTS):g} V: points"
+        " are clipped and not used; take a smaller load, or weaker effects"
+        for film, clipped in zip(design.films, saturated, strict=True)
+        if clipped.any()
+    ]
+
+
+def _in_steps(scene: Scene, pressed: Sample, load: float, rate: float) -> list[str]:
+    """A rigid film of few of a converter's steps, without noise to dither it, cannot be averaged."""
+    rigid = next(film for film in scene.design.films if film.kind == "rigid")
+    amplitude = rigid.sensitivity * scene.answer(pressed).force_ratio * load / 2
+    fits = HEADROOM * amplitude <= min(RANGE_VOLTS)
+    step = 2 * (min if fits else max)(RANGE_VOLTS) / 2**16
+    noise = math.hypot(*(effect.dither(rate) for effect in scene.effects.values()))
+    if amplitude < SIGNAL_STEPS * step and noise < NOISE_STEPS * step:
+        return [
+            f"film {rigid.name!r}: amplitude {show(amplitude, 'V', 3)} is {amplitude / step:.2g} steps of the"
+            f" converter, below {SIGNAL_STEPS:g}, and noise of {show(noise, 'V', 2)} is below half a step: steps do not"
+            " average out; take a larger load, or noise"
+        ]
+    return []
+
+
+# -------------------------------------------------------------------------------------------------------
 
 PRELOAD = 0.75  # preload as a fraction of the load: half of the load is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.instrument.bench.listed import beside
+from palpate.instrument.bench.description import beside
 from palpate.instrument.config import check, read_data
 from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, nearest
@@ -112,8 +112,7 @@ def _faults(
     """Read and check faults; without any, nothing is imported. Raises ConfigError as `parse_faults` does."""
     if not given:
         return ()
-    from palpate.simulators.faults.fault import parse_faults
-    from palpate.simulators.faults.places import places
+    from palpate.simulators.faults.fault import parse_faults, places
 
     return parse_faults(given, places(nodes, devices), where)
 

@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.design import FILM_KINDS
+from palpate.instrument.sensor.sample import Sample
+from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.lti import Floats
+from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Armature, Limits
-from palpate.simulators.planning.plan import Question, driven
-from palpate.simulators.planning.samples import sampled
+from palpate.simulators.planning.plan import (
+    CLOSED_FORM,
+    LOOKED_AT,
+    PRELOAD,
+    SETTLED,
+    Question,
+    driven,
+    moves,
+    path_of,
+    sampled,
+)
+from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
 SETTLING = 5.0  # s after the drive was set, as in a load sweep
@@ -75,3 +91,135 @@ def _clipped(effects: Effects, volts: Floats) -> Floats:
     for effect in effects.shaker:
         armature, limits = effect.shaker(armature, limits)
     return volts if limits.rail is None else np.clip(volts, -limits.rail, limits.rail)
+
+
+# -------------------------------------------------------------------------------------------------------
+# A long record of a tooth's film and its base's film under a settled load, without devices, for `accuracy
+# dwell`
+#
+# The gains' scatter is left out of the record and given beside it, because within one load set it is a constant that
+# no record shows.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LongRecord:
+    """Samples of two films.
+
+    Attributes:
+        time: (n,) s.
+        voltage: (2, n) V, the first tooth's film and its base's.
+        saturated: whether a sample was at its rail.
+        ratio: true ratio of the two amplitudes, by the sensor and the mounted object alone.
+        scatter: relative standard deviation of the ratio from one load set to the next, by the films' gains.
+    """
+
+    time: Floats
+    voltage: Floats
+    saturated: bool
+    ratio: float
+    scatter: float
+
+
+def is_followed(scene: Scene, question: Question) -> bool:
+    """Whether the scene must be followed from transition to transition, at a millisecond of CPU time each."""
+    return bool(driven(scene, question).transitions(round(LOOKED_AT * 1e9)))
+
+
+def long_record(scene: Scene, question: Question, rate: float) -> LongRecord:
+    """The record of a question's load over its dwell, at `rate` samples a second.
+
+    Raises:
+        RangeError: the scene's model does not answer for the sample.
+    """
+    films = scene.design.films
+    tooth = next(film for film in films if film.kind == FILM_KINDS[0])
+    base = next(film for film in films if film.kind == FILM_KINDS[1] and set(tooth.teeth) <= set(film.teeth))
+    pair = [films.index(tooth), films.index(base)]
+    effects = Effects(scene.effects)
+    kept = replace(scene, effects=effects.but(effects.scattering))
+    period_ns = round(1e9 / rate)
+    first = round(SETTLING * 1e9) // period_ns
+    time_ns = (first + np.arange(round(question.dwell * rate))) * period_ns
+    voltage, saturated = sampled(kept, driven(kept, question), time_ns, period_ns)
+    touched = {effect.name: effect for effect in (*effects.share, effects.stack) if effect}
+    gains = np.abs(driven(replace(scene, effects=touched), question).transfer(question.frequency))[pair]
+    strength = (effects.scattering and effects.scattering.scatter) or 0.0
+    return LongRecord(
+        time=1e-9 * (time_ns - time_ns[0]),
+        voltage=voltage[pair],
+        saturated=bool(saturated[pair].any()),
+        ratio=float(gains[0] / gains[1]),
+        scatter=strength * float(np.sqrt(scene.design.tooth_covariance[0][0])),
+    )
+
+
+# -------------------------------------------------------------------------------------------------------
+# A sweep of loads on a scene in closed form, without devices: the nodes' samples of each settled load set
+#
+# The load is not set by the load cell. The drive is computed from the scene's own transfer function.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadSet:
+    """Films of the design under one load.
+
+    Attributes:
+        load: load, peak to peak [N].
+        time: (n,) s, from the first sample on.
+        voltage: (films, n) V.
+        saturated: (films, n).
+    """
+
+    load: float
+    time: Floats
+    voltage: Floats
+    saturated: npt.NDArray[np.bool_]
+
+
+def load_sets(
+    scene: Scene, sample: Sample, loads: Sequence[float], frequency: float, dwell: float
+) -> Iterator[LoadSet]:
+    """Each load in turn: the drive is set, settles, and the films are sampled 25 times a cycle over the dwell.
+
+    Before a load that is repeated the drive goes off for a cycle, so that each repetition is a load set of its own.
+
+    Args:
+        scene: the scene.
+        sample: the mounted sample.
+        loads: loads, peak to peak [N].
+        frequency: frequency of the drive [Hz].
+        dwell: dwell [s].
+
+    Raises:
+        RangeError: the scene has faults or a limit acts, so that there is no closed form; or its model does not answer
+            for the sample.
+    """
+    if scene.faults:
+        raise RangeError(f"scene {scene.name!r} has faults, which only a bench meets; take how = 'bench'")
+    clock = VirtualClock()
+    rig = Rig(scene, clock)
+    clock.add(rig)
+    rig.mount(sample)
+    stiffness = scene.answer(sample).stiffness
+    pressed = PRELOAD * max(loads) * (1 / stiffness + 1 / scene.rig.suspension_stiffness)
+    rig.set_position(scene.rig.sensor_position - sample.thickness + pressed)
+    period_ns = round(1e9 / (SAMPLES_PER_CYCLE * frequency))
+
+    def drive(volts: float) -> None:
+        sine = np.array([-1j * volts])
+        rig.set_voltage(Periodic(0.0, round(frequency * HERTZ), clock.now_ns(), 0, np.array([1]), sine))
+
+    for before, load in zip((0.0, *loads), loads, strict=False):
+        if load == before:
+            drive(0.0)
+            clock.wait(1 / frequency)
+        drive(load / 2 / abs(rig.transfer(frequency)[-1]))
+        clock.wait(SETTLED)
+        first = -(-clock.now_ns() // period_ns)
+        time_ns = (first + np.arange(round(dwell * 1e9 / period_ns))) * period_ns
+        path, why = path_of(moves(rig, int(time_ns[-1])), steady=False)
+        if path != CLOSED_FORM:
+            raise RangeError(f"scene {scene.name!r} has no closed form under {load:g} N: {why}; take how = 'bench'")
+        voltage, saturated = sampled(scene, rig, time_ns, period_ns)
+        yield LoadSet(load, 1e-9 * (time_ns - time_ns[0]), voltage, saturated)
+        clock.wait(dwell)

@@ -24,8 +24,7 @@ from palpate.simulators.effects import effect_class
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.stages import CanEffect, CellEffect, LineEffect
-from palpate.simulators.planning.plan import SETTLING, Question, driven
-from palpate.simulators.planning.samples import sampled
+from palpate.simulators.planning.plan import SETTLING, Question, driven, sampled
 from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE
 from palpate.simulators.scenes.scene import LARGEST_SEED, Scene
 

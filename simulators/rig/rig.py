@@ -7,14 +7,21 @@ asks for it.
 
 from __future__ import annotations
 
+import functools
 from collections import deque
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
+from palpate.instrument.contracts.sensor_node import CHANNELS, place
+from palpate.instrument.errors import BenchError
+from palpate.instrument.sensor.design import Film
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import in_order
@@ -24,9 +31,9 @@ from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
 from palpate.simulators.physics.chain import MeasuringChain
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Touch
+from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.assembly import chain_of, film_signals, response_of
-from palpate.simulators.rig.mounted import Mounted
+from palpate.simulators.rig.assembly import Mounted, chain_of, film_signals, response_of
 from palpate.simulators.scenes.scene import Scene
 
 BRIDGE_TAU = 0.1  # s, time constant of the indicator's filter at power-on
@@ -298,3 +305,184 @@ def _inputs(voltage: Periodic, start_ns: int) -> tuple[Periodic, ...]:
     """The chain's inputs: the coil's voltage, the constant 1, and the rate of change of the voltage."""
     voltage = voltage.restarted(start_ns)
     return voltage, constant(1.0, voltage), voltage.derivative()
+
+
+# --- The load cell of the rig with its bridge, as every simulated load indicator reads it --------------
+
+IDEAL_SENSITIVITY = 10.306e-3  # V/N in a scene without the effect `load_cell`: line through Table 5.1 [T]
+GAGE_FACTOR = 8.98  # gage factor for which the sensitivities are given [T]
+IDEAL_DECIMALS = 4  # decimals of a display in a scene without the effect `load_cell`
+
+
+class RigLoadCell:
+    """The load cell under the probe. Call its methods under the clock's lock."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._cell = rig.effects.cell
+        self._stream = Stream(rig.scene.seed, self._cell.name if self._cell else "")
+
+    @property
+    def decimals(self) -> int:
+        """Decimals of a display in mV."""
+        return self._cell.digits if self._cell else IDEAL_DECIMALS
+
+    def signal(self, force: float, gage_factor: float = GAGE_FACTOR) -> float:
+        """What the bridge gives for a force on the cell [N], at a gage factor, without offset and noise [mV]."""
+        sensitivity = self._cell.in_position(self._rig.cell_position) if self._cell else IDEAL_SENSITIVITY
+        return 1e3 * force * sensitivity * GAGE_FACTOR / gage_factor
+
+    def shown(self, signal: float, update: int) -> float:
+        """A signal [mV] with the offset, noise and steps of the display, at its update of that number."""
+        return self._cell.display(signal, self._stream, update) if self._cell else signal
+
+    def given(self, signal: float, update: int) -> float:
+        """A signal [mV] with offset and noise, as a display gets it that has steps of its own."""
+        return signal + self._cell.added_mV(self._stream, update) if self._cell else signal
+
+    def crept(self, force: float, now_ns: int) -> float:
+        """Force that the cell feels [N], where `force` stands on it."""
+        return self._cell.crept(force, self._rig.placed, now_ns) if self._cell else force
+
+    def forces(self, until_ns: int, count: int, step_ns: int) -> Floats:
+        """Forces on the cell at `count` times, a step apart, up to a time of the last 12 s (count,) [N]."""
+        return self._rig.cell_force(until_ns - np.arange(count - 1, -1, -1) * step_ns, step_ns)
+
+
+# -------------------------------------------------------------------------------------------------------
+# The inputs of a node that samples: which films are wired to it, and what is added to their voltages there
+
+Source = tuple[InputEffect, Stream, int | slice]
+
+
+class FilmInputs:
+    """The inputs of one node.
+
+    A design with more films than one node has channels is wired to nodes 1, 2, ... in turn. Films that fit on one node
+    are wired to every node.
+    """
+
+    def __init__(self, rig: Rig, node_id: int, number: int, channels: int = CHANNELS) -> None:
+        """Wire a node.
+
+        Args:
+            rig: what the films feel.
+            node_id: its node id, with which the random numbers of its inputs begin.
+            number: which of the nodes that sample films it is, from 1; 0: no film is wired to it.
+            channels: number of its channels.
+        """
+        self._rig, self._id, self._number, self.channels = rig, node_id, number, channels
+        self._added = sorted(rig.effects.input, key=lambda effect: effect.name)
+        self._sources: dict[int, list[Source]] = {}
+
+    def volts(self, time_ns: npt.NDArray[np.int64], films: Floats, period_ns: int) -> Floats:
+        """What its converter gets, shape (channels, n) [V].
+
+        Args:
+            time_ns: times of the samples, one SYNC period apart, shape (n,) [ns].
+            films: voltage at each channel, shape (channels, n) [V].
+            period_ns: the SYNC period [ns].
+        """
+        volts = films.copy()
+        rates = functools.cache(lambda: self.film_channels @ self._rig.film_rates(time_ns, period_ns))
+        for effect, stream, channel in self._added_by(period_ns):
+            volts[channel] += effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
+        return volts
+
+    def _added_by(self, period_ns: int) -> list[Source]:
+        """The effects at the input, each with its stream and channels; kept, so that streams keep what they drew."""
+        if period_ns not in self._sources:
+            its: list[Source] = []
+            for effect in self._added:
+                channels: Iterable[int | slice] = [slice(None)] if effect.common else range(self.channels)
+                for number, channel in enumerate(channels):
+                    stream = Stream(self._rig.scene.seed, effect.name, self._id, number, period_ns)
+                    its.append((effect, stream, channel))
+            self._sources[period_ns] = its
+        return self._sources[period_ns]
+
+    @functools.cached_property
+    def film_channels(self) -> Floats:
+        """Matrix of zeros and ones, shape (channels, films), that puts each film of this node on its channel."""
+        films = self._rig.scene.design.films
+        matrix = np.zeros((self.channels, len(films)))
+        for i, film in enumerate(films):
+            channel = self.wired(film)
+            if channel is not None:
+                matrix[channel - 1, i] = 1.0
+        return matrix
+
+    def wired(self, film: Film) -> int | None:
+        """This node's channel of a film, from 1; None: the film is wired to another node."""
+        node, channel = place(film.channel, self.channels)
+        films = self._rig.scene.design.films
+        alike = self._number > 0 and all(place(other.channel, self.channels)[0] == 1 for other in films)
+        return channel if alike or node == self._number else None
+
+
+def _row(rows: Callable[[], Floats], number: int | slice) -> Floats:
+    row: Floats = rows()[number]
+    return row
+
+
+# -------------------------------------------------------------------------------------------------------
+# The simulated operator: does each task without waiting for anybody, and lets the bench's clock run on
+# meanwhile
+
+MOUNTING = 60.0  # s, for a task under the probe, and to turn the load cell [A]
+PLACING = 10.0  # s, to place a weight or to set the temperature [A]
+
+
+class OwnTime(Protocol):
+    """The clock on which the operator's work takes time."""
+
+    lock: AbstractContextManager[Any]
+
+    def wait(self, duration: float) -> None: ...
+
+
+class SimulatedOperator:
+    """A `palpate.instrument.bench.operator.Operator` who changes the simulated rig."""
+
+    def __init__(self, rig: Rig, clock: OwnTime) -> None:
+        self._rig = rig
+        self._clock = clock
+
+    def mount(self, sample: Sample) -> None:
+        self._under_the_probe(lambda: self._rig.mount(sample))
+
+    def lay_on_support(self, sample: Sample | None) -> None:
+        self._under_the_probe(lambda: self._rig.lay_on_support(sample))
+
+    def place_probe(self, x: float, y: float) -> None:
+        self._under_the_probe(lambda: self._rig.place_probe(x, y))
+
+    def press_tooth(self, tooth: int) -> None:
+        self._under_the_probe(lambda: self._rig.press_tooth(tooth))
+
+    def place_weight(self, mass: float) -> None:
+        self._clock.wait(PLACING)
+        with self._clock.lock:
+            self._rig.place_weight(mass)
+
+    def turn_load_cell(self, degrees: float) -> None:
+        self._clock.wait(MOUNTING)
+        with self._clock.lock:
+            self._rig.turn_load_cell(degrees)
+
+    def set_temperature(self, kelvin: float) -> None:
+        self._clock.wait(PLACING)
+        with self._clock.lock:
+            self._rig.set_temperature(kelvin)
+
+    def _under_the_probe(self, put: Callable[[], None]) -> None:
+        self._clock.wait(MOUNTING)
+        with self._clock.lock:
+            if self._rig.position > 0:
+                raise BenchError(
+                    f"the probe stands at {1e3 * self._rig.position:g} mm: move it home before mounting a sample"
+                )
+            put()
+
+    def confirm_device(self, what: str, label: str) -> None:
+        """A simulated device is what its bench says."""

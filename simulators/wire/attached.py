@@ -9,12 +9,11 @@ from typing import Any
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError
 
-from palpate.instrument.bench.can_ends import leave
+from palpate.instrument.bench.links import leave
 from palpate.instrument.contracts.contract import Field, Pdo
 from palpate.instrument.contracts.object_dictionary import object_dictionary
 from palpate.simulators.wire.can_bus import LockedNetwork, open_bus
-from palpate.simulators.wire.canopen_device import VALUE_RANGE, SimulatedNode
-from palpate.simulators.wire.sdo_server import SdoServer
+from palpate.simulators.wire.canopen_device import VALUE_RANGE, SdoServer, SimulatedNode
 
 SDO_FRAME = 8  # bytes
 CONSUMER, HEARTBEAT = 0x1016, 0x700  # object of the heartbeats that a node watches; their identifier less the node id

@@ -16,7 +16,7 @@ import canopen
 from can.interfaces.virtual import VirtualBus
 from canopen.network import MessageListener
 
-from palpate.instrument.bench.can_ends import MULTICAST, WITHIN_MACHINE, close_bus_in_child, keep_to_group
+from palpate.instrument.bench.links import MULTICAST, WITHIN_MACHINE, close_bus_in_child, keep_to_group
 from palpate.instrument.contracts.pdo import Receiver
 from palpate.instrument.errors import BenchError
 from palpate.instrument.own_process import close_in_child

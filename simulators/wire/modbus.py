@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from pymodbus.pdu import ModbusPDU
 
-from palpate.instrument.bench.this_machine import LOOPBACK, check_loopback
+from palpate.instrument.bench.links import LOOPBACK, check_loopback
 from palpate.instrument.errors import BenchError, PalpateError
 from palpate.instrument.own_process import Ends, close_in_child, watched
-from palpate.simulators.wire.device import SimulatedDevice
+from palpate.simulators.wire.device import Registers, SimulatedDevice
 from palpate.simulators.wire.modbus_server import Identity, SerialServer, TcpServer
-from palpate.simulators.wire.registers import Registers
 from palpate.simulators.wire.relay import LineNoise, Relay
 
 if TYPE_CHECKING:

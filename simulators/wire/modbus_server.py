@@ -13,26 +13,172 @@ import math
 import socket
 import struct
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping
 from typing import Any
 
 from pymodbus.constants import ExcCodes
-from pymodbus.framer import FramerSocket
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
-from pymodbus.pdu.bit_message import WriteSingleCoilRequest
-from pymodbus.pdu.mei_message import ReadDeviceInformationRequest
-from pymodbus.pdu.register_message import WriteSingleRegisterRequest
+from pymodbus.pdu.bit_message import WriteSingleCoilRequest, WriteSingleCoilResponse
+from pymodbus.pdu.mei_message import ReadDeviceInformationRequest, ReadDeviceInformationResponse
+from pymodbus.pdu.register_message import WriteSingleRegisterRequest, WriteSingleRegisterResponse
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.transaction import TransactionManager
 
 from palpate.instrument.contracts.declaration import ITSELF
-from palpate.simulators.wire.modbus_answers import done, echo, identification
-from palpate.simulators.wire.modbus_frames import EXCEPTION, LineFramer, RequestDecoder, alien, whole_frame
-from palpate.simulators.wire.registers import IDENTIFY, Registers, Units
+from palpate.simulators.wire.device import IDENTIFY, Registers, Units
 from palpate.simulators.wire.relay import Damage, Relay
 from palpate.simulators.wire.terminal import Terminal
+
+# -------------------------------------------------------------------------------------------------------
+# Answers to Modbus requests that pymodbus would answer otherwise than the Modbus specification says
+
+CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # read device id code: numbers of its identity objects
+ONE_OBJECT = 4  # the read device id code that asks for a single object
+
+
+def done(update: Coroutine[Any, Any, ModbusPDU]) -> ModbusPDU:
+    """The answer of an update, which ends in one step because a device's action never awaits."""
+    try:
+        update.send(None)
+    except StopIteration as done:
+        answer: ModbusPDU = done.value
+        return answer
+    raise AssertionError("an action awaits something")
+
+
+def identification(request: ReadDeviceInformationRequest, objects: Mapping[int, bytes]) -> ModbusPDU:
+    """The answer to function 43/14."""
+    if request.read_code == ONE_OBJECT:
+        if request.object_id not in objects:
+            return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_ADDRESS)
+        asked: Iterable[int] = [request.object_id]
+    elif request.read_code in CATEGORIES:
+        category = CATEGORIES[request.read_code]
+        first = request.object_id if request.object_id in objects and request.object_id in category else 0
+        asked = [number for number in sorted(objects) if number in category and number >= first]
+    else:
+        return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_VALUE)
+    return ReadDeviceInformationResponse(request.read_code, {number: objects[number] for number in asked})
+
+
+def echo(request: WriteSingleRegisterRequest | WriteSingleCoilRequest, registers: Registers) -> ModbusPDU:
+    """The answer to a write of one register or coil: what was written, though a command may be idle again by now."""
+    values: list[Any] = [*request.bits[:1], *request.registers[:1]]
+    refusal = registers.write(request.function_code, request.address, values)
+    if refusal is not None:
+        return ExceptionResponse(request.function_code, refusal)
+    if isinstance(request, WriteSingleCoilRequest):
+        return WriteSingleCoilResponse(address=request.address, bits=request.bits)
+    return WriteSingleRegisterResponse(address=request.address, registers=request.registers)
+
+
+# --- Splits the bytes that a Modbus server receives into requests, and recognises malformed ones -------
+
+READ_IDENTITY = b"\x0e"
+HEADER = 6  # bytes of an MBAP header up to the end of its length field
+UNIT_AND_CHECK = 3  # bytes around a request on a serial line: unit id and CRC
+LONGEST_REQUEST = 256  # bytes on a serial line
+LENGTHS = range(2, 255)  # values that the length field of an MBAP header may have
+EXCEPTION = 0x80  # the bit of a function code that marks an exception
+
+
+class Refusal(ModbusPDU):
+    """A request that gets an exception code as its answer, whatever it asks for."""
+
+    def __init__(self, function: int, code: ExcCodes) -> None:
+        super().__init__()
+        self.function_code = function
+        self._code = code
+
+    async def datastore_update(self, context: Any, device_id: int) -> ModbusPDU:
+        return ExceptionResponse(self.function_code & ~EXCEPTION, self._code)
+
+
+class _WholeFrame(ModbusPDU):
+    """A request with an unknown function code on a serial line: only the end of its bytes tells its length."""
+
+    @classmethod
+    def calculateRtuFrameSize(cls, data: bytes) -> int:
+        return len(data)
+
+
+class RequestDecoder(DecodePDU):
+    """Decodes every request: a good one as itself, a bad one as the `Refusal` that answers it."""
+
+    def __init__(self, functions: Collection[int]) -> None:
+        """Make a decoder; `functions` are the codes of the functions that the server has."""
+        super().__init__(True)
+        self.functions = functions
+
+    def decode(self, frame: bytes) -> ModbusPDU:
+        function, kind = frame[0], frame[1:2]
+        if function not in self.functions or (function == IDENTIFY and kind != READ_IDENTITY):
+            return Refusal(function, ExcCodes.ILLEGAL_FUNCTION)
+        request = super().decode(frame)
+        if request is None or not _same(request, frame):  # a count of 0 or too large, missing or surplus bytes
+            return Refusal(function, ExcCodes.ILLEGAL_VALUE)
+        return request
+
+    def lookupPduClass(self, data: bytes) -> type[ModbusPDU] | None:
+        known: type[ModbusPDU] | None = super().lookupPduClass(data)
+        if known is None and FramerRTU.check_CRC(data[:-2], int.from_bytes(data[-2:], "big")):
+            return _WholeFrame
+        return known
+
+
+class LineFramer(FramerRTU):
+    """Takes one frame at a time.
+
+    A pseudo-terminal may deliver two frames in one piece, without the silence between them.
+    """
+
+    def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
+        used, unit, transaction, frame = super().decode(data)
+        if frame:
+            used = data.index(bytes([unit]) + frame) + len(frame) + UNIT_AND_CHECK
+            return used, unit, transaction, frame
+        return self._last(data) or (used, unit, transaction, frame)
+
+    def _last(self, data: bytes) -> tuple[int, int, int, bytes] | None:
+        """The whole request at the end of `data`, after the bytes of a broken one that arrived together with it."""
+        decoder: Any = self.decoder
+        for at in range(max(1, len(data) - LONGEST_REQUEST), len(data) - UNIT_AND_CHECK):
+            tail, check = data[at:], int.from_bytes(data[-2:], "big")
+            kind = decoder.lookupPduClass(tail) if tail[1] in decoder.functions else None
+            if kind and kind.calculateRtuFrameSize(tail) == len(tail) and self.check_CRC(tail[:-2], check):
+                return len(data), tail[0], 0, tail[1:-2]
+        return None
+
+
+def _same(request: ModbusPDU, frame: bytes) -> bool:
+    """Whether the request encodes to exactly these bytes."""
+    try:
+        return frame == bytes([request.function_code]) + request.encode()
+    except (ModbusException, ValueError):
+        return False
+
+
+def alien(data: bytes) -> bool:
+    """Whether `data` cannot be the beginning of a request on TCP, by its MBAP header."""
+    return any(data[2:4]) or (len(data) >= HEADER and int.from_bytes(data[4:HEADER], "big") not in LENGTHS)
+
+
+def whole_frame(data: bytes) -> bytes:
+    """The first whole request on TCP; empty if it is incomplete.
+
+    Bytes that cannot begin a request are returned with everything after them.
+    """
+    if alien(data):
+        return data
+    size = HEADER + int.from_bytes(data[4:HEADER], "big")
+    return data[:size] if HEADER < size <= len(data) else b""
+
+
+# -------------------------------------------------------------------------------------------------------
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # keeps a client's bad frames out of our stderr
 

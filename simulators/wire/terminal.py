@@ -9,8 +9,7 @@ import re
 import termios
 from typing import TYPE_CHECKING
 
-from palpate.instrument.bench.serial_line import SHORTEST_SILENCE, SILENCE, character_bits, reply_begins
-from palpate.instrument.bench.this_machine import pseudo_terminal
+from palpate.instrument.bench.links import SHORTEST_SILENCE, SILENCE, character_bits, pseudo_terminal, reply_begins
 from palpate.simulators.wire.relay import LineNoise
 
 if TYPE_CHECKING:

@@ -15,9 +15,8 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING, FilmsPoint
 from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.characterise.result import evaluate
+from palpate.procedures.measurements.characterise.result import HOLDING, LOADING, UNLOADING, FilmsPoint, evaluate
 from palpate.procedures.measurements.prospects import reading_u
 from tests.benchmarks.repeats import TRUTHS, held, timed
 from tests.benchmarks.row import Row

@@ -9,8 +9,15 @@ import numpy as np
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.dwell import dwell_of, ratio_noise
-from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
-from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
+from palpate.instrument.signals.estimate import (
+    ESTIMATORS,
+    LEAST_SQUARES,
+    Floats,
+    amplitude_ratio,
+    amplitude_ratios,
+    fit_sine,
+    ratio_bound,
+)
 from palpate.procedures.steps.film_point import pilot_length
 from tests.benchmarks.row import Row
 

@@ -27,11 +27,9 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
-from palpate.procedures.measurements.object_modulus.costs import END, costs_of
-from palpate.procedures.measurements.object_modulus.course import _remounts
+from palpate.procedures.measurements.object_modulus.course import ModulusPoint, ObjectModulusAnswer, _remounts
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.object_modulus.prospect import most_sets
-from palpate.procedures.measurements.object_modulus.result import ModulusPoint, ObjectModulusAnswer
+from palpate.procedures.measurements.object_modulus.prospect import END, costs_of, most_sets
 from palpate.procedures.measurements.softness.procedure import unknown_object
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench

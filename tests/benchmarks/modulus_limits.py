@@ -16,9 +16,7 @@ from palpate.instrument.allocation.lines import RepeatUnit, merged
 from palpate.instrument.allocation.stopping import FIRST, first_sets
 from palpate.instrument.allocation.times import times
 from palpate.instrument.uncertainty.budget import coverage_factor
-from palpate.procedures.measurements.object_modulus.costs import costs_of
-from palpate.procedures.measurements.object_modulus.lines import lines_of
-from palpate.procedures.measurements.object_modulus.prospect import most_sets
+from palpate.procedures.measurements.object_modulus.prospect import costs_of, lines_of, most_sets
 from tests.benchmarks.modulus_budget import FREEDOM, KINDS, asked
 from tests.benchmarks.modulus_figures import BENCH_TIME
 from tests.benchmarks.row import Row

@@ -30,8 +30,8 @@ import serial
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.incident import INCIDENT
-from palpate.instrument.bench.can_ends import MULTICAST
 from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.contracts import positioner, sample_changer, strain_indicator
 from palpate.instrument.errors import PalpateError
 from palpate.instrument.sensor.sample import get_sample

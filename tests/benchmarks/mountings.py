@@ -10,7 +10,7 @@ import numpy as np
 from palpate.instrument.allocation.allocate import allocate
 from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit
 from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
-from palpate.instrument.uncertainty.groups import Between, between_groups
+from palpate.instrument.uncertainty.budget import Between, between_groups
 from tests.benchmarks.allocation import BENCH, FREEDOM, SCATTER, SENSITIVITY
 from tests.benchmarks.row import Row
 

@@ -30,8 +30,7 @@ from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.linear.lti import first_order_high_pass
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
-from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven, plan
-from palpate.simulators.planning.samples import sampled
+from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven, plan, sampled
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from palpate.instrument.bench.this_machine import LOOPBACK
+from palpate.instrument.bench.links import LOOPBACK
 from palpate.instrument.contracts.signal_generator import CONTRACT
 from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import BenchAddresses

@@ -14,8 +14,7 @@ from pathlib import Path
 from palpate.instrument.config import parse
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.study.results import read_results
-from palpate.procedures.study.run import run
-from palpate.procedures.study.store import Store
+from palpate.procedures.study.run import Store, run
 from palpate.procedures.virtual.executors import executor_of
 from palpate.procedures.virtual.study_cell import StudyComputation
 from tests.benchmarks.row import Row

@@ -22,7 +22,7 @@ from palpate.instrument.calibration.load_cell_fit import calibrate_load_cell
 from palpate.instrument.findings.compression import DisplaySeries, compress
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.mean_ratio import mean_ratio
-from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.design import Design
@@ -32,11 +32,10 @@ from palpate.instrument.signals.estimate import Floats, SineFit, fit_sine
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.measurements.load_cell.procedure import LOADS, REPEATS
-from palpate.procedures.steps.indicator import READINGS
+from palpate.procedures.steps.servo import READINGS
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.load_cell import LoadCell
-from palpate.simulators.planning.plan import Question, driven
-from palpate.simulators.planning.samples import sampled
+from palpate.simulators.planning.plan import Question, driven, sampled
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
 from palpate.simulators.scenes.scene import Scene

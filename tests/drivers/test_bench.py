@@ -11,7 +11,8 @@ import pytest
 from pymodbus.pdu import ModbusPDU
 
 from palpate.drivers import bench as bench_module
-from palpate.drivers import fitted, ownership
+from palpate.drivers import bench as fitted
+from palpate.drivers import ownership
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.contracts.contract import Identity

@@ -14,8 +14,8 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.logs.bus_replay import BusReplay
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
-from palpate.instrument.bench.can_ends import MULTICAST
 from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout
 from palpate.procedures.logs.shown import described
 from palpate.simulators.bench import BenchAddresses, SimulatedBench

@@ -16,7 +16,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from palpate.drivers.links.can import CanLink, _Listener, _Tapped
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links
-from palpate.instrument.bench.can_ends import MULTICAST
+from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
 

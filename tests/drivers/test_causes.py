@@ -20,8 +20,7 @@ import serial
 from palpate.drivers.bench import Bench
 from palpate.drivers.links import causes
 from palpate.drivers.links.can import CanLink
-from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.links.requests import read_registers
+from palpate.drivers.links.modbus import ModbusLink, read_registers
 from palpate.drivers.scan.found import Search
 from palpate.drivers.scan.modbus_scan import scan_tcp
 from palpate.instrument.bench import links as files

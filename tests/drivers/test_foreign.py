@@ -21,8 +21,7 @@ from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.bench.links import FASTEST, SerialLine, TcpLink
 from palpate.instrument.contracts import positioner, signal_generator
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.errors import IdentityError

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.hands import Hands
+from palpate.drivers.bench import Hands
 from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger
 from palpate.instrument.sensor.sample import SAMPLES
 

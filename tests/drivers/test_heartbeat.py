@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.drivers.devices.heartbeat import Heartbeat
+from palpate.drivers.devices.canopen_device import Heartbeat
 
 
 def test_a_heartbeat_beats_at_its_interval_until_it_is_left(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.wear import MOST, WITHIN
+from palpate.drivers.devices.device import MOST, WITHIN
 from palpate.instrument.contracts.contract import (
     Field,
     Mark,

@@ -8,10 +8,9 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import DevicePlace
+from palpate.drivers.devices.device import MOST, DevicePlace
 from palpate.drivers.devices.either_bus import EitherBus
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.wear import MOST
 from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.contracts.contract import (
     Contract,

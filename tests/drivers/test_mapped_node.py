@@ -11,9 +11,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import DevicePlace
-from palpate.drivers.mapped.counts import Counts
-from palpate.drivers.mapped.sensor_node import MappedNode
-from palpate.drivers.mapped.sync import missing_sync
+from palpate.drivers.mapped.sensor_node import Counts, MappedNode, missing_sync
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.role_maps.sensor_node import NodeSettings
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName

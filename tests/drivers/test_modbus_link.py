@@ -15,10 +15,15 @@ from pymodbus.pdu import ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
 
 from palpate.drivers.links import modbus
-from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
-from palpate.drivers.links.requests import read_identity, read_registers, write_registers
+from palpate.drivers.links.modbus import (
+    LARGEST_FRAME,
+    ModbusLink,
+    TcpClient,
+    read_identity,
+    read_registers,
+    write_registers,
+)
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
-from palpate.drivers.links.tcp import TcpClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 

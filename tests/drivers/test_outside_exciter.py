@@ -18,8 +18,7 @@ from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError, ConfigError, LinkError, SafetyError
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.faults.fault import parse_faults
-from palpate.simulators.faults.places import places
+from palpate.simulators.faults.fault import parse_faults, places
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused

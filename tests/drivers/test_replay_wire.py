@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.logs.replay_wire import ReplayWire
-from palpate.instrument.bench.this_machine import LOOPBACK
+from palpate.drivers.logs.bus_replay import ReplayWire
+from palpate.instrument.bench.links import LOOPBACK
 
 PATIENCE = 10.0  # s until a test gives up
 

@@ -17,11 +17,9 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.devices.strain_indicator import StrainIndicator
-from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.links.requests import read_registers
+from palpate.drivers.links.modbus import ModbusLink, read_registers
 from palpate.drivers.links.rtu import ReplyFramer, RtuClient
-from palpate.instrument.bench.links import SerialLine
-from palpate.instrument.bench.serial_line import FASTEST, SILENCE, reply_begins
+from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, reply_begins
 from palpate.instrument.contracts.contract import PROBE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.simulators.bench import SimulatedBench

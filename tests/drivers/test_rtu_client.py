@@ -10,7 +10,7 @@ from pymodbus.exceptions import ConnectionException
 from pymodbus.pdu import DecodePDU
 
 from palpate.drivers.links.rtu import LARGEST_REPLY, ReplyFramer, RtuClient
-from palpate.instrument.bench.serial_line import earliest_reply
+from palpate.instrument.bench.links import earliest_reply
 from tests.drivers.virtual_line import checked
 
 READ = checked(bytes.fromhex("02 03 0014 0002"))

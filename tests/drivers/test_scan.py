@@ -9,14 +9,12 @@ from typing import Any
 import can
 import pytest
 
-from palpate.drivers.links import can_listening
-from palpate.drivers.links.can import CanLink
-from palpate.drivers.links.can_listening import listen
-from palpate.drivers.links.requests import write_registers
+from palpate.drivers.links import can as can_listening
+from palpate.drivers.links.can import CanLink, listen
+from palpate.drivers.links.modbus import write_registers
 from palpate.drivers.scan.can_scan import check_allowed, scan_can
-from palpate.drivers.scan.found import Search
+from palpate.drivers.scan.found import ReadOnlyCan, ReadOnlyModbus, Search
 from palpate.drivers.scan.modbus_scan import ModbusSearch, scan_line, settings
-from palpate.drivers.scan.read_only import ReadOnlyCan, ReadOnlyModbus
 from palpate.instrument.bench import links
 from palpate.instrument.bench.kinds import KINDS as OWN
 from palpate.instrument.bench.kinds import DeviceKind

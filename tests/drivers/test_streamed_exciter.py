@@ -16,9 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.links.can import CanLink
-from palpate.drivers.links.cyclic import Cyclic
-from palpate.drivers.mapped.set_points import FEWEST, SetPointGrid, grid
+from palpate.drivers.links.can import CanLink, Cyclic
+from palpate.drivers.mapped.exciter import FEWEST, SetPointGrid, grid
 from palpate.drivers.ownership import claim
 from palpate.drivers.roles import Exciter
 from palpate.drivers.safe_end import insist

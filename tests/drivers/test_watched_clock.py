@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.heartbeat import Heartbeat
+from palpate.drivers.devices.canopen_device import Heartbeat
 from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.bench.patience import PATIENCE
 from palpate.instrument.errors import BenchInUse, DeviceError, LinkTimeout, SafetyError

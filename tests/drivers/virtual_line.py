@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable, Iterable
 
 from palpate.drivers.links.rtu import RtuClient
-from palpate.instrument.bench.serial_line import SILENCE
+from palpate.instrument.bench.links import SILENCE
 from palpate.instrument.contracts.maps.frames import crc
 
 BITS = 10  # of a character: start, eight, stop

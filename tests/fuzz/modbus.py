@@ -12,7 +12,7 @@ from typing import Any
 
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.links import tcp
+from palpate.drivers.links import modbus as tcp
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.rtu import RtuClient
 from palpate.instrument.contracts import CONTRACTS

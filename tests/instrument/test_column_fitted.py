@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
-from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models import springs
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
@@ -21,7 +21,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
-from palpate.procedures.reproduce.judging.odds import distance, fitted_line, odds_sentence
+from palpate.procedures.reproduce.judging.criterion import distance, fitted_line, odds_sentence
 
 SINGLE = get_design("single")
 # Fitted to the first ring's table, held against the second's.

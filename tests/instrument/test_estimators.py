@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import EstimateError, UnknownName
-from palpate.instrument.signals.estimate import amplitudes, fit_sine
-from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
+from palpate.instrument.signals.estimate import (
+    ESTIMATORS,
+    LEAST_SQUARES,
+    Floats,
+    amplitude_ratios,
+    amplitudes,
+    fit_sine,
+    ratio_bound,
+)
 
 FREQUENCY, RATE = 10.0, 250.0
 AMPLITUDE, PHASE = np.array([0.3, 1.0]), np.array([0.7, 0.7])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.uncertainty.groups import Between, between_groups
+from palpate.instrument.uncertainty.budget import Between, between_groups
 
 WITHIN, GROUPS, REPEATS, SEEDS = 0.041, 3, 10, 600
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.bench.description import read_bench
-from palpate.instrument.bench.kinds import check_identities, device_kind, kind_in_file
-from palpate.instrument.bench.mapped import kind_of
+from palpate.instrument.bench.kinds import check_identities, device_kind, kind_in_file, kind_of
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map, shipped
 from palpate.instrument.errors import ConfigError, UnknownName

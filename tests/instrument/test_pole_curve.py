@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models.axisymmetric.curves import curve_on
 from palpate.instrument.models.curve import RatioCurve, pole_curve
 from palpate.instrument.models.finite_elements.poles import Curve

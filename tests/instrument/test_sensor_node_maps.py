@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.bench.mapped import kind_of
+from palpate.instrument.bench.kinds import device_kind, kind_of
 from palpate.instrument.bench.role_maps.sensor_node import raw_limits
 from palpate.instrument.contracts.maps.eds import imported
 from palpate.instrument.contracts.maps.map_file import SHIPPED, map_of

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import EstimateError, RangeError, UnknownName
-from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.curve import RatioCurve, curve_through, ratio_curve, sampled_curve

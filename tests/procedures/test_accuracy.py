@@ -28,7 +28,8 @@ from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.stored import surface
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.accuracy import elements, machine, meshes
+from palpate.procedures.accuracy import elements, meshes
+from palpate.procedures.accuracy import measure as machine
 from palpate.procedures.accuracy import measure as measuring
 from palpate.procedures.accuracy.elements import Array
 from palpate.procedures.accuracy.measure import BEAM_ELEMENTS, measure
@@ -42,7 +43,7 @@ from palpate.procedures.accuracy.meshes import (
     references,
     refinements,
 )
-from palpate.procedures.accuracy.plot import plot_prices
+from palpate.procedures.accuracy.page import plot_prices
 from palpate.procedures.accuracy.references import UNSEEN, truth_of
 from tests.procedures.conftest import Palpate
 

@@ -11,10 +11,17 @@ import pytest
 from matplotlib.figure import Figure
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats
-from palpate.procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, EstimatorPoint, measure
-from palpate.procedures.accuracy.dwell_report import plot_dwell, print_dwell
-from palpate.procedures.virtual import dwell
+from palpate.instrument.signals.estimate import ESTIMATORS, LEAST_SQUARES, Floats
+from palpate.procedures.accuracy.dwell import (
+    COHERENT,
+    SCATTER,
+    DwellPrices,
+    EstimatorPoint,
+    measure,
+    plot_dwell,
+    print_dwell,
+)
+from palpate.procedures.virtual import waveforms as dwell
 from tests.procedures.conftest import Palpate
 
 FREQUENCY, RATE = 10.0, 250.0

@@ -14,10 +14,8 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.accuracy.modulus.front import ModulusFront, PlanningCase
 from palpate.procedures.accuracy.modulus.report import plot_modulus_front, print_modulus_front
 from palpate.procedures.lab.chosen import choose
-from palpate.procedures.measurements.object_modulus.costs import costs_of
-from palpate.procedures.measurements.object_modulus.lines import Wanted
 from palpate.procedures.measurements.object_modulus.procedure import LOADS, ObjectModulus
-from palpate.procedures.measurements.object_modulus.prospect import best_of
+from palpate.procedures.measurements.object_modulus.prospect import Wanted, best_of, costs_of
 from palpate.procedures.measurements.softness.procedure import unknown_object
 from tests.procedures.conftest import Palpate
 

@@ -10,7 +10,7 @@ from palpate.instrument.models.price_list import stored
 from palpate.procedures.accuracy import arithmetic, page
 from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
 from palpate.procedures.accuracy.page import MethodPoint, cheapest
-from palpate.procedures.virtual import dwell
+from palpate.procedures.virtual import waveforms as dwell
 from palpate.simulators.linear import integrators
 from tests.procedures.conftest import Palpate
 

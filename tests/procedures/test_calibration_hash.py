@@ -20,8 +20,7 @@ from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.ratio import RatioQuestion
-from palpate.procedures.lab.calibrations import mountings_of, path_of
-from palpate.procedures.lab.probable import probable_references
+from palpate.procedures.lab.calibrations import mountings_of, path_of, probable_references
 from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Palpate

@@ -14,10 +14,10 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.characterise.point import FilmsPoint
 from palpate.procedures.measurements.characterise.procedure import Characterisation
 from palpate.procedures.measurements.characterise.repeats import NOISE, READING, SlopeRepeats
-from palpate.procedures.measurements.repeated_sets import MOST_SETS
+from palpate.procedures.measurements.characterise.result import FilmsPoint
+from palpate.procedures.measurements.prospects import MOST_SETS
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")

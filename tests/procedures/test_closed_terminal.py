@@ -14,7 +14,7 @@ import pytest
 
 from palpate.procedures.commands.options import Output
 from palpate.procedures.console.terminal import Spoken
-from palpate.procedures.lab.keys import Keyboard, keyboard
+from palpate.procedures.lab.operator import Keyboard, keyboard
 from palpate.procedures.records.run import Run
 
 PALPATE = str(Path(sys.executable).with_name("palpate"))

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 import pytest
 
-from palpate.drivers.mapped.following import Following
+from palpate.drivers.mapped.exciter import Following
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.maps.golden_frames import prove

@@ -8,8 +8,7 @@ import pytest
 
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.can import CanFault
-from palpate.simulators.faults.rtu import RtuFault
-from palpate.simulators.faults.tcp import TcpFault
+from palpate.simulators.faults.modbus import RtuFault, TcpFault
 from tests.fault_matrix import ONCE, STAYS, Cell, cells, play
 from tests.fault_procedures import PROCEDURES
 

@@ -23,8 +23,7 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.steps import films as module
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure, recording_seconds
 from palpate.procedures.steps.films import FilmRecord, Films, check_nodes
-from palpate.procedures.steps.indicator import READINGS, IndicatorMean
-from palpate.procedures.steps.servo import LoadServo
+from palpate.procedures.steps.servo import READINGS, IndicatorMean, LoadServo
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION
 
 RATE = 250.0  # Hz, at 10 Hz

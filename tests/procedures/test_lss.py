@@ -13,7 +13,7 @@ import pytest
 from palpate.drivers.links.lss import LssAddress
 from palpate.instrument.bench.links import CanBus
 from palpate.instrument.errors import DeviceError, LinkTimeout, RangeError, UsageError
-from palpate.procedures.lab.lss import Change
+from palpate.procedures.lab.scan import Change
 
 ADDRESS = LssAddress(0x26C, 0x10, 0x06720000, 1234)
 SELECTS = range(0x40, 0x44)

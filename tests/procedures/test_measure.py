@@ -19,7 +19,7 @@ from palpate.procedures.commands.root import palpate as root
 from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.catalogue import SHIPPED, procedure_class
 from palpate.procedures.engine.settings import asked_of
-from palpate.procedures.lab import keys
+from palpate.procedures.lab import operator as keys
 from palpate.procedures.records.run import Run
 from tests.conftest import Install
 from tests.procedures.conftest import Benches, Palpate, refused

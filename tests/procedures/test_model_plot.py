@@ -15,7 +15,8 @@ from palpate.instrument.models.ratio import RatioAnswer, RatioQuestion
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.showing import model_picture, model_plot
+from palpate.procedures.showing import model_picture
+from palpate.procedures.showing import model_picture as model_plot
 from palpate.procedures.showing.model_picture import ModelPicture
 from tests import meshes
 from tests.procedures.conftest import Palpate, changed

@@ -17,8 +17,7 @@ from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.lab.chosen import choose
-from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.lab.mounts import BY_HAND, MOUNTING, Mounts, mounts_by
+from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Lab, Mounts, Target, mounts_by
 from palpate.procedures.measurements.characterise.procedure import Characterisation
 from palpate.procedures.measurements.frequency.procedure import FrequencySweep
 from palpate.procedures.measurements.loads.procedure import LoadSweep

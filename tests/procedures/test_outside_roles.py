@@ -22,7 +22,7 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.logs.shown import read_log
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.study.description import StudyFile, study_of
-from palpate.procedures.testing.traffic import Traffic
+from palpate.procedures.testing.wire import Traffic
 from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene

@@ -27,8 +27,7 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.steps.policy import ATTEMPTS, RESTORE, STOP, carry_out, policy_for
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import inject
-from palpate.simulators.faults.fault import parse_faults
-from palpate.simulators.faults.places import places
+from palpate.simulators.faults.fault import parse_faults, places
 from tests.fault_procedures import scene
 from tests.procedures.conftest import Palpate
 from tests.writes import counted_writes

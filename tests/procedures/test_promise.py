@@ -32,7 +32,7 @@ from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.measurements.position.procedure import PositionSweep
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
-from palpate.procedures.measurements.references.reference import Reference
+from palpate.procedures.measurements.references.result import Reference
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
 from tests.procedures.conftest import Palpate

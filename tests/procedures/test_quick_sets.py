@@ -17,10 +17,9 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, SafetyError, UnreachableError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.approach import approach
-from palpate.procedures.steps.probe import APPROACH_STEP, preload
+from palpate.procedures.steps.probe import APPROACH_STEP, approach, preload
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, happens_in, outputs
 from tests.procedures.test_servo import limited, now, open_bridge, stiffen

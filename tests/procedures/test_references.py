@@ -19,12 +19,16 @@ from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.lab.calibrations import path_of
+from palpate.procedures.lab.calibrations import path_of, probable_references
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.lab.probable import probable_references
 from palpate.procedures.measurements.references.procedure import ReferenceSeries
-from palpate.procedures.measurements.references.reference import Reference, read_reference
-from palpate.procedures.measurements.references.result import MODULUS, ReferencesResult, evaluate
+from palpate.procedures.measurements.references.result import (
+    MODULUS,
+    Reference,
+    ReferencesResult,
+    evaluate,
+    read_reference,
+)
 from palpate.procedures.measurements.softness import result as softness
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.measurements.softness.result import SoftnessPoint

@@ -18,10 +18,10 @@ from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.procedures.study.results import Results
-from palpate.procedures.study.store import CellOutcome
+from palpate.procedures.study.run import CellOutcome
 from palpate.procedures.virtual.study_cell import StudyComputation, _target
-from palpate.simulators.planning.load_sets import load_sets
 from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.planning.waveforms import load_sets
 from tests.procedures.conftest import sweep_scene
 from tests.procedures.studies import study_from
 

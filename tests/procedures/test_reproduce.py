@@ -19,7 +19,7 @@ from palpate.procedures.reproduce import curves, models, solutions
 from palpate.procedures.reproduce.chapter4 import position, single
 from palpate.procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, CurveCase, Curves, Solved
 from palpate.procedures.reproduce.figures import chapter4
-from palpate.procedures.reproduce.judging.comparison import ComparedColumn, Comparison, ModelSeries
+from palpate.procedures.reproduce.judging.rows import ComparedColumn, Comparison, ModelSeries
 from palpate.procedures.reproduce.solutions import Solutions
 from tests.procedures.conftest import Palpate
 

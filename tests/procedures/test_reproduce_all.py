@@ -28,7 +28,7 @@ from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, per
 from palpate.procedures.reproduce.curves import CurveCase
 from palpate.procedures.reproduce.judging.criterion import LEAST_SHARE
 from palpate.procedures.reproduce.judging.rows import Row, RowTable
-from palpate.procedures.reproduce.outcome import Everything
+from palpate.procedures.reproduce.page import Everything
 from palpate.procedures.reproduce.solutions import Solutions
 from tests.instrument.test_compression import three
 from tests.procedures.conftest import Palpate

@@ -13,7 +13,7 @@ from palpate.instrument.thesis import TableCell, ThesisTable, read_table
 from palpate.procedures.reproduce.chapter4 import pair, theory
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
 from palpate.procedures.reproduce.curves import TOOTH, CurveCase
-from palpate.procedures.reproduce.judging.comparison import ComparedColumn, Comparison, ModelSeries, fit_sentence
+from palpate.procedures.reproduce.judging.rows import ComparedColumn, Comparison, ModelSeries, fit_sentence
 
 IDENTIFIED = CurveCase("single", "axisymmetric", "identified")
 

@@ -19,11 +19,17 @@ from palpate.procedures.reproduce.chapter4 import theory
 from palpate.procedures.reproduce.chapter5 import experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import quantities
 from palpate.procedures.reproduce.curves import Curves
-from palpate.procedures.reproduce.judging.bias import MeanDifference, all_means, biases, limit
-from palpate.procedures.reproduce.judging.comparison import Comparison, ModelSeries, column_of
-from palpate.procedures.reproduce.judging.criterion import judge
-from palpate.procedures.reproduce.judging.rows import Row, RowCorrelation, RowTable, counts
-from palpate.procedures.reproduce.outcome import Everything
+from palpate.procedures.reproduce.judging.criterion import MeanDifference, all_means, biases, judge, limit
+from palpate.procedures.reproduce.judging.rows import (
+    Comparison,
+    ModelSeries,
+    Row,
+    RowCorrelation,
+    RowTable,
+    column_of,
+    counts,
+)
+from palpate.procedures.reproduce.page import Everything
 from tests.procedures.conftest import Palpate
 from tests.procedures.test_reproduce_all import COMMON, DIFFERENT, MEANS, SINGLE, quick, row, swept
 

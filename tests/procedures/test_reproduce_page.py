@@ -36,9 +36,7 @@ from palpate.procedures.reproduce.figures.chapter5 import BY_RATIO, WITH_THEORIE
 from palpate.procedures.reproduce.judging.criterion import REQUIRED
 from palpate.procedures.reproduce.judging.rows import RowTable, counts
 from palpate.procedures.reproduce.models import Reproduction
-from palpate.procedures.reproduce.outcome import Everything
-from palpate.procedures.reproduce.page import PARTS, write_page
-from palpate.procedures.reproduce.report import print_everything
+from palpate.procedures.reproduce.page import PARTS, Everything, print_everything, write_page
 from tests.procedures.conftest import silent
 from tests.procedures.test_reproduce_all import pressed, row, swept, weighed
 

@@ -19,7 +19,8 @@ from palpate.instrument.bench.description import read_bench
 from palpate.instrument.errors import RecordError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.catalogue import SHIPPED, class_of
-from palpate.procedures.lab import keys, operator
+from palpate.procedures.lab import operator
+from palpate.procedures.lab import operator as keys
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.softness.procedure import SoftnessTest

@@ -13,7 +13,7 @@ from can.interfaces.udp_multicast.bus import GeneralPurposeUdpMulticastBus
 
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.bench import links
-from palpate.instrument.bench.can_ends import MULTICAST, keep_to_group
+from palpate.instrument.bench.links import MULTICAST, keep_to_group
 from palpate.instrument.contracts.contract import PROBE
 from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import BenchAddresses

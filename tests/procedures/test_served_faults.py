@@ -13,7 +13,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.virtual.person import Person
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class
-from palpate.simulators.faults.places import places, struck
+from palpate.simulators.faults.fault import places, struck
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty

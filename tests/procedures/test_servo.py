@@ -20,12 +20,11 @@ from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.static_load import StaticLoadWork
+from palpate.procedures.measurements.work import StaticLoadWork
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.films import SHORT_RECORD
-from palpate.procedures.steps.indicator import PATIENCE
 from palpate.procedures.steps.probe import preload
-from palpate.procedures.steps.servo import LoadServo
+from palpate.procedures.steps.servo import PATIENCE, LoadServo
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.linear.lti import Floats
 from tests.procedures.conftest import OFF, happens_in, outputs, sweep

@@ -23,7 +23,7 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.load_line import DisplaySeries, LoadLine, _reading_u
 from palpate.instrument.findings.mean_ratio import apart
-from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.influence import ERROR, shares_along
@@ -41,14 +41,13 @@ from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
 from palpate.procedures.measurements.frequency import procedure as frequency
-from palpate.procedures.measurements.loads.repeats import floor_of
+from palpate.procedures.measurements.loads.procedure import floor_of
 from palpate.procedures.measurements.softness import result as softness
-from palpate.procedures.reproduce.judging import bias
-from palpate.procedures.reproduce.judging.odds import _cells, fitted_line
-from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ
+from palpate.procedures.reproduce.judging import criterion as bias
+from palpate.procedures.reproduce.judging.criterion import _cells, fitted_line
 from palpate.procedures.steps.film_point import is_short
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER
-from palpate.procedures.steps.standing import _wandered
+from palpate.procedures.steps.policy import FALSE_ALARMS, _wandered, forces_differ
 from tests.instrument.test_film_forces import FREQUENCY, fitted
 from tests.procedures.test_characterise import LOADS, measured, rows
 

@@ -14,8 +14,7 @@ from palpate.instrument.errors import BenchError, RangeError, RecordError, Usage
 from palpate.procedures.study.description import Value
 from palpate.procedures.study.report import plot_study
 from palpate.procedures.study.results import Results, read_results
-from palpate.procedures.study.run import run
-from palpate.procedures.study.store import RECORD, Store
+from palpate.procedures.study.run import RECORD, Store, run
 from tests.procedures.conftest import silent
 from tests.procedures.studies import GRID, RANDOM, study_from
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.study.store import stored
+from palpate.procedures.study.run import stored
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.procedures.study.report import print_study
 from palpate.procedures.study.results import Results
-from palpate.procedures.study.store import CellOutcome
+from palpate.procedures.study.run import CellOutcome
 from tests.procedures.studies import GRID, study_from
 
 OUTCOME = {"study": "out", "points": "out/points.csv", "plot": "out/plot.png", "cells": 12, "done": 12, "failed": []}

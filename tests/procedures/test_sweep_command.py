@@ -14,8 +14,8 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.keys import Keyboard
 from palpate.procedures.lab.lab import Lab
+from palpate.procedures.lab.operator import Keyboard
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run

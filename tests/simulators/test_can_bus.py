@@ -7,7 +7,7 @@ import itertools
 import can
 import pytest
 
-from palpate.instrument.bench.can_ends import MULTICAST
+from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.errors import BenchError
 from palpate.simulators.wire import can_bus
 from palpate.simulators.wire.can_bus import burst, open_bus, own_channel

@@ -18,7 +18,7 @@ from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
 from palpate.simulators.physics.chain import MeasuringChain
 from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
-from palpate.simulators.planning.steady import followed
+from palpate.simulators.planning.plan import followed
 from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.simulators.mapped.drive_state import (
+from palpate.simulators.mapped.positioner import (
     DISABLED,
     ENABLED,
     FAULT,

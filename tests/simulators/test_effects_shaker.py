@@ -26,7 +26,7 @@ from palpate.simulators.linear.periodic import HERTZ
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.plan import driven as measured
-from palpate.simulators.planning.steady import phasors as settled
+from palpate.simulators.planning.plan import phasors as settled
 from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, waveform
 

@@ -11,9 +11,8 @@ import pytest
 
 from palpate.instrument.errors import ConfigError
 from palpate.simulators.faults import FAULTS, fault_class
-from palpate.simulators.faults.fault import Fault, Trigger, parse_faults
-from palpate.simulators.faults.places import places
-from palpate.simulators.faults.places import struck as struck_places
+from palpate.simulators.faults.fault import Fault, Trigger, parse_faults, places
+from palpate.simulators.faults.fault import struck as struck_places
 from palpate.simulators.planning.settle import read_scene
 
 HEAD = 'name = "x"\npurpose = "y"\ndesign = "single"\n'
@@ -178,4 +177,4 @@ def test_without_faults_their_code_is_not_imported(tmp_path: Path) -> None:
     )  # fmt: skip
     without, with_faults = life.stdout.split("\n")[:2]
     assert without == ""
-    assert "palpate.simulators.faults.tcp" in with_faults
+    assert "palpate.simulators.faults.modbus" in with_faults

@@ -18,8 +18,7 @@ from palpate.drivers.devices.sensor_node import Recording
 from palpate.instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.faults import FAULTS, inject
-from palpate.simulators.faults.fault import parse_faults
-from palpate.simulators.faults.places import places
+from palpate.simulators.faults.fault import parse_faults, places
 from palpate.simulators.scenes.scene import Scene
 from tests.writes import counted_writes
 

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.sensor.designs import get_design

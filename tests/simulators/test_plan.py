@@ -19,9 +19,16 @@ from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
 from palpate.simulators.effects.white_noise import WhiteNoise
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning import plan as planning
-from palpate.simulators.planning.plan import CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS, AnswerPlan, Question, plan
+from palpate.simulators.planning.plan import (
+    CLOSED_FORM,
+    DESCRIBING_FUNCTION,
+    TRANSITIONS,
+    AnswerPlan,
+    Question,
+    phasors,
+    plan,
+)
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.steady import phasors
 from tests.simulators.rigs import scene
 
 

@@ -9,8 +9,7 @@ from pymodbus.constants import ExcCodes
 
 from palpate.instrument.contracts.contract import Field, Manners, Scaling
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.wire.device import SimulatedDevice
-from palpate.simulators.wire.registers import Registers
+from palpate.simulators.wire.device import Registers, SimulatedDevice
 from tests.contracts import modbus_contract
 
 ADDRESS, VALUE, FUNCTION = ExcCodes.ILLEGAL_ADDRESS, ExcCodes.ILLEGAL_VALUE, ExcCodes.ILLEGAL_FUNCTION

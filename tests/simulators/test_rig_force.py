@@ -11,8 +11,7 @@ from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.strain_indicator import SimulatedStrainIndicator
 from palpate.simulators.linear.lti import Floats
-from palpate.simulators.rig.load_cell import IDEAL_SENSITIVITY
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig.rig import IDEAL_SENSITIVITY, Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene, share, waveform
 
 

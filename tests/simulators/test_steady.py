@@ -16,8 +16,7 @@ from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.linear.lti import Complexes, Floats
 from palpate.simulators.linear.periodic import HERTZ, SECOND
 from palpate.simulators.physics.effect import Effect
-from palpate.simulators.planning.plan import Question, driven
-from palpate.simulators.planning.steady import describing_function, followed, phasors, steady_state
+from palpate.simulators.planning.plan import Question, describing_function, driven, followed, phasors, steady_state
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import scene

@@ -9,7 +9,7 @@ from palpate.instrument.errors import BenchError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.rig.mounted import SUPPORT_STIFFNESS
+from palpate.simulators.rig.assembly import SUPPORT_STIFFNESS
 from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, scene
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from palpate.instrument.sensor.design import THESIS_LOADS, Design, Film, FilmSheet, Plate
 from palpate.instrument.sensor.designs.single import SINGLE
-from palpate.instrument.sensor.film_material import PVDF
-from palpate.instrument.sensor.material import PLEXIGLAS_THESIS
+from palpate.instrument.sensor.material import PLEXIGLAS_THESIS, PVDF
 
 COMMON_BASE = Design(
     name="common_base",

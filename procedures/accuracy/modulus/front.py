@@ -19,11 +19,18 @@ from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
-from palpate.procedures.measurements.object_modulus.lines import ExpectedRatio, Wanted, expected, lines_of
-from palpate.procedures.measurements.object_modulus.prospect import Prospect, best_of
-from palpate.procedures.measurements.object_modulus.refusal import below_floor, not_known, too_many_sets
-from palpate.procedures.measurements.repeated_sets import MOST_SETS
+from palpate.procedures.measurements.object_modulus.planning import below_floor, not_known, too_many_sets
+from palpate.procedures.measurements.object_modulus.prospect import (
+    ExpectedRatio,
+    Prospect,
+    Wanted,
+    best_of,
+    costs_of,
+    expected,
+    lines_of,
+    shortest,
+)
+from palpate.procedures.measurements.prospects import MOST_SETS
 
 TARGETS = (0.2, 0.1, 0.05, 0.02, 0.01)  # relative standard uncertainty
 POINTS = 48  # of the front

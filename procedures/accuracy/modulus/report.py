@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.instrument.allocation.stopping import FIRST
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.measurements.object_modulus.prospect import Prospect
-from palpate.procedures.measurements.repeated_sets import share
+from palpate.procedures.measurements.prospects import share
 from palpate.procedures.showing.figure import save_in_new
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped

@@ -20,17 +20,19 @@ from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
+from palpate.procedures.lab.calibrations import probable_load_cell
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.lab.probable import probable_load_cell
-from palpate.procedures.measurements.characterise.expected import Conditions, expected_figures
-from palpate.procedures.measurements.characterise.point import HOLDING, LEAST_LOADS, LOADING, UNLOADING, FilmsPoint
-from palpate.procedures.measurements.characterise.repeats import SlopeRepeats
+from palpate.procedures.measurements.characterise.repeats import Conditions, SlopeRepeats, expected_figures
 from palpate.procedures.measurements.characterise.result import (
+    HOLDING,
     LEAST_DRIFT_POINTS,
+    LEAST_LOADS,
+    LOADING,
+    UNLOADING,
     CharacteriseResult,
+    FilmsPoint,
     evaluate,
 )
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
 from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.measurements.settings import (
     DwellTime,
@@ -40,6 +42,7 @@ from palpate.procedures.measurements.settings import (
     bench_time,
     share_setting,
 )
+from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time

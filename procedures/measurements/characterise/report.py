@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING
 from palpate.instrument.quantity import counted
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
-from palpate.procedures.measurements.characterise.point import HOLDING, LOADING, UNLOADING
-from palpate.procedures.measurements.characterise.result import CharacteriseResult, Characteristic
+from palpate.procedures.measurements.characterise.result import (
+    HOLDING,
+    LOADING,
+    UNLOADING,
+    CharacteriseResult,
+    Characteristic,
+)
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.tables import table_of

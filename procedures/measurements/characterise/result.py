@@ -15,27 +15,177 @@ from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.quantity import counted, show, show_with_u
 from palpate.instrument.sensor.design import Design, Film
+from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.characterise import definitions as named
-from palpate.procedures.measurements.characterise.point import (
-    HOLDING,
-    LEAST_LOADS,
-    LOADING,
-    UNLOADING,
-    FilmsPoint,
-    at_top,
-    means,
-)
-from palpate.procedures.measurements.characterise.uncertainty import (
-    Sources,
-    cell_component,
-    components,
-    factor,
-    noise_component,
-)
 from palpate.procedures.records.columns import Column
-from palpate.procedures.steps.flags import reasons
+from palpate.procedures.steps.policy import reasons
+
+# --- The points of a characterisation, and what those at one load tell together ------------------------
+
+LEAST_LOADS = 3  # for a line with its scatter
+LOADING, UNLOADING, HOLDING = "loading", "unloading", "holding"
+
+
+@dataclass(frozen=True, slots=True)
+class FilmsPoint:
+    """All films under one load. Loads and voltages are peak to peak."""
+
+    direction: Annotated[str, Column('"loading", "unloading" or "holding"')]
+    time_s: Annotated[float, Column("time since the load is held; 0 before that", "s")]
+    load_N: columns.AskedLoad
+    load_measured_N: columns.MeasuredLoad
+    load_measured_u: float
+    voltages_V: columns.Volts
+    voltages_u: tuple[float, ...]
+    noise_V: Annotated[tuple[float, ...], Column("rms of each film's noise", "V", u="noise_u")]
+    noise_u: tuple[float, ...]
+    noise_freedom: Annotated[float, Column("degrees of freedom of `noise_u`")]
+    noise_peak_V: Annotated[tuple[float, ...], Column("greatest value of each film's noise", "V")]
+    samples: Annotated[int, Column("number of samples in the record")]
+    valid: columns.Valid
+    flags: columns.Flags
+    attempts: columns.Attempts = 1
+    incidents: columns.Incidents = 0
+    seconds: columns.LapSeconds = None
+
+
+@dataclass(frozen=True, slots=True)
+class Top:
+    """A film in all records at the greatest load [V], and how uncertain that is, as `Sources` has it."""
+
+    volts: float
+    noise_V: float
+    peak_V: float
+    records: int
+    samples: int
+    amplitude: Component
+    residual: Component
+    greatest: Component
+
+
+def at_top(points: Sequence[FilmsPoint], number: int) -> Top:
+    """A film, by its number in the design, in all records at the greatest load."""
+    volts, volts_u, noise, noise_u, peak = (
+        np.array([getattr(p, name)[number] for p in points])
+        for name in ("voltages_V", "voltages_u", "noise_V", "noise_u", "noise_peak_V")
+    )
+    count, samples = len(points), points[-1].samples
+    amplitude_u = float(np.linalg.norm(volts_u) / volts.sum())
+    residual_u = float(np.linalg.norm(noise * noise_u) / (noise @ noise))
+    known = math.fsum(p.noise_freedom for p in points)
+    return Top(
+        volts=float(volts.mean()),
+        noise_V=math.sqrt(float(np.mean(noise**2))),
+        peak_V=float(peak.mean()),
+        records=count,
+        samples=samples,
+        amplitude=Component("amplitude", amplitude_u, kind="A"),
+        residual=Component("noise, as measured", residual_u, 1.0, known, "A"),
+        greatest=Component("greatest of the noise", of_greatest(samples) / math.sqrt(count), kind="A"),
+    )
+
+
+def means(points: Sequence[FilmsPoint], number: int) -> dict[float, tuple[float, float]]:
+    """Mean measured load [N] and mean voltage of a film [V], by the load that was asked for [N]."""
+    found = {}
+    for load in dict.fromkeys(p.load_N for p in points):
+        at = [(p.load_measured_N, p.voltages_V[number]) for p in points if p.load_N == load]
+        loads, volts = zip(*at, strict=True)
+        found[load] = math.fsum(loads) / len(at), math.fsum(volts) / len(at)
+    return found
+
+
+# --- What makes each figure of merit of a film uncertain, whether it was measured or is expected -------
+
+DECIBELS = 20 / math.log(10)  # of a relative change
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """What a film's figures of merit are uncertain by. Components are relative to what they are of, but for `scatter`.
+
+    Attributes:
+        line: the slope of the line through the loads.
+        cell: the load cell's sensitivity.
+        noise: noise of an amplitude, in the mean over the loads.
+        amplitude, residual, greatest: amplitude at the greatest load, rms and greatest value of the residual there.
+        scatter: voltage of one load set about the line.
+        typical, top: root mean square of the voltages, and that at the greatest load, in the unit of `scatter`.
+        span: rise of the line from the least to the greatest load, in the unit of `scatter`.
+        rounds: how often each load was set on the way up; on the way down it is set once.
+        drift: slope of the amplitude under a load that is held [1/min].
+        by_converter: whether the converter ends the dynamic range. Then the slope is in both of its ends and cancels.
+    """
+
+    line: Component
+    cell: Component
+    noise: Component
+    amplitude: Component
+    residual: Component
+    greatest: Component
+    scatter: Component
+    typical: float
+    top: float
+    span: float
+    rounds: float
+    drift: Component
+    by_converter: bool = False
+
+
+def components(of: Sources) -> dict[str, tuple[Component, ...]]:
+    """The components of each figure of merit. `factor` makes them contributions in the figure's unit."""
+
+    def part(name: str, sets: float, whole: float) -> Component:
+        return replace(of.scatter, name=name, u=of.scatter.u * math.sqrt(sets) / whole)
+
+    mean = 1 / of.rounds
+    gain = part("gain of a load set", mean, of.typical)  # gains scatter by a share of the load
+    slope = of.line, of.cell
+    return {
+        named.SNR: (of.amplitude, gain, of.residual),
+        named.PEAK_SNR: (of.amplitude, gain, of.greatest),
+        named.SENSITIVITY: slope,
+        named.RESOLUTION: (*slope, of.noise),
+        named.LINEARITY: (part("scatter of a load", mean, of.span),),
+        named.ZERO_BASED_LINEARITY: (part("scatter of a load", mean, of.top),),
+        named.HYSTERESIS: (part("scatter of two loads", mean + 1, of.span),),
+        named.DYNAMIC_RANGE: (*(() if of.by_converter else slope), of.noise),
+        named.DRIFT: (of.drift,),
+    }
+
+
+def factor(quantity: str, value: float) -> float:
+    """What a component is multiplied with to be a contribution to a figure of some value."""
+    if named.DEFINITIONS[quantity].unit == "dB":
+        return DECIBELS
+    return value if quantity in named.SCALED else 1.0
+
+
+def cell_component(calibration: LoadCellCalibration) -> Component:
+    """Relative uncertainty of a slope by the load cell's sensitivity."""
+    known = float(calibration.degrees_of_freedom or math.inf)
+    return Component("load cell", calibration.sensitivity_u / calibration.sensitivity_mV_per_N, 1.0, known)
+
+
+def noise_component(scatter: float, records: int, samples: int) -> Component:
+    """Noise of an amplitude, in the mean over several records.
+
+    A film that still settles has more noise in one record than in another, and more than random noise would differ.
+
+    Args:
+        scatter: relative standard deviation of the noise of single records.
+        records: number of records.
+        samples: number of samples in all of them.
+    """
+    scattered, random = scatter / math.sqrt(records), 1 / math.sqrt(2 * samples)
+    freedom = records - 1 if scattered > random else math.inf
+    return Component("noise, as measured", max(scattered, random), 1.0, freedom, "A")
+
+
+# -------------------------------------------------------------------------------------------------------
 
 SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
 LEAST_DRIFT_POINTS = 3

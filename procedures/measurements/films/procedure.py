@@ -5,40 +5,207 @@ Thesis 5.4 and A3.1.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import asdict, dataclass
+from functools import cached_property, partial
 from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.calibration.films import FEWEST, FilmReading, calibrate_films
+from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
+from palpate.instrument.allocation.stopping import FIRST, enough
+from palpate.instrument.calibration.films import FEWEST, LOAD_CELL, REPEATS, FilmReading, calibrate_films
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError
-from palpate.instrument.quantity import check_tolerance, counted
+from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM
+from palpate.instrument.quantity import check_tolerance, counted, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
-from palpate.procedures.engine.plan import Plan, Step, point_seconds
+from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads, until_full
-from palpate.procedures.engine.promise import predicted
+from palpate.procedures.engine.promise import RESULTS, Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
-from palpate.procedures.measurements.films.expected import expected_sensitivities
-from palpate.procedures.measurements.films.repeats import FilmRepeats
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
-from palpate.procedures.measurements.prospects import load_cell_of
+from palpate.procedures.measurements.prospects import (
+    MOST_SETS,
+    film_noise,
+    in_rounds,
+    load_cell_of,
+    most_sets,
+    reachable,
+    reading_u,
+    share,
+)
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, share_setting
+from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.flags import causes
+from palpate.procedures.steps.policy import causes
 from palpate.procedures.steps.probe import lower, withdraw
+
+# --- What a calibration of the films is expected to give: the uncertainty of each film's sensitivity ---
+#
+# A film's gain scatters from load set to load set as the design says [M], noise is that of usual films [A], and each
+# load is off by its reading. The error of the load cell's curve is common to all points.
+
+
+def expected_sensitivities(
+    design: Design, loads: Sequence[float], frequencies: int, dwell: float, cell: LoadCellCalibration
+) -> list[Expected]:
+    """Relative uncertainty of each film's sensitivity.
+
+    Args:
+        design: design of the sensor.
+        loads: load of each load set on a tooth, peak to peak [N].
+        frequencies: how many frequencies they are taken at.
+        dwell: dwell of each point [s].
+        cell: calibration of the load cell.
+    """
+    common = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
+    found = []
+    for film in design.films:
+        noise = [film_noise(film, load, dwell, noise_of(design)) for load in loads]
+        points = [
+            math.hypot(film.scatter, each, reading_u(cell, load)) for each, load in zip(noise, loads, strict=True)
+        ]
+        count = len(points) * frequencies * len(film.teeth)
+        scatter = math.sqrt(math.fsum(u**2 for u in points) / len(points) / count)
+        found.append(Expected(f"sensitivity of film {film.name}", math.hypot(scatter, common)))
+    return found
+
+
+# --- A tolerance of each film's sensitivity: how often the loads are repeated on each tooth ------------
+#
+# The load sets on a tooth take the loads in turn, in whole rounds at each frequency. The first ones tell how much the
+# films' gains scatter, and that tells how many there are in all, as `instrument.allocation.stopping` has it. The
+# error of the load cell's curve is common to all of them.
+
+
+@dataclass(frozen=True)
+class FilmRepeats:
+    """The load sets on each tooth that give the sensitivity of its films a tolerance.
+
+    Attributes:
+        design: the sensor.
+        cell: calibration of the load cell.
+        loads: loads of one round, peak to peak [N].
+        frequencies: frequencies of the load [Hz], each of which has as many rounds.
+        dwell: dwell of a set [s].
+        tolerance: relative standard uncertainty of each film's sensitivity.
+    """
+
+    design: Design
+    cell: LoadCellCalibration
+    loads: tuple[float, ...]
+    frequencies: tuple[float, ...]
+    dwell: float
+    tolerance: float
+
+    @cached_property
+    def allocation(self) -> Allocation:
+        """The plan for a tooth at one frequency, in whole rounds.
+
+        Raises:
+            RangeError: the load cell's calibration alone is not below the tolerance, or it takes too many sets.
+        """
+        return _allocation(self)
+
+    def lines(self) -> list[BudgetLine]:
+        """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
+        worst = max(film.scatter for film in self.design.films)
+        weakest = min(film.sensitivity for film in self.design.films) * min(self.loads)
+        share = 1 / math.sqrt(len(self.frequencies))
+        return [
+            BudgetLine(REPEATS, share * worst, RepeatUnit.SET, PRIOR_FREEDOM),
+            BudgetLine(NOISE, share * 2 * noise_of(self.design) / weakest, RepeatUnit.SECOND),
+            BudgetLine(LOAD_CELL, self.cell_u, RepeatUnit.NOTHING, self.cell.degrees_of_freedom or math.inf),
+        ]
+
+    @property
+    def cell_u(self) -> float:
+        """Relative standard uncertainty of a sensitivity by the load cell's curve."""
+        return self.cell.mean_curve_u(np.asarray(self.loads, dtype=np.float64))
+
+    @property
+    def costs(self) -> Costs:
+        """Bench times of a tooth at one frequency, on average; it is pressed once, at the first frequency."""
+        first = point_seconds(self.frequencies[0], self.dwell, first=True)
+        later = [point_seconds(frequency, self.dwell, first=False) for frequency in self.frequencies]
+        return Costs((first - later[0]) / len(later), 0.0, math.fsum(later) / len(later) - self.dwell)
+
+    def most(self) -> int:
+        """The most load sets on a tooth at one frequency, in whole rounds."""
+        return most_sets(self.allocation, len(self.loads))
+
+    def has_enough(self, points: Sequence[PressedPoint]) -> bool:
+        """Whether the points of a tooth at one frequency are enough for each of its films."""
+        if not points or len(points) % len(self.loads):
+            return False
+        own = [number for number, film in enumerate(self.design.films) if points[0].tooth - 1 in film.teeth]
+        try:
+            return all(self._enough([p.voltages_V[number] / p.load_measured_N for p in points]) for number in own)
+        except RangeError:  # by the scatter that was found no time is enough
+            return True
+
+    def _enough(self, gains: Sequence[float]) -> bool:
+        sensitivity = 1 / math.sqrt(len(self.frequencies))
+        return bool(enough(self.lines(), self.costs, self.tolerance, self.allocation, sensitivity, [gains]).why)
+
+    def predicted(self) -> Predicted:
+        """What the run is predicted to take and to give; a plan for people."""
+        plan, teeth = self.allocation, len(self.design.teeth)
+        sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
+        lines = [
+            f"wanted         {share(self.tolerance, 3)} of the sensitivity of each film",
+            f"plan           {sets} load sets on each tooth, of {show(self.dwell, 's')}: {duration(seconds)} "
+            f"(person {MOUNTING * teeth:g} s)",
+            f"expected       {share(plan.u, 3)}, of which the load cell's calibration has {share(self.cell_u, 3)}",
+            f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
+        ]
+        loads = self.loads * (plan.sets // len(self.loads))
+        results = expected_sensitivities(self.design, loads, len(self.frequencies), self.dwell, self.cell)
+        told = {
+            RESULTS: [asdict(each) for each in results],
+            "planned": {"sets": sets, "seconds": seconds, "u": plan.u, "binds": plan.binds, "shares": plan.shares},
+        }
+        return Predicted(seconds, plan.u, told, lines)
+
+
+def _allocation(asked: FilmRepeats) -> Allocation:
+    lines = asked.lines()
+    try:
+        found = allocate(lines, asked.costs, asked.tolerance, asked.dwell, FIRST)
+    except BelowFloor as error:
+        told = [
+            f"--tolerance {share(asked.tolerance, 3)} cannot be reached: the calibration of the {error.line} leaves "
+            f"{share(error.floor, 3)} of each sensitivity, which no load set lowers",
+            f"best now  {share(error.floor, 3)}",
+            "or        calibrate the load cell with more weights and runs: palpate calibrate load-cell --runs 3",
+            "or        greater --loads, at which its zero counts for less",
+            "note      a force ratio does not feel the load cell: it cancels in tooth and base",
+        ]
+        raise RangeError("\n  ".join(told)) from None
+    if found.sets > MOST_SETS:
+        best = reachable(budget(lines, 1, MOST_SETS, asked.dwell).u)
+        raise RangeError(
+            f"--tolerance {share(asked.tolerance, 3)} takes {found.sets} load sets on each tooth, above the limit of "
+            f"{MOST_SETS}; give --tolerance '{best}' or more"
+        )
+    return in_rounds(lines, asked.costs, found.sets, asked.dwell, len(asked.loads))
+
+
+# -------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

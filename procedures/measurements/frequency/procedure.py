@@ -10,17 +10,17 @@ from typing import Annotated
 
 import numpy as np
 
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.frequency_response import TACTILE, phase_lead
-from palpate.procedures.engine.plan import Plan, Step, first_steps, point_seconds
+from palpate.instrument.signals.frequency_response import TACTILE, fit_corner, high_pass, phase_lead
+from palpate.procedures.engine.plan import Plan, Step, first_steps, noise_of, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads
-from palpate.procedures.engine.promise import predicted
+from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.frequency.expected import expected_corners
 from palpate.procedures.measurements.frequency.result import (
     FEWEST,
     FilmFrequencyResponse,
@@ -28,21 +28,56 @@ from palpate.procedures.measurements.frequency.result import (
     FrequencyResult,
     evaluate,
 )
-from palpate.procedures.measurements.prospects import expected_ratio, load_cell_of
+from palpate.procedures.measurements.prospects import expected_ratio, film_noise, load_cell_of, load_on, reading_u
 from palpate.procedures.measurements.settings import PeakLoad, SampleName
 from palpate.procedures.measurements.sweep import Sweep, SweepWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import (
-    check_end,
-    check_force,
-    check_frequency,
-    check_increasing,
-    check_time,
-)
+from palpate.procedures.steps.checks import check_end, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
-from palpate.procedures.steps.films import check_nodes
+from palpate.procedures.steps.films import CHARGE_AMPLIFIER, check_nodes
 from palpate.procedures.steps.probe import press
+
+# --- What a frequency sweep is expected to give: the corner of each film and its gain above it ---------
+#
+# Both come from the fit of the sweep itself, for gains without an error of their own. A film's gain scatters as the
+# design says [M], noise is that of usual films [A], and the corner is that of usual charge amplifiers [A]. No
+# resonance is expected: whether the sweep shows one is for the run to tell.
+
+
+def expected_corners(
+    design: Design,
+    ratio: float,
+    frequencies: Sequence[float],
+    dwells: Sequence[float],
+    load: float,
+    cell: LoadCellCalibration,
+) -> list[Expected]:
+    """Relative uncertainties of each film's corner and gain; none for a film whose corner the sweep would not show.
+
+    Args:
+        design: design of the sensor.
+        ratio: expected force ratio of the sample.
+        frequencies: frequencies of the points [Hz].
+        dwells: dwell of each [s].
+        load: load, peak to peak [N].
+        cell: calibration of the load cell.
+    """
+    curve_u = cell.mean_curve_u(np.array([load]))
+    corner = 1 / (2 * math.pi * CHARGE_AMPLIFIER)
+    passed = np.exp(high_pass(np.asarray(frequencies, dtype=np.float64), 0.0, corner))
+    found = []
+    for film in design.films:
+        noise = film_noise(film, load_on(design, film, ratio, load), 1.0, noise_of(design)) / np.sqrt(dwells) / passed
+        u = np.sqrt(film.scatter**2 + noise**2 + reading_u(cell, load) ** 2)
+        fitted = fit_corner(frequencies, passed, passed * u)
+        if fitted is not None:
+            found.append(Expected(f"corner of film {film.name}", fitted.corner_u / fitted.corner_Hz))
+            found.append(Expected(f"gain of film {film.name}", math.hypot(fitted.gain_u / fitted.gain, curve_u)))
+    return found
+
+
+# -------------------------------------------------------------------------------------------------------
 
 DEFAULT = "0.1 Hz:100 Hz:13"
 RANGE = (0.1, 100.0)  # Hz

@@ -11,9 +11,8 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.frequency.result import FrequencyPoint, FrequencyResult
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
-from palpate.procedures.showing.marks import legend
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import new_table, print_all, stamped, where
+from palpate.procedures.showing.text import legend, new_table, print_all, stamped, where
 
 
 def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot: Path) -> None:

@@ -19,7 +19,7 @@ from palpate.instrument.allocation.allocate import Allocation, BelowFloor, alloc
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.stopping import FIRST
 from palpate.instrument.calibration.classification import WeightRun
-from palpate.instrument.calibration.displayed import rounding_u
+from palpate.instrument.calibration.displayed import displayed_curve, rounding_u
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_curve import (
     CURVE,
@@ -34,12 +34,46 @@ from palpate.instrument.quantity import counted, show
 from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
 from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import Predicted
-from palpate.procedures.engine.promise import RESULTS
-from palpate.procedures.lab.mounts import MOUNTING
-from palpate.procedures.measurements.load_cell.expected import SENSITIVITY, share3
+from palpate.procedures.engine.promise import RESULTS, Expected
+from palpate.procedures.lab.lab import MOUNTING
 from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SETTLING
-from palpate.procedures.measurements.prospects import display_scatter
+from palpate.procedures.measurements.prospects import display_scatter, share
 from palpate.procedures.showing.plan import duration
+
+# --- What a calibration of the load cell is expected to give: the uncertainty of its sensitivity -------
+#
+# It is that of the line through the mean readings, which the fit itself gives for readings without an error of their
+# own. A reading is off by the display's steps and its noise (`displayed_curve`). The cell is assumed to be straight
+# and to repeat [A]: what it does else is found by the run alone.
+
+SENSITIVITY = "sensitivity"
+
+
+def expected_sensitivity(
+    loads: Sequence[float], readings: int, degree: int | None, cell: LoadCellCalibration, loads_u: float = 0.0
+) -> list[Expected]:
+    """Relative uncertainty of the sensitivity.
+
+    Args:
+        loads: the weights [N].
+        readings: displayed values of each, in all runs and directions.
+        degree: degree of the curve; None: 1.
+        cell: what is known of the cell and its display.
+        loads_u: relative standard uncertainty of all loads together.
+    """
+    load = np.asarray(loads, dtype=np.float64)
+    straight = cell.sensitivity_mV_per_N * load
+    curve = displayed_curve(load, straight, display_scatter(cell), cell.resolution_mV, readings, degree or 1)
+    u = math.sqrt(curve.covariance[1, 1]) / cell.sensitivity_mV_per_N
+    return [Expected(SENSITIVITY, math.hypot(u, loads_u))]
+
+
+def share3(u: float) -> str:
+    """A share in percent, with three digits: near what the steps leave, time rises fast."""
+    return share(u, 3)
+
+
+# -------------------------------------------------------------------------------------------------------
 
 Floats = npt.NDArray[np.float64]
 

@@ -14,9 +14,8 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.loads.result import LoadPoint, SampleMean, SweepResult
 from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import new_figure, plot_over_loads, save
-from palpate.procedures.showing.marks import legend
 from palpate.procedures.showing.tables import NOTHING, table_of
-from palpate.procedures.showing.text import new_table, percent, print_all, stamped, where
+from palpate.procedures.showing.text import legend, new_table, percent, print_all, stamped, where
 
 ROUNDING = 1e-6  # of a tolerance
 OF_CHOSEN = ("dwell_s", "relative_u_predicted", "relative_u")  # columns of points whose dwell was chosen

@@ -14,7 +14,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import LAST, Column
-from palpate.procedures.showing.marks import OUTSIDE
+from palpate.procedures.showing.text import OUTSIDE
 
 
 def marked_load(point: LoadPoint) -> str:

@@ -13,9 +13,8 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.columns import Column
 from palpate.procedures.showing.figure import new_figure, save
-from palpate.procedures.showing.marks import MARKS, OUTSIDE, legend
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import new_table, print_all, stamped, where
+from palpate.procedures.showing.text import MARKS, OUTSIDE, legend, new_table, print_all, stamped, where
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from typing import Annotated
+from typing import Annotated, TypeVar
 
-from palpate.drivers.roles import SensorNode
+from palpate.drivers.roles import SampleChanger, SensorNode
 from palpate.instrument.calibration.calibration import ANY, CalibrationOwner
 from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.errors import RangeError, UsageError
@@ -19,34 +19,92 @@ from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Predicted, Step
-from palpate.procedures.engine.procedure import Finished, Procedure, Report, RequiredLoads
+from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import check_store, keep, mountings_of
+from palpate.procedures.lab.calibrations import check_store, keep, mountings_of, references_on, with_films
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.lab.probable import references_on, with_films
 from palpate.procedures.lab.session import CalibrationKeys
-from palpate.procedures.measurements.object_modulus.alternatives import alternatives, worth_lines
-from palpate.procedures.measurements.object_modulus.costs import costs_of, shortest
-from palpate.procedures.measurements.object_modulus.course import Course
-from palpate.procedures.measurements.object_modulus.lines import Wanted, curve_of
-from palpate.procedures.measurements.object_modulus.planning import prospect_of
-from palpate.procedures.measurements.object_modulus.prospect import most_sets
-from palpate.procedures.measurements.object_modulus.result import (
+from palpate.procedures.measurements.object_modulus.course import (
     LEAST_MOUNTINGS,
+    Course,
     ModulusPoint,
     ObjectModulusResult,
     mounting_scatter,
     ratios_of,
 )
+from palpate.procedures.measurements.object_modulus.planning import alternatives, prospect_of, worth_lines
+from palpate.procedures.measurements.object_modulus.prospect import Wanted, costs_of, curve_of, most_sets, shortest
 from palpate.procedures.measurements.object_modulus.telling import missed_by, planned_lines, scatter_told
-from palpate.procedures.measurements.object_modulus.work import Measuring
 from palpate.procedures.measurements.settings import Frequency, bench_time, model_name, share_setting
 from palpate.procedures.measurements.softness.procedure import check_simulated
+from palpate.procedures.measurements.work import DynamicLoadWork
+from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_time
 from palpate.procedures.steps.dwells import Dwells
+from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
+from palpate.procedures.steps.probe import approach, mount, other_sample, withdraw
+
+# --- The bench work of the measurement of one object's modulus -----------------------------------------
+
+T = TypeVar("T")
+
+
+class Measuring(DynamicLoadWork):
+    """The bench work: one set after the other, with the object mounted again when the course says so."""
+
+    def __init__(self, lab: Lab, record: Recorder, course: Course, touched: Sample) -> None:
+        self._spent, self._bench = 0.0, lab.bench
+        self._course, self._object = course, touched
+        self._points: list[ModulusPoint] = record.finished(ModulusPoint)
+        self._mounting = self._points[-1].mounting if self._points else 0
+        self._free, self._loaded = 0.0, False
+        self._plan = self._course.prospect
+        if self._plan.allocation.mountings > 1 and (changer := lab.bench.maybe(SampleChanger)):
+            other_sample(changer, touched)
+        set_up = super().__init__
+        self._timed(lambda: set_up(lab, record, (self._plan.load,), course.wanted.frequency, (self._object.name,)))
+
+    def arrange(self, step: Step) -> None:
+        self._timed(partial(self._mount, anew=self._mounting > 0))  # after an interruption the object may have moved
+
+    def take(self, step: Step) -> Measurement[ModulusPoint]:
+        if self._loaded and self._course.remounts(self._points):
+            self._timed(partial(self._mount, anew=True))
+        measured = self._timed(partial(self._set, step.what))
+        self._loaded = True
+        point = gathered(
+            ModulusPoint, measured, measured.forces(self.lab.design),
+            mounting=self._mounting, load_N=self._plan.load, seconds=self._spent, free_m=self._free,
+        )  # fmt: skip
+        self._spent = 0.0
+        self._points.append(point)
+        return Measurement(point, measured.waveforms(self.lab.design))
+
+    def _mount(self, anew: bool = False) -> None:
+        withdraw(self.lab.bench)
+        mount(self.lab.bench, self._object, anew)
+        self._mounting += 1
+        onto = f"sample {self._object.name}"
+        found = approach(self.lab.bench, self.lab.calibration, self.preload, onto, known=self._free)
+        self._free, self._loaded = found.free, False
+        self.hold(found.force)
+
+    def _set(self, what: str) -> FilmPoint:
+        """A set by the load cell after a mounting, and by the amplitude that this gave from then on."""
+        return (self.again if self._loaded else self.measured)(self._plan.load, what, self._plan.allocation.dwell)
+
+    def _timed(self, step: Callable[[], T]) -> T:
+        began = self._bench.clock.now_ns()
+        try:
+            return step()
+        finally:
+            self._spent += 1e-9 * (self._bench.clock.now_ns() - began)
+
+
+# -------------------------------------------------------------------------------------------------------
 
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
 UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known

@@ -8,9 +8,9 @@ from pathlib import Path
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import counted, show
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.object_modulus.result import ObjectModulusResult, mounting_scatter, ratios_of
+from palpate.procedures.measurements.object_modulus.course import ObjectModulusResult, mounting_scatter, ratios_of
 from palpate.procedures.measurements.object_modulus.telling import planned_lines, scatter_told
-from palpate.procedures.measurements.repeated_sets import share
+from palpate.procedures.measurements.prospects import share
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.moduli import between
 from palpate.procedures.showing.text import print_all, stamped, taken, where

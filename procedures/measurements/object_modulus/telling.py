@@ -7,12 +7,10 @@ from collections.abc import Mapping
 
 from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.quantity import as_typed, counted, show
-from palpate.instrument.uncertainty.budget import COVERAGE
-from palpate.instrument.uncertainty.groups import Between
-from palpate.procedures.measurements.object_modulus.lines import Wanted
-from palpate.procedures.measurements.object_modulus.prospect import Prospect, has_most_sets
-from palpate.procedures.measurements.object_modulus.result import LEAST_MOUNTINGS
-from palpate.procedures.measurements.repeated_sets import MOST_SETS, share
+from palpate.instrument.uncertainty.budget import COVERAGE, Between
+from palpate.procedures.measurements.object_modulus.course import LEAST_MOUNTINGS
+from palpate.procedures.measurements.object_modulus.prospect import Prospect, Wanted, has_most_sets
+from palpate.procedures.measurements.prospects import MOST_SETS, share
 
 ROUNDING = 1e-9
 LEAST_SHARE = 0.005  # a smaller one is not told

@@ -20,8 +20,7 @@ from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.position.expected import ONCE, expected_places, place_seconds
-from palpate.procedures.measurements.position.refusal import FEWEST, mm
-from palpate.procedures.measurements.position.repeats import PlaceRepeats
+from palpate.procedures.measurements.position.repeats import FEWEST, PlaceRepeats, mm
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName, bench_time
 from palpate.procedures.measurements.sweep import Sweep, SweepWork

@@ -8,7 +8,7 @@ the table of point loads is the same in all of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
@@ -26,7 +26,7 @@ from palpate.instrument.signals.dwell import STEP, whole_steps
 from palpate.instrument.uncertainty.budget import Budget, coverage_factor
 from palpate.procedures.engine.plan import Predicted, point_seconds
 from palpate.procedures.engine.promise import RESULTS, Expected
-from palpate.procedures.lab.mounts import MOUNTING
+from palpate.procedures.lab.lab import MOUNTING
 from palpate.procedures.measurements.position.expected import (
     END,
     ONCE,
@@ -36,11 +36,46 @@ from palpate.procedures.measurements.position.expected import (
     place_seconds,
     share_noise,
 )
-from palpate.procedures.measurements.position.refusal import below_floor, mm
 from palpate.procedures.measurements.position.result import FoundPlace, PositionPoint
-from palpate.procedures.measurements.repeated_sets import MOST_SETS, in_rounds, most_sets
+from palpate.procedures.measurements.prospects import MOST_SETS, in_rounds, most_sets
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.servo import RELEASED
+
+# -------------------------------------------------------------------------------------------------------
+# A tolerance of a place that no load set reaches: where, why, the best there is, and which positions reach it
+
+FEWEST = 2  # positions of a sweep
+AMBIGUOUS = 0.3e-3  # m; one place alone is known better
+
+
+def below_floor(tolerance: float, floors: Mapping[float, float], reached: Iterable[float]) -> RangeError:
+    """The refusal of a tolerance [m] below the floor of some positions.
+
+    Args:
+        tolerance: the tolerance [m].
+        floors: what no load set lowers [m], by the position [m].
+        reached: positions that can have the tolerance [m].
+    """
+    each = ", ".join(f"{mm(floor)} at {mm(x)}" for x, floor in floors.items())
+    best = max(floors.values())
+    lines = [
+        f"--tolerance {mm(tolerance)} cannot be reached at {counted(len(floors), 'position')}: the error of the "
+        f"{TABLE} leaves {each}, which no load set lowers",
+        f"best now  {mm(best)} at all positions" + (", with --tolerance left out" if best > AMBIGUOUS else ""),
+    ]
+    if len(good := list(map(mm, reached))) >= FEWEST:
+        lines.append(f"or        --positions '{', '.join(good)}', which reach it")
+    if best > AMBIGUOUS:
+        lines.append("note      two places on both sides of a tooth's middle give nearly the same shares")
+    return RangeError("\n  ".join(lines))
+
+
+def mm(length: float) -> str:
+    """A length [m] in millimetres, for people."""
+    return f"{1e3 * length:.3g} mm"
+
+
+# -------------------------------------------------------------------------------------------------------
 
 RESERVE = 1.0  # s, for a set that takes longer than usual
 ROUNDING = 1e-9  # of a tolerance

@@ -18,9 +18,8 @@ from palpate.procedures.measurements.position.expected import name_of
 from palpate.procedures.measurements.position.result import DOUBT, FoundPlace, PositionPoint, PositionResult
 from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import new_figure, save
-from palpate.procedures.showing.marks import legend
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import print_all, stamped, taken, where
+from palpate.procedures.showing.text import legend, print_all, stamped, taken, where
 
 if TYPE_CHECKING:
     from rich.table import Table

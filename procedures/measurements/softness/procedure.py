@@ -8,7 +8,7 @@ from functools import partial
 from typing import Annotated
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.object_modulus import estimate
+from palpate.instrument.findings.object_modulus import ByReferences, estimate
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.response import response
@@ -21,18 +21,61 @@ from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import RESULTS, Expected, greatest, predicted
 from palpate.procedures.engine.settings import Setting
+from palpate.procedures.lab.calibrations import references_on
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.lab.probable import references_on
-from palpate.procedures.measurements.dynamic_load import DynamicLoadWork
+from palpate.procedures.measurements.prospects import expected_mean
 from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, model_name, share_setting
-from palpate.procedures.measurements.softness.expected import expected_moduli
 from palpate.procedures.measurements.softness.ranking import MOST, Ranking
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
+from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.films import check_nodes
+
+# -------------------------------------------------------------------------------------------------------
+# What a softness test is expected to give: the mean force ratio of each object, and its modulus by the model
+#
+# Ratios are the thesis' means [M]; for other objects they are those of the model that answers, at the object's
+# modulus. The uncertainty of a modulus is that of `estimate` for the expected mean.
+
+
+def expected_moduli(
+    design: Design,
+    ratios: Mapping[str, float],
+    loads: Mapping[str, Sequence[float]],
+    dwell: float,
+    question: RatioQuestion | None,
+    references: ByReferences | None = None,
+) -> list[Expected]:
+    """Relative uncertainties of the mean ratio and of the modulus of each object, on the model's scale and absolute.
+
+    Args:
+        design: design of the sensor.
+        ratios: expected force ratio of each object, by its name.
+        loads: load of each load set of each object, peak to peak [N].
+        dwell: dwell of each [s].
+        question: what the model is asked; None: it takes too long to answer beforehand.
+        references: the model's calibration by references; None: there is none.
+    """
+    means = {
+        name: expected_mean(f"force ratio of {name}", design, ratio, loads[name], [dwell] * len(loads[name]))
+        for name, ratio in ratios.items()
+    }
+    found = [Expected.of(mean) for mean in means.values()]
+    if question is None:
+        return found
+    values, us, freedom = zip(*((m.value, m.u, m.degrees_of_freedom) for m in means.values()), strict=True)
+    rows = estimate(question, values, us, freedom, references)
+    for name, row in zip(means, rows, strict=True):
+        for told in ("scale", "absolute"):
+            if row["modulus_Pa"] is not None and row[f"{told}_u"] is not None:
+                found.append(Expected(f"modulus of {name}, {told}", row[f"{told}_u"]))
+    return found
+
+
+# -------------------------------------------------------------------------------------------------------
 
 EDGE = 1e-9  # distance that an expected ratio keeps from 0 and 1
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour

@@ -24,7 +24,7 @@ from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample
 from palpate.procedures.engine.plan import Predicted, expected_noise, point_seconds
-from palpate.procedures.lab.mounts import BY_HAND, Mounts
+from palpate.procedures.lab.lab import BY_HAND, Mounts
 from palpate.procedures.measurements.prospects import expected_ratio
 from palpate.procedures.measurements.softness.result import NotTold, Ranked, SoftnessPoint
 from palpate.procedures.showing.plan import duration

@@ -14,9 +14,8 @@ from palpate.procedures.measurements.softness.result import Softness, SoftnessPo
 from palpate.procedures.records.columns import LAST, Column, columns_of
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import logarithmic, new_figure, plot_over_loads, save
-from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import print_all, stamped, where
+from palpate.procedures.showing.text import MARKS, legend, print_all, stamped, where
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

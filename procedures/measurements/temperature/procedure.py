@@ -18,16 +18,16 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.estimators import boxcar, rms
+from palpate.instrument.signals.estimate import boxcar, rms
+from palpate.instrument.uncertainty.interpolation import interpolate
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads
-from palpate.procedures.engine.promise import predicted
+from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.prospects import expected_ratio
+from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName
 from palpate.procedures.measurements.sweep import Sweep, SweepWork
-from palpate.procedures.measurements.temperature.expected import expected_change
 from palpate.procedures.measurements.temperature.result import (
     FEWEST,
     FilmWarming,
@@ -41,8 +41,32 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.standing import BEFORE, LENGTH, RESPONSE, Added, after_change, before_change
+from palpate.procedures.steps.policy import BEFORE, LENGTH, RESPONSE, Added, after_change, before_change, carry_out
+
+# -------------------------------------------------------------------------------------------------------
+# What a temperature sweep is expected to give: the uncertainty of the force ratio's change with temperature
+#
+# It is that of the line through the ratios over the changes of temperature, whose points scatter as the design says
+# [M], with the noise of the films, which is the usual one [A] where none is stated. What a change adds to a film's
+# offset depends on the films' surroundings: its uncertainty is found by the run alone.
+
+
+def expected_change(design: Design, ratio: float, load: float, dwell: float, steps: Sequence[float]) -> list[Expected]:
+    """Uncertainty of the relative change of the ratio [1/K].
+
+    Args:
+        design: design of the sensor.
+        ratio: expected force ratio of the sample.
+        load: load, peak to peak [N].
+        dwell: dwell of each point [s].
+        steps: the changes of temperature [K].
+    """
+    point = expected_mean("point", design, ratio, [load], [dwell])
+    line = interpolate(steps, [0.0] * len(steps), point.u / point.value)
+    return [Expected("change of the force ratio with a trend", math.sqrt(line.covariance[1, 1]), "1/K")]
+
+
+# -------------------------------------------------------------------------------------------------------
 
 RANGE = (-20.0, 40.0)  # K relative to the start; PVDF loses its polarisation above about 80 °C [S]
 MOST = 50  # greatest number of temperatures

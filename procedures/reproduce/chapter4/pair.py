@@ -10,8 +10,8 @@ from palpate.instrument.thesis import ThesisTable, read_table
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
 from palpate.procedures.reproduce.chapter4.prediction import prediction_sentences
 from palpate.procedures.reproduce.curves import TOOTH, CurveCase, Curves, ring_of
-from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
-from palpate.procedures.reproduce.judging.odds import odds_sentence
+from palpate.procedures.reproduce.judging.criterion import odds_sentence
+from palpate.procedures.reproduce.judging.rows import Comparison, column_of, fit_sentence
 
 GOAL = 0.015
 # Design of each table, and the table of the same layout on a common base.

@@ -13,7 +13,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4.theory import table_ratio
 from palpate.procedures.reproduce.curves import BASE, COARSE_MESH, RING, TOOTH, Curves, film_voltages
-from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
+from palpate.procedures.reproduce.judging.rows import Comparison, column_of, fit_sentence
 
 MODEL = "solid"
 # Modulus of the object, which the table does not tell: with it Table A2.3 has the ratio that A2.7 has beside the teeth.

@@ -11,7 +11,7 @@ from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.curves import RING, ring_of
-from palpate.procedures.reproduce.judging.comparison import ComparedColumn, Comparison
+from palpate.procedures.reproduce.judging.rows import ComparedColumn, Comparison
 
 Array = NDArray[np.float64]
 

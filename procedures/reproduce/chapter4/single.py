@@ -8,8 +8,8 @@ from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
 from palpate.procedures.reproduce.chapter4.prediction import prediction_sentences
 from palpate.procedures.reproduce.curves import BASE, TOOTH, CurveCase, Curves, ring_of
-from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
-from palpate.procedures.reproduce.judging.odds import odds_sentence
+from palpate.procedures.reproduce.judging.criterion import odds_sentence
+from palpate.procedures.reproduce.judging.rows import Comparison, column_of, fit_sentence
 
 MODELS = ("axisymmetric", "solid")
 GOAL = 0.012  # for the set that was identified from A2.1 and A2.3 together

@@ -15,7 +15,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import TableCell, ThesisTable, program_lines, read_table
 from palpate.procedures.reproduce.curves import RING, CurveCase, Curves
-from palpate.procedures.reproduce.judging.comparison import ComparedColumn, Comparison, ModelSeries, fit_sentence
+from palpate.procedures.reproduce.judging.rows import ComparedColumn, Comparison, ModelSeries, fit_sentence
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import TableCell, ThesisTable, read_table
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.reproduce.chapter4.theory import COLUMNS, beam_ratios, sample_moduli, table_ratio
-from palpate.procedures.reproduce.judging.comparison import Comparison
-from palpate.procedures.reproduce.judging.rows import WITHIN, Row, RowCorrelation, RowTable
+from palpate.procedures.reproduce.judging.rows import WITHIN, Comparison, Row, RowCorrelation, RowTable
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4.theory import OF_THEORY, beam_ratios, implied, sample_moduli
 from palpate.procedures.reproduce.curves import RING, STIFF_RING, CurveCase, Curves
 from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, SavedPicture, canvas, legend, save
-from palpate.procedures.reproduce.judging.comparison import Comparison
+from palpate.procedures.reproduce.judging.rows import Comparison
 
 Array = NDArray[np.float64]
 

@@ -5,17 +5,212 @@ from __future__ import annotations
 import csv
 import math
 import statistics
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from palpate.instrument.models.evidence import Evidence
+from palpate.instrument.models.springs import LINES, OddsLine
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.thesis import ThesisTable
 from palpate.procedures.records.run import storing
-from palpate.procedures.reproduce.judging.bias import BY_CHANCE, MeanDifference, all_means, limit
-from palpate.procedures.reproduce.judging.comparison import HARD_END
-from palpate.procedures.reproduce.judging.rows import WITHIN, Count, Row, RowTable
+from palpate.procedures.reproduce.curves import RING, ring_of
+from palpate.procedures.reproduce.judging.rows import HARD_END, WITHIN, Count, Row, RowTable
+
+# -------------------------------------------------------------------------------------------------------
+# The law of the thesis' three-dimensional tables: tooth force over ring force is a straight line in the modulus
+
+Array = NDArray[np.float64]
+
+STEPS = 20  # of Gauss and Newton; five would suffice
+
+
+def fitted_line(table: ThesisTable) -> OddsLine:
+    """Line by least squares over the unrepaired force ratios of a table; `residual` is over all its cells."""
+    places, ratios, sound = _cells(table)
+    x, ratio = places[sound], ratios[sound]
+    start, slope = 0.1, 0.1
+    for _ in range(STEPS):
+        odds = start + slope * x
+        weight = 1 / (1 + odds) ** 2  # change of the ratio by one of the odds
+        change, *_ = np.linalg.lstsq(
+            weight[:, None] * np.stack([np.ones_like(x), x], axis=1), ratio - odds / (1 + odds), rcond=None
+        )
+        start, slope = max(start + change[0], 1e-6), max(slope + change[1], 1e-6)
+    return OddsLine(float(start), float(slope), distance(OddsLine(float(start), float(slope), 0.0), table))
+
+
+def distance(line: OddsLine, table: ThesisTable) -> float:
+    """Greatest difference of the line's force ratio from a table's."""
+    places, ratios, _ = _cells(table)
+    return float(np.abs([line.force_ratio(place) for place in places] - ratios).max())
+
+
+def odds_sentence(table: ThesisTable, design: str) -> str:
+    """Sentence that tells how well a table keeps the law, by a line of its own and by model `column_fitted`.
+
+    For the long table of the softer ring, with which the experiments were done, it also tells what the law means for
+    them.
+    """
+    own, softer = fitted_line(table), ring_of(table) == RING
+    worth = "fitted to this ring" if softer else "fitted on the other ring, a prediction on this one"
+    said = (
+        f"odds of tooth to ring R/(1-R) are {own.start:.5f} + {own.slope:.6f} E1/E2, to {own.residual:.1e} of R at"
+        f" worst; by model column_fitted, {worth}, to {distance(LINES[design], table):.1e}"
+    )
+    if not (softer and table.number.startswith("A")):
+        return said
+    low, high = moduli_of_experiments(design)
+    return (
+        f"{said}. So two springs, the object over the tooth and the object in series with the ring, do what the thesis'"
+        " finite elements do. By the inverse the experiments' mean ratios are those of objects"
+        f" {low:.2f} to {high:.2f} times as hard as the samples"
+    )
+
+
+def moduli_of_experiments(design: str) -> tuple[float, float]:
+    """Moduli by the line from the experiments' mean ratios, over the samples' moduli: least and greatest."""
+    known = get_design(design)
+    shares = [
+        LINES[design].modulus_ratio(ratio) * known.ring.material.modulus / get_sample(name).modulus
+        for name, ratio in known.thesis_force_ratio.items()
+    ]
+    return min(shares), max(shares)
+
+
+def _cells(table: ThesisTable) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Ratios of moduli, force ratios, and whether each of these is as printed."""
+    column = table.columns["force_ratio" if "force_ratio" in table.columns else "force_rigid_N"]
+    ratios = np.array([abs(cell.value) for cell in column])
+    return table.keys() / ring_of(table), ratios, np.array([not cell.reason for cell in column])
+
+
+# --- Biases: tables that are off in the mean, although each row is within its scatter ------------------
+#
+# Forces and voltages under one load are correlated, and those of one sample partly so. Their mean is therefore known
+# less well than the mean of as many independent numbers. A mean is biased where it is farther from zero than chance
+# puts the farthest of all tested means, once in twenty runs.
+
+BY_CHANCE = 0.05  # share of runs without bias in which a bias is found by chance
+
+
+@dataclass(frozen=True, slots=True)
+class MeanDifference:
+    """Mean difference, ours less the thesis', over one kind of quantity.
+
+    Attributes:
+        of: name of the table, or of an arrangement with all its tables.
+        kind: kind of quantity.
+        mean: mean of the differences, each over its standard uncertainty.
+        u: standard deviation of that mean if there is no bias.
+        count: number of loads or samples over which it is taken.
+        difference: mean of the differences themselves where all rows have one uncertainty; else None.
+    """
+
+    of: str
+    kind: str
+    evidence: Evidence
+    mean: float
+    u: float
+    count: int
+    difference: float | None = None
+
+    @property
+    def distance(self) -> float:
+        return self.mean / self.u
+
+    def record(self) -> dict[str, Any]:
+        """The bias with the names that JSON has."""
+        return {
+            "of": self.of,
+            "kind": self.kind,
+            "evidence": self.evidence.value,
+            "mean": self.mean,
+            "u": self.u,
+            "distance": self.distance,
+            "count": self.count,
+            "difference": self.difference,
+        }
+
+    def sentence(self) -> str:
+        plain = "" if self.difference is None else f", in its own unit {self.difference:+.3g}"
+        return (
+            f"{self.of}, {self.kind}: {self.mean:+.2f} ± {self.u:.2f} standard uncertainties of a row{plain}:"
+            f" {abs(self.distance):.1f} standard deviations off"
+        )
+
+
+def biases(table: RowTable) -> list[MeanDifference]:
+    """Mean differences of a table, one for each judged kind of quantity and each class."""
+    kinds: dict[tuple[str, Evidence], dict[str, list[Row]]] = {}
+    for row in table.judged:
+        if not math.isfinite(row.ours):
+            continue
+        kinds.setdefault((row.kind, row.evidence), {}).setdefault(row.row, []).append(row)
+    return [
+        _mean(f"Table {table.number}", kind, evidence, list(loads.values()))
+        for (kind, evidence), loads in kinds.items()
+    ]
+
+
+def all_means(tables: Iterable[RowTable]) -> list[MeanDifference]:
+    """Mean differences of every table, and of all tables of each arrangement together."""
+    found: list[MeanDifference] = []
+    arrangements: dict[str, list[MeanDifference]] = {}
+    for table in tables:
+        if table.again:
+            continue
+        found.extend(biases(table))
+        if table.arrangement:
+            arrangements.setdefault(table.arrangement, []).extend(biases(table))
+    return found + [mean for name, of_it in arrangements.items() for mean in together(f"all tables of {name}", of_it)]
+
+
+def together(of: str, found: Iterable[MeanDifference]) -> list[MeanDifference]:
+    """Mean differences over several tables that were measured apart, for each kind and class that they share.
+
+    An uncertainty that all rows of a table share completely, such as that of a calibration, is also shared by the
+        tables: a mean over them tells nothing more.
+    """
+    kinds: dict[tuple[str, Evidence], list[MeanDifference]] = {}
+    for bias in found:
+        if bias.u < 1:
+            kinds.setdefault((bias.kind, bias.evidence), []).append(bias)
+    return [
+        MeanDifference(
+            of, kind, evidence, math.fsum(b.mean for b in several) / len(several),
+            math.sqrt(math.fsum(b.u**2 for b in several)) / len(several), sum(b.count for b in several),
+        )
+        for (kind, evidence), several in kinds.items()
+        if len(several) > 1
+    ]  # fmt: skip
+
+
+def limit(count: int) -> float:
+    """Distance from zero that the farthest of `count` means exceeds by chance in BY_CHANCE of the runs (Šidák)."""
+    from scipy.special import ndtri
+
+    return float(ndtri(0.5 + 0.5 * (1 - BY_CHANCE) ** (1 / max(count, 1))))
+
+
+def _mean(of: str, kind: str, evidence: Evidence, loads: Sequence[Sequence[Row]]) -> MeanDifference:
+    """Mean difference over the means of the loads. The part that all rows share does not average out."""
+    means = [math.fsum(row.bias_distance for row in rows) / len(rows) for rows in loads]
+    common = [math.fsum(row.common for row in rows) / len(rows) for rows in loads]
+    shared = math.fsum(common) / len(common)
+    own = math.fsum(1 - share**2 for share in common) / len(common) ** 2
+    mean, units = math.fsum(means) / len(means), {row.u or math.nan for rows in loads for row in rows}
+    difference = mean * units.pop() if len(units) == 1 else None
+    return MeanDifference(of, kind, evidence, mean, math.sqrt(shared**2 + own), len(loads), difference)
+
+
+# -------------------------------------------------------------------------------------------------------
 
 LEAST_SHARE = 0.93  # of the input rows that must lie within; one in twenty is outside by chance
 

@@ -1,20 +1,14 @@
-"""The bench work that all procedures with films under a dynamic load share.
-
-class _Sweeping(DynamicLoadWork):
-    def arrange(self, step):
-        self.press(get_sample(step.sample))
-    def take(self, step):
-        measured = self.measured(step.load_N, step.what, dwell=1.0)
-        return Measurement(point_of(measured), measured.waveforms(self.lab.design))
-"""
+"""The bench work that procedures share: films under a dynamic load, and a probe that holds a steady force."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
 
-from palpate.drivers.roles import SampleChanger
-from palpate.instrument.sensor.sample import Sample
+from palpate.drivers.roles import LoadIndicator, SampleChanger
+from palpate.instrument.errors import DeviceError
+from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.procedures.engine.plan import Step
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_loads, preload_for
@@ -22,7 +16,16 @@ from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.probe import check_zero, finish, press, withdraw
-from palpate.procedures.steps.servo import LoadServo
+from palpate.procedures.steps.servo import LoadServo, read_indicator
+
+# --- The bench work that all procedures with films under a dynamic load share --------------------------
+#
+# class _Sweeping(DynamicLoadWork):
+#     def arrange(self, step):
+#         self.press(get_sample(step.sample))
+#     def take(self, step):
+#         measured = self.measured(step.load_N, step.what, dwell=1.0)
+#         return Measurement(point_of(measured), measured.waveforms(self.lab.design))
 
 
 class DynamicLoadWork:
@@ -103,3 +106,30 @@ class DynamicLoadWork:
     def end(self) -> None:
         """Set the outputs to zero, move the probe home, and check the zero again. Raises BenchError: it has moved."""
         finish(self.lab.bench, self.lab.calibration)
+
+
+# --- The bench work that all procedures with a steady force on a sample share --------------------------
+
+
+class StaticLoadWork:
+    """Presses on a sample with a preload [N]. Each group of steps begins with mounting the sample again."""
+
+    def __init__(self, lab: Lab, sample: str, force: float) -> None:
+        self.lab, self.bench = lab, lab.bench
+        self.sample, self.force = get_sample(sample), force
+
+    def arrange(self, _step: Step) -> None:
+        """Have the sample mounted and press on it. Raises as `press`."""
+        press(self.bench, self.lab.calibration, self.sample, self.force)
+
+    def load(self) -> float:
+        """Force that the load cell reads now [N]. Raises DeviceError: there is no valid reading."""
+        reading = read_indicator(self.bench)
+        if not reading.valid:
+            name = self.bench.role(LoadIndicator).name
+            raise DeviceError(f"{name}: no valid reading under load: {reading.wrong}; check the bridge", device=name)
+        return self.lab.calibration.load(reading.reading_mV)[0]
+
+    def end(self) -> None:
+        """Move the probe home and check the load cell's zero. Raises BenchError: it has moved."""
+        finish(self.bench, self.lab.calibration)
