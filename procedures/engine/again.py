@@ -14,7 +14,7 @@ from palpate.procedures.engine.returned import planned
 from palpate.procedures.lab.before import Before, Earlier
 from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.open import OpenBench
-from palpate.procedures.lab.session import added_by, versions
+from palpate.procedures.lab.software import added_by, versions
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.steps.pause import NOBODY, PausedAgain

@@ -17,7 +17,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target, with_kinds
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, Mounting, check_somebody
-from palpate.procedures.lab.session import packages_of
+from palpate.procedures.lab.software import packages_of
 from palpate.simulators.planning.settle import read_scene, with_model
 from palpate.simulators.scenes.scene import Scene
 

@@ -7,33 +7,31 @@ from typing import Any
 
 from palpate.instrument.errors import UnknownName
 
-_TCP, _RTU, _CAN, _NODE, _DEVICE, _INDICATOR = (
-    f"palpate.simulators.faults.{name}" for name in ("tcp", "rtu", "can", "node", "device", "indicator")
-)
+_MODBUS, _CAN, _DEVICE = (f"palpate.simulators.faults.{name}" for name in ("modbus", "can", "device"))
 
 FAULTS: dict[str, str] = {
     # Modbus TCP: generator, amplifier and sample changer
-    "no_reply": f"{_TCP}:NoReply",
-    "late_reply": f"{_TCP}:LateReply",
-    "split_reply": f"{_TCP}:SplitReply",
-    "merged_replies": f"{_TCP}:MergedReplies",
-    "truncated_reply": f"{_TCP}:TruncatedReply",
-    "wrong_transaction": f"{_TCP}:WrongTransaction",
-    "wrong_unit": f"{_TCP}:WrongUnit",
-    "wrong_function": f"{_TCP}:WrongFunction",
-    "wrong_count": f"{_TCP}:WrongCount",
-    "device_busy": f"{_TCP}:DeviceBusy",
-    "device_failure": f"{_TCP}:DeviceFailure",
-    "illegal_value": f"{_TCP}:IllegalValue",
-    "connection_reset": f"{_TCP}:ConnectionReset",
-    "connection_refused": f"{_TCP}:ConnectionRefused",
+    "no_reply": f"{_MODBUS}:NoReply",
+    "late_reply": f"{_MODBUS}:LateReply",
+    "split_reply": f"{_MODBUS}:SplitReply",
+    "merged_replies": f"{_MODBUS}:MergedReplies",
+    "truncated_reply": f"{_MODBUS}:TruncatedReply",
+    "wrong_transaction": f"{_MODBUS}:WrongTransaction",
+    "wrong_unit": f"{_MODBUS}:WrongUnit",
+    "wrong_function": f"{_MODBUS}:WrongFunction",
+    "wrong_count": f"{_MODBUS}:WrongCount",
+    "device_busy": f"{_MODBUS}:DeviceBusy",
+    "device_failure": f"{_MODBUS}:DeviceFailure",
+    "illegal_value": f"{_MODBUS}:IllegalValue",
+    "connection_reset": f"{_MODBUS}:ConnectionReset",
+    "connection_refused": f"{_MODBUS}:ConnectionRefused",
     # Modbus RTU: the line of strain indicator and positioner
-    "bit_error": f"{_RTU}:BitError",
-    "lost_bytes": f"{_RTU}:LostBytes",
-    "leading_glitch": f"{_RTU}:LeadingGlitch",
-    "late_answer": f"{_RTU}:LateAnswer",
-    "two_replies": f"{_RTU}:TwoReplies",
-    "silence": f"{_RTU}:Silence",
+    "bit_error": f"{_MODBUS}:BitError",
+    "lost_bytes": f"{_MODBUS}:LostBytes",
+    "leading_glitch": f"{_MODBUS}:LeadingGlitch",
+    "late_answer": f"{_MODBUS}:LateAnswer",
+    "two_replies": f"{_MODBUS}:TwoReplies",
+    "silence": f"{_MODBUS}:Silence",
     # CAN
     "lost_frame": f"{_CAN}:LostFrame",
     "duplicated_frame": f"{_CAN}:DuplicatedFrame",
@@ -46,21 +44,21 @@ FAULTS: dict[str, str] = {
     "counter_repeats": f"{_CAN}:CounterRepeats",
     "counter_skips": f"{_CAN}:CounterSkips",
     "babbling_node": f"{_CAN}:BabblingNode",
-    "node_reboot": f"{_NODE}:NodeReboot",
-    "emergency": f"{_NODE}:Emergency",
-    "saturated_film": f"{_NODE}:SaturatedFilm",
-    "film_drift": f"{_NODE}:FilmDrift",
+    "node_reboot": f"{_CAN}:NodeReboot",
+    "emergency": f"{_CAN}:Emergency",
+    "saturated_film": f"{_CAN}:SaturatedFilm",
+    "film_drift": f"{_CAN}:FilmDrift",
     # devices
     "power_cycle": f"{_DEVICE}:PowerCycle",
     "over_current": f"{_DEVICE}:OverCurrent",
     "over_temperature": f"{_DEVICE}:OverTemperature",
     "latched_fault": f"{_DEVICE}:LatchedFault",
     "front_panel": f"{_DEVICE}:FrontPanel",
-    "stuck_reading": f"{_INDICATOR}:StuckReading",
-    "bridge_open": f"{_INDICATOR}:BridgeOpen",
-    "overload": f"{_INDICATOR}:Overload",
-    "not_a_number": f"{_INDICATOR}:NotANumber",
-    "zero_drift": f"{_INDICATOR}:ZeroDrift",
+    "stuck_reading": f"{_DEVICE}:StuckReading",
+    "bridge_open": f"{_DEVICE}:BridgeOpen",
+    "overload": f"{_DEVICE}:Overload",
+    "not_a_number": f"{_DEVICE}:NotANumber",
+    "zero_drift": f"{_DEVICE}:ZeroDrift",
 }
 
 
