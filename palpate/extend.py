@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from palpate.instrument.findings.film_forces import film_forces
     from palpate.instrument.models.table import Response
     from palpate.instrument.sensor.design import FILM_KINDS, Design, Film, FilmSheet, Plate, Ring, Tooth
-    from palpate.instrument.sensor.material import FILM_MATERIALS, Material
+    from palpate.instrument.sensor.film_material import FILM_MATERIALS
+    from palpate.instrument.sensor.material import Material
     from palpate.procedures.engine.plan import Plan, Predicted, Step
     from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, Work, until_full
     from palpate.procedures.engine.promise import Expected, predicted
@@ -98,7 +99,8 @@ _PLACES = {
     "instrument.findings.film_forces": "film_forces",
     "instrument.models.table": "Response",
     "instrument.sensor.design": "Design FILM_KINDS Film FilmSheet Plate Ring Tooth",
-    "instrument.sensor.material": "FILM_MATERIALS Material",
+    "instrument.sensor.film_material": "FILM_MATERIALS",
+    "instrument.sensor.material": "Material",
     "procedures.engine.plan": "Plan Predicted Step",
     "procedures.engine.procedure": "Measurement Procedure Report RequiredLoads Work until_full",
     "procedures.engine.promise": "Expected predicted",

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.material import FilmMaterial
+from palpate.instrument.sensor.film_material import FilmMaterial
 
 Array = NDArray[np.float64]
 

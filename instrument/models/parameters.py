@@ -13,8 +13,8 @@ from typing import Any
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.sensor.design import OUTLINES, SUPPORTS, Design
+from palpate.instrument.sensor.film_material import PVDF, FilmMaterial
 from palpate.instrument.sensor.load import INTERFACES, Load, require_nested, require_positive
-from palpate.instrument.sensor.material import PVDF, FilmMaterial
 
 # Limits of other lengths over the ring's outer radius: beyond them the result no longer changes, and digits are lost.
 PROPORTIONS = (1e-5, 300.0)

@@ -281,7 +281,7 @@ def validation(design: str | None, store: bool, as_json: bool, quiet: bool) -> N
     from palpate.instrument.notice import price
     from palpate.instrument.shipped import text
     from palpate.procedures.accuracy.measure import keep
-    from palpate.procedures.showing.models import print_validation
+    from palpate.procedures.showing.validation import print_validation
 
     output = Output(as_json, quiet)
     designs = kept.measured_designs()

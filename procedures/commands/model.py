@@ -54,7 +54,7 @@ def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
         found = [{"film": name, **film.summary(coarse[name])} for name, film in films.items()]
         output.json({"design": design, "sample": sample, "films": found, "told": model.shear_pattern(films)})
     elif output.for_people:
-        from palpate.procedures.showing.models import print_shear
+        from palpate.procedures.showing.shear import print_shear
 
         print_shear(f"{design}, sample {sample}", films, coarse)
 

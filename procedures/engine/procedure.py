@@ -47,7 +47,7 @@ from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.records.resumed import settings_of
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.dwells import Dwells
-from palpate.procedures.steps.policy import Judged, check_some_valid
+from palpate.procedures.steps.flags import Judged, check_some_valid
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -2,113 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from palpate.instrument.models.shear import ALIKE, DRAGGED, FilmShear, shear_pattern
-from palpate.instrument.models.validation import SIGN, Validation
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.tables import cell_of
 from palpate.procedures.showing.text import NO_VALUE, legend, new_table, number, print_all, short, stamped
+from palpate.procedures.showing.validation import brief, lines
 
 if TYPE_CHECKING:
     from palpate.instrument.models.price_list import PriceList
     from palpate.instrument.models.ratio import RatioAnswer
     from palpate.instrument.models.stored.surface import Surface
-    from palpate.instrument.models.validation import ValidationLine
-
-
-# --- Prints the effect of shear on the films -----------------------------------------------------------
-
-TOLD = {
-    "not": "No film responds to shear along the line of the teeth.",
-    "off centre": "All films that respond to shear give the same place of a load: shear looks like a load off centre.",
-    "apart": f"The films give places of a load that differ by more than {100 * ALIKE:g} %: together they can tell shear"
-    " from a load off centre.",
-}
-
-
-def print_shear(what: str, films: Mapping[str, FilmShear], coarse: Mapping[str, FilmShear]) -> None:
-    """Print a row for each film: its force for 1 N of shear, and the place of a normal load that adds as much.
-
-    Args:
-        what: title of the table.
-        films: the forces on the films, by film name.
-        coarse: the same forces on the next coarser mesh.
-    """
-    table = new_table(
-        stamped(False, f"{what}: forces on films for 1 N, and the place of a load that adds as much"),
-        "film", "pressed\nN", *(text for place in DRAGGED for text in (f"shear on\n{place}, N", "off centre\nmm N/N")),
-        "change\nN",
-    )  # fmt: skip
-    table.columns[0].justify = "left"
-    for name, film in films.items():
-        cells = []
-        for place in DRAGGED:
-            off = film.off_centre(place)
-            cells += [f"{film.cleaned(place):+z.5f}", "-" if off is None else f"{1e3 * off:+z.3f}"]
-        table.add_row(name, f"{film.pressed:z.4f}", *cells, f"{film.change(coarse[name]):z.5f}")
-    print_all(table, *legend(table, marks=NO_VALUE), TOLD[shear_pattern(films)])
-
-
-# --- How far sensor models are from the experiments of the thesis --------------------------------------
-
-
-def brief(found: Validation) -> str:
-    """Text of a table's cell: the rms distance, or one word that says why there is none."""
-    return found.kind if found.rms is None else f"{found.rms:z.0f} %"
-
-
-def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]:
-    """A sentence for each model on its distance from the experiments.
-
-    Args:
-        found: comparisons.
-        changed: settings that differ from the parameter set's; only the set itself was compared.
-    """
-    told = []
-    for each in found:
-        said = f"validation of {each.model} ({each.parameters} set, {each.design}): "
-        if each.mean is None or each.rms is None or each.worst is None:
-            told.append(f"{said}{each.kind}: {each.why}")
-            continue
-        by_sample = ", ".join(f"{name}: {value:+z.0f}" for name, value in each.percent.items())
-        told.append(
-            f"{said}mean {each.mean:+z.1f} %, rms {each.rms:z.1f} %, worst {each.worst:+z.1f} % at sample"
-            f" {each.worst_sample} ({SIGN}; by sample {by_sample})"
-        )
-    if changed:
-        options = [f"--{name.replace('_', '-')}" for name in changed]
-        told.append(f"the validation is that of the set as it stands, without {', '.join(options)}")
-    return told
-
-
-def print_validation(compared: Sequence[Validation]) -> None:
-    """Print one table for each design, with one line for each model and parameter set."""
-    for design in dict.fromkeys(each.design for each in compared):
-        table = new_table(
-            stamped(False, f"{design}: {SIGN}"), "model", "set", *(f"sample {name}" for name in SAMPLES), "mean",
-            "rms", "worst",
-        )  # fmt: skip
-        table.columns[0].justify = table.columns[1].justify = "left"
-        reasons = []
-        for each in (found for found in compared if found.design == design):
-            if each.kind == "compared":
-                cells = [f"{each.percent[name]:+z.1f}" if name in each.percent else "-" for name in SAMPLES]
-                table.add_row(
-                    each.model, each.parameters, *cells, f"{each.mean:+z.1f}", f"{each.rms:z.1f}", f"{each.worst:+z.1f}"
-                )
-            else:
-                table.add_row(each.model, each.parameters, *["-"] * len(SAMPLES), each.kind, "", "")
-                reasons.append(f"{each.model}, {each.parameters}: {each.kind}: {each.why}")
-        print_all(table, *reasons, "")
-
-
-# -------------------------------------------------------------------------------------------------------
+    from palpate.instrument.models.validation import Validation, ValidationLine
 
 
 def print_ratios(

@@ -10,7 +10,7 @@ from palpate.instrument.quantity import counted
 from palpate.procedures.records.damage import DamageReport, Repaired
 from palpate.procedures.records.run import Run, RunSummary
 from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, legend, new_table, number, print_all, stamped
-from palpate.procedures.steps.policy import FLAGS
+from palpate.procedures.steps.flags import FLAGS
 
 TIME = "%Y-%m-%d %H:%M:%S"
 

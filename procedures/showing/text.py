@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.console.terminal import console
-from palpate.procedures.steps.policy import FLAGS, Judged
+from palpate.procedures.steps.flags import FLAGS, Judged
 
 if TYPE_CHECKING:
     from rich.table import Table

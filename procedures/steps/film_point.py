@@ -23,9 +23,9 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.agreement import forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord, Films, short_length
-from palpate.procedures.steps.policy import (
-    ATTEMPTS,
+from palpate.procedures.steps.flags import (
     CLIPPED,
     DRIFTED,
     FAULT,
@@ -36,11 +36,9 @@ from palpate.procedures.steps.policy import (
     SHORT,
     UNSETTLED,
     USED,
-    carry_out,
     causes,
-    forces_differ,
-    frequencies_differ,
 )
+from palpate.procedures.steps.policy import ATTEMPTS, carry_out
 from palpate.procedures.steps.servo import READINGS, LoadServo
 
 PILOT_CYCLES = 40  # 1000 samples, which tell the power of white noise to 5 %

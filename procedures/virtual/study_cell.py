@@ -25,7 +25,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.steps.checks import check_frequency
 from palpate.procedures.steps.film_point import is_short
-from palpate.procedures.steps.policy import CLIPPED, SHORT, USED
+from palpate.procedures.steps.flags import CLIPPED, SHORT, USED
 from palpate.procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class

@@ -28,7 +28,7 @@ from palpate.instrument.models.parameters import RoundParameters, SolidParameter
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import OF_MANY_TEETH, Resolution
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.material import FilmMaterial
+from palpate.instrument.sensor.film_material import FilmMaterial
 from tests.benchmarks import calculix_peer, ngsolve_peer
 from tests.benchmarks.row import Row
 from tests.instrument.direct import direct

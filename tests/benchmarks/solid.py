@@ -27,7 +27,7 @@ from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution, SolidCurve
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.material import PVDF
+from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks.row import Row
 from tests.instrument.direct import direct
 from tests.settings import disc, solid_sensors

@@ -24,7 +24,7 @@ from palpate.instrument.models.finite_elements import elements, solving
 from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND
 from palpate.instrument.models.parameters import RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.material import FilmMaterial
+from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.thesis import read_table
 from tests.instrument import naive
 from tests.settings import round_sensors

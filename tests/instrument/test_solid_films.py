@@ -19,7 +19,7 @@ from palpate.instrument.models.solid.model import solve_on
 from palpate.instrument.models.solid.system import System, section
 from palpate.instrument.models.table import FilmLoad
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.material import PVDF
+from palpate.instrument.sensor.film_material import PVDF
 from tests import meshes
 from tests.instrument.coupled import coupled
 

@@ -14,7 +14,7 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.characterise import procedure as characterise
 from palpate.procedures.measurements.characterise.result import LOADING, Characteristic, FilmsPoint, evaluate
-from palpate.procedures.steps.policy import CLIPPED
+from palpate.procedures.steps.flags import CLIPPED
 from tests.procedures.conftest import Benches, Palpate, refused
 
 SINGLE = get_design("single")

@@ -18,11 +18,11 @@ from palpate.procedures.commands.options import Output
 from palpate.procedures.commands.procedures import tell_result
 from palpate.procedures.engine.result import SimpleResult
 from palpate.procedures.showing.text import MARKS, legend
-from palpate.procedures.steps import policy as agreement
-from palpate.procedures.steps import policy as flags
+from palpate.procedures.steps import agreement, flags
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import FilmRecord
-from palpate.procedures.steps.policy import ATTEMPTS, CLIPPED, FLAGS
+from palpate.procedures.steps.flags import CLIPPED, FLAGS
+from palpate.procedures.steps.policy import ATTEMPTS
 from tests.examples.relaxation import Relaxation
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 

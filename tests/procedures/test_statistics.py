@@ -45,9 +45,10 @@ from palpate.procedures.measurements.loads.procedure import floor_of
 from palpate.procedures.measurements.softness import result as softness
 from palpate.procedures.reproduce.judging import criterion as bias
 from palpate.procedures.reproduce.judging.criterion import _cells, fitted_line
+from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ
 from palpate.procedures.steps.film_point import is_short
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER
-from palpate.procedures.steps.policy import FALSE_ALARMS, _wandered, forces_differ
+from palpate.procedures.steps.standing import _wandered
 from tests.instrument.test_film_forces import FREQUENCY, fitted
 from tests.procedures.test_characterise import LOADS, measured, rows
 

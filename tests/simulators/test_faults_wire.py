@@ -52,7 +52,7 @@ RTU: dict[str, type[BenchError] | None] = {
 
 
 def test_every_fault_of_a_modbus_wire_is_met_here() -> None:
-    wire = [kind for kind, where in FAULTS.items() if where.split(":")[0].endswith((".tcp", ".rtu"))]
+    wire = [kind for kind, where in FAULTS.items() if where.split(":")[0].endswith(".modbus")]
     assert sorted(wire) == sorted(TCP | RTU)
 
 

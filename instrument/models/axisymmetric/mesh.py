@@ -20,7 +20,7 @@ from palpate.instrument.models.finite_elements.elements import LineIntegrals
 from palpate.instrument.models.finite_elements.solving import Elements
 from palpate.instrument.models.finite_elements.work import Each
 from palpate.instrument.models.parameters import CLOSED, RoundParameters
-from palpate.instrument.sensor.material import FilmMaterial
+from palpate.instrument.sensor.film_material import FilmMaterial
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

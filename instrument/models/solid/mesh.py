@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from skfem import Basis, ElementLineP2, ElementLinePp, ElementQuad2, ElementQuadP, Mesh, MeshLine, MeshQuad1, MeshQuad2
 
 from palpate.instrument.models.solid.ladders import Resolution
-from palpate.instrument.sensor.material import FilmMaterial
+from palpate.instrument.sensor.film_material import FilmMaterial
 
 logging.getLogger("skfem").addHandler(logging.NullHandler())  # it tells of copies of large meshes
 

@@ -28,7 +28,7 @@ from palpate.instrument.models.solid.mesh import (
     plan_basis,
     plan_mesh,
 )
-from palpate.instrument.sensor.material import FilmMaterial
+from palpate.instrument.sensor.film_material import FilmMaterial
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import Design, Film, FilmSheet, Plate
 from palpate.instrument.sensor.designs.single import SINGLE
-from palpate.instrument.sensor.material import PLEXIGLAS_THESIS, PVDF
+from palpate.instrument.sensor.film_material import PVDF
+from palpate.instrument.sensor.material import PLEXIGLAS_THESIS
 
 FEWEST, MOST = 10, 20
 PITCH = 12e-3  # [A] as between the two teeth of the common base

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from palpate.instrument.sensor.design import THESIS_LOADS, Design, Film, FilmSheet, Plate
 from palpate.instrument.sensor.designs.single import SINGLE
-from palpate.instrument.sensor.material import PLEXIGLAS_THESIS, PVDF
+from palpate.instrument.sensor.film_material import PVDF
+from palpate.instrument.sensor.material import PLEXIGLAS_THESIS
 
 COMMON_BASE = Design(
     name="common_base",

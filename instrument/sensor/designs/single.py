@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from palpate.instrument.sensor.design import Design, Film, FilmSheet, Plate, Ring, Tooth
-from palpate.instrument.sensor.material import NEOPRENE_RING, PHENOLIC, PLEXIGLAS_THESIS, PVDF
+from palpate.instrument.sensor.film_material import PVDF
+from palpate.instrument.sensor.material import NEOPRENE_RING, PHENOLIC, PLEXIGLAS_THESIS
 
 SINGLE = Design(
     name="single",

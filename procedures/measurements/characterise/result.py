@@ -21,7 +21,7 @@ from palpate.instrument.uncertainty.interpolation import Interpolation, interpol
 from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.characterise import definitions as named
 from palpate.procedures.records.columns import Column
-from palpate.procedures.steps.policy import reasons
+from palpate.procedures.steps.flags import reasons
 
 # --- The points of a characterisation, and what those at one load tell together ------------------------
 

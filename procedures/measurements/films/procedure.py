@@ -51,7 +51,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.policy import causes
+from palpate.procedures.steps.flags import causes
 from palpate.procedures.steps.probe import lower, withdraw
 
 # --- What a calibration of the films is expected to give: the uncertainty of each film's sensitivity ---

@@ -18,7 +18,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import LAST, Column
-from palpate.procedures.steps.policy import CLIPPED
+from palpate.procedures.steps.flags import CLIPPED
 
 OBJECT = Column("name of the object", head="object")
 

@@ -41,7 +41,8 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.policy import BEFORE, LENGTH, RESPONSE, Added, after_change, before_change, carry_out
+from palpate.procedures.steps.policy import carry_out
+from palpate.procedures.steps.standing import BEFORE, LENGTH, RESPONSE, Added, after_change, before_change
 
 # -------------------------------------------------------------------------------------------------------
 # What a temperature sweep is expected to give: the uncertainty of the force ratio's change with temperature
