@@ -57,7 +57,7 @@ def sloped(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -
     for _ in range(runs):
         each = scatter * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)
         cell, up = CELL * rng.standard_normal(), list[FilmsPoint]()
-        while not asked.has_enough(up) and len(up) < asked.most() * loads.size:
+        while not asked.has_enough(up) and len(up) < asked.most * loads.size:
             seen = loads * (1 + cell) + off * rng.standard_normal(loads.size)
             felt = loads[:, np.newaxis] * (1 + each * rng.standard_normal(noise.shape))
             volts = slopes * (felt + noise * rng.standard_normal(noise.shape))

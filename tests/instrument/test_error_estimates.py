@@ -114,13 +114,9 @@ def test_a_step_that_leaves_the_degree_along_the_height_is_not_trusted() -> None
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("number", [3158, 3231])
-def test_second_meshes_that_err_almost_as_the_first_are_not_trusted(number: int) -> None:
-    """A flat object of rubber that is squeezed out sideways, and a disc whose first two meshes agree by luck.
-
-    Their errors were up to six times an earlier estimate.
-    """
-    assert all(claim["ratio"] <= 1 for claim in estimates_solid.tried(number).claims)
+def test_second_meshes_that_err_almost_as_the_first_are_not_trusted() -> None:
+    """The first two meshes of this disc agree by luck. Flat objects of rubber take minutes: see the benchmark."""
+    assert all(claim["ratio"] <= 1 for claim in estimates_solid.tried(3231).claims)
 
 
 def test_an_estimate_below_the_error_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

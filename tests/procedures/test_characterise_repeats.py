@@ -150,7 +150,7 @@ def test_a_run_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: Pa
     assert whole.result.stopped == "3 % reached"
     assert whole.outcome["achieved_u"] == max(u for _, u in whole.result.sensitivities) <= 0.03
     with palpate.open_bench(scene="thesis_single") as bench:
-        short = palpate.run(replace(ASKED, tolerance=None, time=140.0), bench, out=tmp_path / "short")
+        short = palpate.run(replace(ASKED, time=140.0), bench, out=tmp_path / "short")
     assert short.outcome["achieved_seconds"] is not None
     assert 130 < short.outcome["achieved_seconds"] <= 140
     assert short.result.stopped.startswith("3 % NOT REACHED within 140 s: ")
@@ -158,7 +158,7 @@ def test_a_run_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: Pa
 
 @pytest.mark.slow
 def test_a_run_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
-    assert resumes_to_the_same(replace(ASKED, tolerance=None, time=160.0), "thesis_single", 8, tmp_path)
+    assert resumes_to_the_same(replace(ASKED, time=160.0), "thesis_single", 8, tmp_path)
 
 
 @pytest.mark.slow

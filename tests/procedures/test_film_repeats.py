@@ -76,7 +76,7 @@ def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said()
 def test_a_run_ends_when_both_films_are_known_well_enough(tmp_path: Path) -> None:
     with palpate.open_bench(scene="thesis_single") as bench:
         done = palpate.run(series(0.015), bench, out=tmp_path / "run")
-    repeats = series(0.015).repeats(SINGLE, THESIS_LOAD_CELL, 0.015)
+    repeats = series(0.015).plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
     ends = range(len(LOADS), len(done.result.points) + 1, len(LOADS))
     assert [repeats.has_enough(done.result.points[:end]) for end in ends] == [False] * (len(ends) - 1) + [True]
     assert done.outcome["achieved_u"] == done.result.achieved_u <= 0.015
