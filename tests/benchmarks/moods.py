@@ -190,11 +190,17 @@ class _Line:
         return reply
 
 
-def behind(description: BenchDescription, moods: Moodiness, stack: ExitStack) -> BenchDescription:
-    """The same bench through gateways, which stand until the end of `stack`."""
+def behind(
+    description: BenchDescription, moods: Moodiness, stack: ExitStack, patience: float | None = None
+) -> BenchDescription:
+    """The same bench through gateways, which stand until the end of `stack`.
+
+    `patience`: time-out of each link [s]; None: the bench's own, as a bench file with a longer one is refused.
+    """
     tables = new_form(description, "")
     for name, table in tables["link"].items():
-        table["timeout"] = f"{PATIENCE} s"
+        if patience is not None:
+            table["timeout"] = f"{patience} s"
         if table["kind"] == "modbus-tcp":
             device: Any = _Tcp(table["host"], table["port"], stack)
             table["port"] = stack.enter_context(Moody(Gateway(name, moods, device, line=False))).port
@@ -213,7 +219,7 @@ def in_process(number: int, mixture: tuple[str, ...]) -> Found:
     moods = Moodiness(mixture, random.Random(number))
     error = ""
     with tempfile.TemporaryDirectory() as folder, SimulatedBench(scene("sweep loads")) as sim, ExitStack() as stack:
-        description = behind(sim.description, moods, stack)
+        description = behind(sim.description, moods, stack, PATIENCE)
         try:
             header = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z"}
             with Recorder.create(Path(folder) / "run", header) as record:
