@@ -24,11 +24,11 @@ NEWTONS_PER_VOLT = 0.87  # N/V, load over the exciter's voltage, peak to peak [M
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One planned point.
+    """One planned point. What is expected of it has a name that no measured point has, so that none is taken for it.
 
     Attributes:
         dwell_s: dwell; None: it is chosen at the point, by its noise.
-        seconds: expected time on hardware, with the set-up before it.
+        seconds_expected: expected time on hardware, with the set-up before it [s].
         ratio_u_expected: expected relative standard uncertainty of the force ratio, `force_ratio_u` in JSON; None: it
             has none, or it is unknown.
         what: what is measured, for people.
@@ -36,14 +36,14 @@ class Step:
     """
 
     dwell_s: float | None
-    seconds: float
+    seconds_expected: float
     ratio_u_expected: float | None
     what: str = field(default="", kw_only=True)
     group: str = field(default="", kw_only=True)
 
     def summary(self) -> dict[str, Any]:
         """The step for JSON."""
-        names = {"ratio_u_expected": "force_ratio_u"}
+        names = {"seconds_expected": "seconds", "ratio_u_expected": "force_ratio_u"}
         return {names.get(name, name): value for name, value in asdict(self).items() if name not in ("what", "group")}
 
 
@@ -90,7 +90,7 @@ class Plan(Generic[S, B]):
     @property
     def predicted(self) -> Predicted:
         """What the run is predicted to take and to give; by its steps, if the procedure does not say."""
-        return self.forecast or Predicted(math.fsum(step.seconds for step in self.steps), None)
+        return self.forecast or Predicted(math.fsum(step.seconds_expected for step in self.steps), None)
 
     @property
     def seconds(self) -> float:

@@ -41,7 +41,7 @@ class Expected:
 def predicted(steps: Sequence[Step], results: Sequence[Expected], u: float | None = None) -> Predicted:
     """The prediction of a run by its steps and its results; `u`: None: the greatest relative uncertainty among them."""
     told = {RESULTS: [asdict(each) for each in results]}
-    return Predicted(math.fsum(step.seconds for step in steps), greatest(results) if u is None else u, told)
+    return Predicted(math.fsum(step.seconds_expected for step in steps), greatest(results) if u is None else u, told)
 
 
 def expected_of(plan: Plan[S]) -> list[Expected]:

@@ -142,7 +142,7 @@ def record_run(
         lab = session.lab
         procedure, plan = planned(procedure, lab.target)
         if bench.scene is None:  # else the bench's time is not that of whoever waits
-            expect(progress, [step.seconds for step in plan.steps], plan.seconds)
+            expect(progress, [step.seconds_expected for step in plan.steps], plan.seconds)
         result = evaluated(procedure, taken(procedure, plan, lab, session.record, progress, pause), plan, lab)
         outcome = session.outcome()
         promise = _promise(plan, result)

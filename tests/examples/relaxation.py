@@ -43,5 +43,5 @@ class Relaxation(Procedure[Step, Reading, SimpleResult[Reading]]):
 
 class Holding(StaticLoadWork):
     def take(self, step: Step) -> Measurement[Reading]:
-        self.bench.clock.wait(step.seconds)
+        self.bench.clock.wait(step.seconds_expected)
         return Measurement(Reading(self.bench.clock.now_ns() / 1e9, self.load()))

@@ -40,7 +40,7 @@ def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets(frequenci
     pair = Target(get_design("common_base"), 10.0, nodes=1)
     plan = series(0.01, frequencies).plan(pair)
     sets = plan.predicted.details["planned"]["sets"] // len(frequencies)
-    first = [step.seconds for step in plan.steps if int(step.what.rpartition(" ")[2]) <= sets]
+    first = [step.seconds_expected for step in plan.steps if int(step.what.rpartition(" ")[2]) <= sets]
     assert len(first) == 2 * len(frequencies) * sets
     assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)
 

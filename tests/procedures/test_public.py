@@ -82,7 +82,7 @@ SIGNATURES = {
     "SimpleResult": "points values budgets",
     "SoftnessTest": "objects loads dwell frequency model risk sets",
     "StaticLoadWork": "lab sample force",
-    "Step": "dwell_s seconds ratio_u_expected what group",
+    "Step": "dwell_s seconds_expected ratio_u_expected what group",
     "Target": (
         "design force_limit nodes model channels frequency_step travel drivable calibrated references load_cell scene "
         "mountings mounts"

@@ -64,8 +64,8 @@ def test_steps_of_repeated_loads_are_told_apart_and_only_the_first_takes_long() 
     sweep = LoadSweep(("2",), SAME).plan(target).steps
     told = ["sample 2, 3 N", "sample 2, 3 N, set 2", "sample 2, 4 N", "sample 2, 4 N, set 2"]
     assert [step.what for step in sweep] == told
-    assert len({step.seconds for step in sweep[1:]}) == 1
-    assert sweep[0].seconds > sweep[1].seconds
+    assert len({step.seconds_expected for step in sweep[1:]}) == 1
+    assert sweep[0].seconds_expected > sweep[1].seconds_expected
     softness = SoftnessTest((get_sample("2"),), SAME).plan(target).steps
     assert [step.what for step in softness][:2] == ["2, 3 N", "2, 3 N, set 2"]
     films = FilmSeries(loads=(2.0, 3.0, 4.0, 4.0)).plan(target).steps

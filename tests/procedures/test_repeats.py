@@ -59,7 +59,7 @@ def test_pick_up_that_is_worse_than_the_tolerance_is_named_with_what_would_do() 
 def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets() -> None:
     plan = sweep(0.01, ("2", "5")).plan(REAL)
     planned = plan.predicted.details["planned"]
-    first = [s.seconds for s in plan.steps if int(s.what.rpartition(" ")[2]) <= planned[s.sample]["sets"]]
+    first = [s.seconds_expected for s in plan.steps if int(s.what.rpartition(" ")[2]) <= planned[s.sample]["sets"]]
     assert len(first) == sum(each["sets"] for each in planned.values())
     assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)
 

@@ -31,7 +31,7 @@ def test_the_plan_has_few_sets_of_objects_that_differ_and_many_of_those_that_are
     assert near.predicted.details["planned"]["sets"] == {"3": 4, "5": 4}
     assert far.predicted.details["planned"]["binds"] == "gain scatter"
     assert len(far.steps) == len(near.steps) == 10
-    assert far.seconds < near.seconds < sum(step.seconds for step in near.steps)
+    assert far.seconds < near.seconds < sum(step.seconds_expected for step in near.steps)
 
 
 def test_nothing_is_expected_of_unknown_objects() -> None:
