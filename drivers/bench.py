@@ -261,7 +261,7 @@ class Hands:
             changer.leave()
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the bench -----------------------------------------------------------------------------------------
 
 RECOVERY = 1.0  # s that devices get to come back
 LONGEST_END = 5.0  # s for which switching off is tried again; with a shorter watchdog, until that has switched off

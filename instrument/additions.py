@@ -30,7 +30,7 @@ def library(name: str, extra: str) -> Any:
         raise UsageError(f"{name} cannot be imported ({error}); give: pip install 'palpate[{extra}]'") from None
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- entry points of installed packages ----------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

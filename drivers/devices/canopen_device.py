@@ -294,7 +294,7 @@ class CanopenNode(Device):
         return told_text(self.link.upload(self.name, self._node, address >> 8, address & 0xFF))
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the base of the drivers ---------------------------------------------------------------------------
 
 MOST_EMERGENCIES = 10_000  # emergency messages that are kept for a node
 DEVICE_TYPE, CONSUMER = 0x1000, 0x1016  # objects

@@ -227,7 +227,7 @@ def _raw(device: Ordered, name: str) -> float:
     return device.contract[name].to_raw(value) if math.isfinite(value) else value
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the base of the drivers ---------------------------------------------------------------------------
 
 T = TypeVar("T")
 

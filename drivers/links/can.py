@@ -91,7 +91,7 @@ class Cyclic:
             self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=True))
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the link ------------------------------------------------------------------------------------------
 
 for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever fails is raised
     logging.getLogger(_name).addHandler(logging.NullHandler())

@@ -147,7 +147,7 @@ class TcpClient(ModbusTcpClient):
         return bool(looked.poll(0))
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the link ------------------------------------------------------------------------------------------
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
 

@@ -153,7 +153,7 @@ class ReplayWire:
         return bool(data)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the replay ----------------------------------------------------------------------------------------
 
 TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its transaction number; the whole MBAP header
 AMPLIFIER = shaker_amplifier.CONTRACT

@@ -142,7 +142,7 @@ def pauses(window: float, readings: int = POLLS) -> Iterator[float]:
     return (mean * (0.5 + number * GOLDEN % 1.0) for number in range(1, readings))
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the driver ----------------------------------------------------------------------------------------
 
 NODE_BITS = 16  # bits of 1016h below those of the node id that is watched
 OFF = 0.0

@@ -211,7 +211,7 @@ class ReadingFilter:
         return {self._table.field: self.level, **self._table.needs} if self._table else {}
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the driver ----------------------------------------------------------------------------------------
 
 LOOKS = 6  # readings beside those of extremes, which tell that the display still moves
 MOVED = 4  # steps of the display that a load must move by, so that not all of these readings can be equal

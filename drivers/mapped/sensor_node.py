@@ -170,7 +170,7 @@ def missing_sync(stamps: Sequence[float], rate: float) -> int | None:
     return next((at * BLOCK + 1 for at, (one, two) in enumerate(pairwise(blocks)) if abs(two - one) > SHIFT), None)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the driver ----------------------------------------------------------------------------------------
 
 FIXED = "fixed"  # name of the only range
 # How far SYNCs may be from the bench's clock: a part of them, some at both ends, and how late a machine may be [s].

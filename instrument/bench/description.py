@@ -335,7 +335,7 @@ def renewed(data: Mapping[str, Any]) -> dict[str, Any]:
     return {**rest, "link": links | own["link"], "device": devices | own["device"]}
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the description -----------------------------------------------------------------------------------
 
 T = TypeVar("T")
 NO_WATCHDOG = "none"

@@ -152,7 +152,7 @@ def serves(found: DeviceMap) -> dict[str, RoleMap]:
     return found_for
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- all kinds by name ---------------------------------------------------------------------------------
 
 __all__ = [
     "GROUP", "KINDS", "WHAT", "DeviceKind", "LinkKind", "NoSettings", "Role", "all_kinds", "check_identities",

@@ -154,7 +154,7 @@ def earliest_reply(size: int, baudrate: float, bits: int) -> float:
     return CLOCKS * (size + 1) * bits / baudrate
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the links of a bench file -------------------------------------------------------------------------
 
 LINE, CAN = "line", "can"  # links of a simulated bench that several devices share; faults strike them by these names
 Timeout = Annotated[Seconds, Field(ge=1e-3, le=60)]

@@ -231,7 +231,7 @@ def check_ratios(ratio: ArrayLike, u: ArrayLike, coverage: float) -> tuple[Array
     return given, uncertainty
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- moduli as rows ------------------------------------------------------------------------------------
 
 
 COVERAGE = 0.95

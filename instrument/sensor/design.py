@@ -86,7 +86,7 @@ def triangle(covariance: Matrix, names: tuple[str, ...]) -> Matrix:
     return tuple((*row, *[0.0] * (len(rows) - len(row))) for row in rows)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the design ----------------------------------------------------------------------------------------
 
 USUAL_NOISE = 2e-6  # V/√Hz, amplitude density of the noise of a film's channel where none is stated [A]
 # The first words of films' names, for films under a tooth and under a base.

@@ -37,7 +37,7 @@ def require_nested(radii: Mapping[str, float], where: str = "") -> None:
             )
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the load ------------------------------------------------------------------------------------------
 
 INTERFACES = ("bonded", "frictionless", "capped")
 LEAST, GREATEST = 1e-6, 1e6  # limits of a load [N]; beyond them forces vanish in round-off, or overflow

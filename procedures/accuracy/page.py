@@ -158,7 +158,7 @@ def _draw_tasks(tasks: Sequence[PagePart], ax: Axes) -> None:
     ax.grid(alpha=0.3, axis="x")
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the whole page ------------------------------------------------------------------------------------
 
 TOLERANCES = TARGETS
 CPU, BENCH = "processor time (s)", "bench time after the mounting (s)"

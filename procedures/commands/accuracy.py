@@ -1,4 +1,4 @@
-"""The commands palpate accuracy, accuracy models and accuracy surfaces."""
+"""The command palpate accuracy and its subcommands."""
 
 from __future__ import annotations
 
@@ -334,7 +334,7 @@ def integrators(out: Path | None, as_json: bool, quiet: bool) -> None:
     )
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- accuracy models and surfaces, and the group -------------------------------------------------------
 
 
 @click.group(

@@ -1,4 +1,4 @@
-"""The group palpate bus, with its commands show and replay."""
+"""The commands palpate bus scan, lss, show and replay."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def _summary(search: Search) -> dict[str, object]:
     return {"devices": devices, "heard": search.heard, "left": search.left}
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- bus show and replay, and the group ----------------------------------------------------------------
 
 
 @click.group(cls=StrictGroup)

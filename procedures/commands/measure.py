@@ -1,4 +1,4 @@
-"""The command palpate measure, which has a subcommand for each known procedure."""
+"""The command palpate measure, which has a subcommand for each known procedure, and measure modulus."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def object_to_touch(
     return unknown_object(design, thick, UNKNOWN if modulus is None else modulus, "unknown" if real else None)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the group -----------------------------------------------------------------------------------------
 
 # The commands of palpate's own procedures, which have names of their own, too.
 OURS = {

@@ -1,4 +1,4 @@
-"""The commands palpate model ratio, model modulus and model plot."""
+"""The commands palpate model ratio, modulus, plot and shear."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
         print_shear(f"{design}, sample {sample}", films, coarse)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- model ratio, modulus and plot, and the group ------------------------------------------------------
 
 # Settings that replace values of the parameter set, with their units and help.
 _SETTINGS = {

@@ -1,4 +1,4 @@
-"""The commands palpate runs list, runs show and runs export."""
+"""The commands palpate runs list, show, export, check, repair, install and resume."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
     return tell(procedure, done, output)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- runs list, show and export, and the group ---------------------------------------------------------
 
 
 @click.group(cls=StrictGroup)

@@ -1,4 +1,4 @@
-"""The commands palpate scene list, scene show, scene check and scene plot."""
+"""The commands palpate scene list, show, check, plot and explain."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def explain(
     output.result(found.summary, lambda: print_explained(found))
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- scene list, show, check and plot, and the group ---------------------------------------------------
 
 
 @click.group(cls=StrictGroup)

@@ -71,7 +71,7 @@ def mounts_by(kind_in: Callable[[Role], DeviceKind | None]) -> Mounts:
     return BY_HAND if changer is None else Mounts(changer.exchange or MOUNTING, changer=True)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- target and lab ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,7 @@ def _restore(terminal: int, before: list[Any]) -> None:
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the person at the console -------------------------------------------------------------------------
 
 Ask = Callable[[str, str], None]
 """Gets a task done that a sentence describes; the second argument is the word that confirms it."""

@@ -100,7 +100,7 @@ def print_reproduction(done: Reproduction) -> None:
     print_all(f"summary   {done.summary}", f"tables    {done.folder}")
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the page ------------------------------------------------------------------------------------------
 
 PARTS = (
     "Table by table", "Models beside the experiments", "Experiments", "Models", "Figures", "Slips of the thesis", ALL,

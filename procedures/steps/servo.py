@@ -77,7 +77,7 @@ def read_indicator(
     return IndicatorMean(mean, wrong, is_difference(readings[0]), u_mV)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the servo -----------------------------------------------------------------------------------------
 
 FIRST_AMPLITUDE = 0.25  # V
 LARGEST_GROWTH = 3.0  # of the amplitude, in one servo step

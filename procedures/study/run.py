@@ -203,7 +203,7 @@ def _shown(leaves: Mapping[str, Any], key: str) -> str:
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}…"
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the run of a study --------------------------------------------------------------------------------
 
 Points = Iterable[Mapping[str, object]]
 Evaluate = Callable[[Mapping[str, Value]], Points]

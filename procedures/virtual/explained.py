@@ -112,7 +112,7 @@ def _shown(value: Any) -> str:
         return str(value)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the explanation -----------------------------------------------------------------------------------
 
 MEASURED = ("force\nchanges", "ratio\nchanges", "ms")  # titles of columns
 WHY = "why"  # the column that is folded in a narrow terminal

@@ -60,7 +60,7 @@ def price(
     return measure(record, question.frequency, dwells, names)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- waveforms of a scene ------------------------------------------------------------------------------
 
 PLACES = ("under the tooth", "under the base")
 SEVERAL = ("under the teeth", "under the base")

@@ -72,7 +72,7 @@ def _ends(effects: Effects) -> tuple[float, ...]:
     return tuple(sorted({low, 0.0, high}))
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the bounds ----------------------------------------------------------------------------------------
 
 BEYOND = Bound(math.inf, math.inf)
 BETWEEN = {True: 0.01, False: 0.5}  # share of the results' span over phases that is added for phases between

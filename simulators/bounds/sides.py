@@ -133,7 +133,7 @@ def _summed(left: Floats, push: Floats) -> Floats:
     return np.concatenate([np.zeros((*push.shape[:-1], 1)), push], axis=-1)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- sides of a comparison -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

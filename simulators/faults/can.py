@@ -84,7 +84,7 @@ class FilmDrift(FilmFault):
         return self.rate * seconds
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- faults of the bus ---------------------------------------------------------------------------------
 
 SAMPLES, STAMP = (pdo.base for pdo in CONTRACT.pdos)
 HEARTBEAT = 0x700

@@ -120,7 +120,7 @@ def struck(targets: Sequence[Target], standing: Sequence[Struck]) -> dict[str, S
     return {place.name: place for target in targets for place in standing if place.has(target)}
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the base of all faults ----------------------------------------------------------------------------
 
 MOST = 100  # faults in a scene
 LONGEST = 1e9  # s, three decades; far beyond, whole nanoseconds are no numbers of a clock any more

@@ -128,7 +128,7 @@ class DriveState:
         self.bits = FAULT
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the twins -----------------------------------------------------------------------------------------
 
 HOMING_SPEED = 5e-3  # m/s [A]
 LOST, BEYOND = 0x85, 0x70  # alarms of a master that is gone, and of a target beyond the limits (BLV-R)

@@ -216,7 +216,7 @@ def _in_steps(scene: Scene, pressed: Sample, load: float, rate: float) -> list[s
     return []
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the plan ------------------------------------------------------------------------------------------
 
 PRELOAD = 0.75  # preload as a fraction of the load: half of the load is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement

@@ -229,7 +229,7 @@ class SdoServer(CanopenSdoServer):
         return (size, size) if found.data_type in found.STRUCT_TYPES else (1, LONGEST_TEXT)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the base of the nodes -----------------------------------------------------------------------------
 
 Times = npt.NDArray[np.int64]
 

@@ -178,7 +178,7 @@ def whole_frame(data: bytes) -> bytes:
     return data[:size] if HEADER < size <= len(data) else b""
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the servers ---------------------------------------------------------------------------------------
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # keeps a client's bad frames out of our stderr
 

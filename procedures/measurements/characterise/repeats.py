@@ -184,7 +184,7 @@ def _sources(of: Conditions, film: Film, rounds: int, times: Sequence[float], fo
     )
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the repeated rounds -------------------------------------------------------------------------------
 
 READING = "reading of the loads"
 LOAD_CELL = "load cell"

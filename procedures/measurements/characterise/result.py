@@ -185,7 +185,7 @@ def noise_component(scatter: float, records: int, samples: int) -> Component:
     return Component("noise, as measured", max(scattered, random), 1.0, freedom, "A")
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the result ----------------------------------------------------------------------------------------
 
 SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
 LEAST_DRIFT_POINTS = 3

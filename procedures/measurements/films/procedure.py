@@ -205,7 +205,7 @@ def _allocation(asked: FilmRepeats) -> Allocation:
     return in_rounds(lines, asked.costs, found.sets, asked.dwell, len(asked.loads))
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the procedure -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

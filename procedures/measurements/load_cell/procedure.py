@@ -167,7 +167,7 @@ def _displays(bench: Bench) -> list[float]:
     return values
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the procedure -------------------------------------------------------------------------------------
 
 LOADS = tuple(round(1e-3 * m * STANDARD_GRAVITY, 12) for m in range(140, 741, 100))  # N, Table 5.1
 DEGREES = {"auto": None, "1": 1, "2": 2}

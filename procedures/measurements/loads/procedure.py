@@ -193,7 +193,7 @@ def one_set_suffices(design: Design, samples: Sequence[str], tolerance: float) -
     return all(tolerance > floor_u(floor_of(design, expected_ratio(design, sample))) for sample in samples)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the procedure -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

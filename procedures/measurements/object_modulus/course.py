@@ -221,7 +221,7 @@ class ObjectModulusResult:
         }
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the course ----------------------------------------------------------------------------------------
 
 RESERVE = 1.0  # s, for what takes longer than usual
 NOISY, MATTERS = 1.5, 0.3  # times the planned noise that is told, and the share of the scatter from which on

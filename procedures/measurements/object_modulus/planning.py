@@ -416,7 +416,7 @@ def _on_scale(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Seque
     return [f"or        {share} on the scale of {found.model!r}, about {seconds}: --relative-to-model"]
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the plan ------------------------------------------------------------------------------------------
 
 
 def prospect_of(

@@ -104,7 +104,7 @@ class Measuring(DynamicLoadWork):
             self._spent += 1e-9 * (self._bench.clock.now_ns() - began)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the procedure -------------------------------------------------------------------------------------
 
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
 UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known

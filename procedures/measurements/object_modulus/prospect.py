@@ -216,7 +216,7 @@ def cost_of_trend(cycles: int) -> float:
     return float(np.linalg.norm(weights)) * math.sqrt(cycles * SAMPLES_PER_CYCLE) / 2
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the prospect --------------------------------------------------------------------------------------
 
 ROBUST = 1.02  # what the plan with a greater load may cost over the cheapest one
 BOUND_SETS = 3  # that tell a bound

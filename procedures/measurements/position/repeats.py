@@ -75,7 +75,7 @@ def mm(length: float) -> str:
     return f"{1e3 * length:.3g} mm"
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the repeated load sets ----------------------------------------------------------------------------
 
 RESERVE = 1.0  # s, for a set that takes longer than usual
 ROUNDING = 1e-9  # of a tolerance

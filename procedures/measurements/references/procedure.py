@@ -84,7 +84,7 @@ def expected_constant(
     return [*means, Expected(f"constant of model {curve.model}", constant, "ln")]
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the procedure -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

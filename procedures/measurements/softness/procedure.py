@@ -75,7 +75,7 @@ def expected_moduli(
     return found
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the procedure -------------------------------------------------------------------------------------
 
 EDGE = 1e-9  # distance that an expected ratio keeps from 0 and 1
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour

@@ -67,7 +67,7 @@ def expected_change(design: Design, ratio: float, load: float, dwell: float, ste
     return [Expected("change of the force ratio with a trend", math.sqrt(line.covariance[1, 1]), "1/K")]
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the procedure -------------------------------------------------------------------------------------
 
 RANGE = (-20.0, 40.0)  # K relative to the start; PVDF loses its polarisation above about 80 °C [S]
 MOST = 50  # greatest number of temperatures

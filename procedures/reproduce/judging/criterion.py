@@ -210,7 +210,7 @@ def _mean(of: str, kind: str, evidence: Evidence, loads: Sequence[Sequence[Row]]
     return MeanDifference(of, kind, evidence, mean, math.sqrt(shared**2 + own), len(loads), difference)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --- the requirements ----------------------------------------------------------------------------------
 
 LEAST_SHARE = 0.93  # of the input rows that must lie within; one in twenty is outside by chance
 
