@@ -10,6 +10,7 @@ import importlib
 import io
 import math
 import os
+import select
 import signal
 import sys
 import tempfile
@@ -182,17 +183,15 @@ def swept(content: Mapping[str, Any]) -> Came:
         child = os.fork()
         if not child:
             _child(folder, said, *SWEEP, "--scene", str(file), "--out", str(Path(folder, "run")))
-        status: int | None = None
-        while True:
-            done, how, used = os.wait4(child, os.WNOHANG)
-            if done:
-                status = os.waitstatus_to_exitcode(how)
-                break
-            if time.monotonic() - begun > PATIENCE:
-                os.kill(child, signal.SIGKILL)
-                _, _, used = os.wait4(child, 0)
-                break
-            time.sleep(0.01)  # noqa: TID251
+        ended = os.pidfd_open(child)
+        try:
+            within = bool(select.select([ended], [], [], PATIENCE)[0])
+        finally:
+            os.close(ended)
+        if not within:
+            os.kill(child, signal.SIGKILL)
+        _, how, used = os.wait4(child, 0)
+        status = os.waitstatus_to_exitcode(how) if within else None
         return Came(status, said.read_text(), used.ru_utime + used.ru_stime, time.monotonic() - begun)
 
 
