@@ -12,10 +12,10 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
    - `check` refuses impossible settings before anything is sent to a device;
    - `plan` lists the steps, each with `what` it measures, and the `group` of steps that share one set-up;
    - `begin` returns the work: `arrange` sets up a group, `take` measures one step, `end` leaves the bench at rest.
-     Work under a dynamic load inherits from `DynamicLoadWork` (`measurements/dynamic_load.py`), which has films, servo
+     Work under a dynamic load inherits from `DynamicLoadWork` (`measurements/work.py`), which has films, servo
      and end;
    - `course`, where the points themselves tell when to stop, or when a group of steps, such as a mounted sample, has
-     enough: `plan` then lists the most steps, and its `basis` is what `course` and `evaluate` judge them by;
+     enough (`until_full`): `plan` then lists the most steps, and its `basis` is what `course` and `evaluate` judge by;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/catalogue.py`: then its runs resume and replay, and `palpate measure` makes it a command.
 5. A shorter name, a longer help and a scene of its own are said in `commands/` by `commands.settings.conducting`; its
