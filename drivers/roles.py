@@ -20,7 +20,7 @@ __all__ = [
 
 
 class Reading(Protocol):
-    """A reading of a load indicator: see `palpate.drivers.devices.strain_indicator.IndicatorReading`."""
+    """A reading of a load indicator: see `palpate.drivers.devices.load_indicator.IndicatorReading`."""
 
     @property
     def reading_mV(self) -> float: ...

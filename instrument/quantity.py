@@ -26,6 +26,7 @@ _QUANTITY = re.compile(
 )
 LONGEST_UNIT = 100  # characters; pint's time grows with their square
 LARGEST_TOLERANCE = 0.5  # a share
+LARGEST_SHARE = 0.2  # half-width above which an interval is told as a factor
 SHARE = "give a share such as '5 %' or 0.05"
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _FACTORS = {prefix: float(f"1e{exponent}") for exponent, prefix in _PREFIXES.items()}
@@ -170,6 +171,20 @@ def show_with_u(value: float, u: float, unit: str) -> tuple[str, str]:
     decimals = max(1 - int(digit), 0)
     texts = [f"{each / scale:z.{decimals}f} {_PREFIXES[exponent]}{unit}" for each in (value, u)]
     return texts[0], texts[1]
+
+
+def plus_minus(half: float, digits: int = 2, factor: float | None = None) -> str:
+    """Text of the half-width of a 95 % interval, or of an error bound: "± 3.2 %", and "× 1.5" above ± 20 %.
+
+    Args:
+        half: half-width of the value's logarithm.
+        digits: significant digits.
+        factor: the factor to tell above 20 %, where the interval is not symmetric; None: e to the half-width.
+    """
+    if half <= LARGEST_SHARE * (1 + 1e-9):
+        return f"± {100 * half:.{digits}g} %"
+    told = math.exp(min(half, 100.0)) if factor is None else factor
+    return f"× {told:.{digits if told < 99.5 else 3}g}"
 
 
 def _exponent(value: float, unit: str) -> int | None:

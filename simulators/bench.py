@@ -19,7 +19,7 @@ from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.design import USUAL_NOISE
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.can_segment import SERIAL, CanSegment
+from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.guests import CHANGER, Guest, replaced
 from palpate.simulators.rig.rig import Rig, SimulatedOperator
 from palpate.simulators.scenes.scene import Scene
@@ -28,17 +28,19 @@ from palpate.simulators.wire.can_bus import own_channel
 from palpate.simulators.wire.modbus import ServerThread
 
 if TYPE_CHECKING:
+    from palpate.simulators.devices.amplifier import SimulatedShakerAmplifier
+    from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
     from palpate.simulators.devices.positioner import SimulatedPositioner
     from palpate.simulators.devices.sample_changer import SimulatedSampleChanger
-    from palpate.simulators.devices.shaker_amplifier import SimulatedShakerAmplifier
-    from palpate.simulators.devices.signal_generator import SimulatedSignalGenerator
-    from palpate.simulators.devices.strain_indicator import SimulatedStrainIndicator
+    from palpate.simulators.devices.sensor_node import SimulatedSensorNode
+    from palpate.simulators.devices.source import SimulatedSignalGenerator
     from palpate.simulators.faults.inject import Injection
 
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order
 NODE = "sensor_node"
 NAMED = "simulated bench"  # the name of every simulated bench begins so
 BITRATE = 1_000_000
+SERIAL = 0x2026_0100  # serial number of a node, less its id
 TIMEOUT: Any = "10 s"  # of wall time; it is long, because on a busy machine a simulated device answers late
 
 
@@ -84,20 +86,21 @@ class SimulatedBench:
         self.rig = Rig(scene, self.clock)
         self.channel = own_channel(place.interface) if place.channel is None else place.channel
         self._replaced = replaced(scene.devices)
-        self._node_ids = [] if NODE in self._replaced else list(range(1, scene.nodes + 1))
         # first on the clock, so that samples up to an event are taken before the event changes the rig
-        self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self.channel)
+        self.can = CanSegment(self.clock, self.rig, place.interface, self.channel)
         self.clock.add(self.rig)
-        self.nodes = self.can.nodes
-        self.devices: dict[str, Any] = {f"{NODE}_{number}": node for number, node in enumerate(self.nodes, 1)}
-        self._kinds = dict.fromkeys(self.devices, KINDS[NODE])
+        self.devices: dict[str, Any] = {}
+        self._kinds: dict[str, DeviceKind] = {}
         self._addresses: dict[str, int] = {}  # unit id on the serial line, or node id, of each device by name
         self._samples = samples
+        given = [guest.name for guest in scene.devices if guest.table.get("role") == NODE]
+        self._sampling = given or [guest.name for guest in scene.devices if NODE in guest.kind.roles]
+        for number in range(1, 1 + (0 if NODE in self._replaced else scene.nodes)):
+            self._add(f"{NODE}_{number}", KINDS[NODE], NoSettings())
+        self.nodes: list[SimulatedSensorNode] = list(self.devices.values())
         for name in (*USUAL, *([CHANGER] if samples else [])):
             if name not in self._replaced:
                 self._add(name, KINDS[name], NoSettings())
-        given = [guest.name for guest in scene.devices if guest.table.get("role") == NODE]
-        self._sampling = given or [guest.name for guest in scene.devices if NODE in guest.kind.roles]
         for guest in scene.devices:
             self._add(guest.name, guest.kind, guest.settings)
         self.operator = SimulatedOperator(self.rig, self.clock)
@@ -105,7 +108,7 @@ class SimulatedBench:
 
     def _free_node_id(self, kind: DeviceKind) -> int:
         """The node id at which alone the COB-IDs of a device are known, if there is one; else the next that is free."""
-        taken: set[int] = {*self._node_ids, *(guest.id for guest in self.can.guests)}
+        taken = {node.id for node in self.can.nodes}
         known: list[int] = [pdo.node for pdo in (*kind.contract.pdos, *kind.contract.receives) if pdo.node]
         free: int = next(each for each in (*known, *NODES) if each not in taken)
         return free

@@ -57,6 +57,10 @@ class Stream:
         """Numbers `first` to `first + count - 1`, shape (count,), not to be written to."""
         return cut(self.block, first, count)
 
+    def spread(self, deviation: float, first: int, count: int) -> npt.NDArray[np.float64]:
+        """`normal` times a standard deviation; where that is 0, nothing is drawn."""
+        return deviation * self.normal(first, count) if deviation else np.zeros(count)
+
     def block(self, number: int) -> npt.NDArray[np.float64]:
         """Numbers `number` * BLOCK to the next multiple, (BLOCK,), not to be written to."""
         if number not in self._blocks:

@@ -5,6 +5,7 @@ The bench is imported where it is used: the process that hands the tests to the 
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import signal
@@ -12,7 +13,7 @@ import socket
 import stat
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,6 +39,17 @@ def pytest_configure() -> None:
     """Ctrl-C is not ignored."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # in the background of a script: commands under test get it
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What is collected lives until the end: the collector of garbage looks through it neither now nor later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -127,14 +127,14 @@ class Truth:
     names: list[str] = field(default_factory=lambda: [""])
 
     def watch(self, sim: SimulatedBench) -> None:
-        lay = sim.rig._lay
+        lay = sim.rig.lay
 
         def told(mounted: Mounted) -> None:
             lay(mounted)
             self.times.append(sim.clock.now_ns())
             self.names.append(mounted.sample.name if mounted.sample else "")
 
-        sim.rig._lay = told  # type: ignore[method-assign]
+        sim.rig.lay = told  # type: ignore[method-assign]
 
     def during(self, start_ns: int, end_ns: int) -> set[str]:
         """All that lay there from one time to another; what changed at its end came after it."""

@@ -16,8 +16,8 @@ from typing import Any
 
 import canopen
 
+from palpate.drivers.devices.load_indicator import StrainIndicator
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.devices.strain_indicator import StrainIndicator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.sdo import CheckedSdoClient
 from palpate.instrument.contracts import positioner, strain_indicator

@@ -1,7 +1,4 @@
-"""What the house may never have, but for circles, which CI counts; and the counting.
-
-Its private functions are tested by themselves, as the whole house has none of what they look for.
-"""
+"""What the house may never have, but for circles, which CI counts; and the counting."""
 
 from __future__ import annotations
 
@@ -19,17 +16,24 @@ def test_there_is_no_exemption_and_no_any_in_commands() -> None:
 
 def test_a_circle_is_found_through_others_and_by_the_strictest_count() -> None:
     imports = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": {"e"}, "e": set(), "f": {"g"}, "g": {"f"}}
-    assert house._circles(imports) == ["a, b, c", "f, g"]
-    assert house._circles({"a": {"b"}, "b": set()}) == []
+    assert house.circles_of(imports) == ["a, b, c", "f, g"]
+    assert house.circles_of({"a": {"b"}, "b": set()}) == []
 
 
 @pytest.mark.parametrize(
     ("module", "package", "child"), [("a.b.c", "a", "a.b"), ("a.b", "a", "a.b"), ("a", "a", ""), ("ab.c", "a", "")]
 )
 def test_a_module_belongs_to_the_child_of_a_package_that_it_lies_in(module: str, package: str, child: str) -> None:
-    assert house._child(module, package) == child
+    assert house.child(module, package) == child
 
 
 def test_any_is_counted_in_arguments_and_results_alone() -> None:
     text = "x: Any = 1\ndef f(a: dict[str, Any], *, b: int = 0, **c: Any) -> Any:\n    d: Any = a\n"
-    assert house._anys(ast.parse(text)) == 3
+    assert house.anys(ast.parse(text)) == 3
+
+
+def test_a_name_with_an_underscore_is_reached_where_it_is_not_of_the_files_own() -> None:
+    own = "class Own:\n    def _b(self):\n        self._a = self._b()\n        os._exit(self._a)"
+    reaching = "from x import _c\nx._d = y._e\npatch.setattr(x, '_f', 1)\npatch.setattr('x.y._g', 1)\nx.__name__"
+    assert house.reaches(ast.parse(own)) == set()
+    assert house.reaches(ast.parse(reaching)) == {"_c", "_d", "_e", "_f", "x.y._g"}

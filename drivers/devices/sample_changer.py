@@ -33,7 +33,10 @@ class ChangerState:
 
 
 class ModbusSampleChanger(ModbusDevice):
-    """The sample changer, which mounts samples by name. A mounted sample must stay untouched until the next order."""
+    """Our sample changer, which mounts samples by name: the only device of its role, so no map describes one.
+
+    A mounted sample must stay untouched until the next order.
+    """
 
     contract = sample_changer.CONTRACT
     orders = frozenset({"order"})

@@ -1,34 +1,33 @@
-"""Driver of the sensor nodes."""
+"""Drivers of sensor nodes, which sample films at each SYNC: that of makers' nodes, by their maps, and that of ours."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from itertools import pairwise
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevice
+from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.links.can import CanLink, FrameCallback
+from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap, raw_limits
 from palpate.instrument.contracts import sensor_node
-from palpate.instrument.contracts.contract import Pdo
+from palpate.instrument.contracts.contract import Contract, Pdo
 from palpate.instrument.contracts.sensor_node import (
     CHANNELS,
     FULL_SCALE_COUNTS,
     RANGE_VOLTS,
     SYNC_COB_ID,
     SYNC_PRODUCER,
+    frames_load,
 )
-from palpate.instrument.errors import DeviceError, LinkError, RangeError
+from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
 
-CONTRACT = sensor_node.CONTRACT
-_SAMPLES, _STAMP = CONTRACT.pdos
-_SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo in (_SAMPLES, _STAMP))
-_FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
-_MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples before the counter starts again
 LATEST_WAITS = 10
 LARGEST_RECORDING = 10_000_000  # greatest number of samples if the caller gives none
 
@@ -52,8 +51,404 @@ class Recording:
     saturated: npt.NDArray[np.bool_]
 
 
+# -------------------------------------------------------------------------------------------------------
+# The readings in the frames of a node that samples: integers, their scale, and where they are saturated
+
+Floats = npt.NDArray[np.float64]
+Kept = Sequence[tuple[int, bytes]]
+"""Frames, each with the number of the SYNC before it."""
+BROKEN = -1  # number of a frame of a wrong size
+
+
+class Counts:
+    """How the frames of a node become readings.
+
+    Attributes:
+        pdos: the PDOs that hold channels.
+        sizes: bytes of their frames.
+        step: step of each channel, shape (channels,) [unit of the readings].
+        full_scale: greatest reading that every channel can have, of either sign [unit of the readings].
+    """
+
+    def __init__(self, contract: Contract, channels: Sequence[str]) -> None:
+        self._contract, self._channels = contract, channels
+        self.pdos = tuple(pdo for pdo in contract.pdos if set(pdo.fields) & set(channels))
+        self.sizes = tuple(sum(contract[name].size for name in pdo.fields) for pdo in self.pdos)
+        self.step = np.ones(len(channels))
+        self._low, self._high = np.zeros(len(channels)), np.zeros(len(channels))
+        self.full_scale = 0.0
+
+    def read_scales(self, beside: Callable[[str], Mapping[str, float]]) -> None:
+        """Take in the scales; `beside` gives what the node tells of a field's scale. Raises what `beside` raises."""
+        for number, name in enumerate(self._channels):
+            f = self._contract[name]
+            self.step[number] = self._contract.step(name, beside(name))
+            self._low[number], self._high[number] = raw_limits(f, self.step[number])
+        offset = np.array([self._contract[name].offset for name in self._channels])
+        ends = np.abs([self.step * self._low + offset, self.step * self._high + offset])
+        self.full_scale = float(ends.max(axis=0).min() if (self._low < 0).all() else ends[1].min())
+
+    def first_wrong(self, pdo: Pdo, frames: Kept, count: int) -> int | None:
+        """Number of the first SYNC, up to `count`, that was not answered by one whole frame; None: there is none."""
+        size = self.sizes[self.pdos.index(pdo)]
+        numbers = np.fromiter((number if len(data) == size else BROKEN for number, data in frames[:count]), int)
+        wrong = np.flatnonzero(numbers != np.arange(1, len(numbers) + 1))
+        if not wrong.size:
+            return len(numbers) + 1 if len(numbers) < count else None
+        due, came = int(wrong[0]) + 1, int(numbers[wrong[0]])
+        return max(came, 1) if BROKEN < came < due else due  # a second answer to an earlier one, or none to this one
+
+    def decoded(self, frames: Mapping[str, Kept]) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """Readings, shape (channels, n), and whether each is at the end of its range, where it may be saturated.
+
+        NaN: the node says that it has no reading.
+        """
+        raw = np.array([self._raw(name, frames) for name in self._channels])
+        offset = np.array([self._contract[name].offset for name in self._channels])
+        readings = raw * self.step[:, np.newaxis] + offset[:, np.newaxis]
+        for number, name in enumerate(self._channels):
+            if missing := self._contract[name].missing:
+                readings[number, np.isin(raw[number], missing)] = np.nan
+        return readings, (raw <= self._low[:, np.newaxis]) | (raw >= self._high[:, np.newaxis])
+
+    def _raw(self, channel: str, frames: Mapping[str, Kept]) -> npt.NDArray[np.int64]:
+        pdo = next(pdo for pdo in self.pdos if channel in pdo.fields)
+        before = pdo.fields[: pdo.fields.index(channel)]
+        at, f = sum(self._contract[name].size for name in before), self._contract[channel]
+        data = np.frombuffer(b"".join(each for _, each in frames[pdo.name]), np.uint8)
+        octets = data.reshape(len(frames[pdo.name]), -1)[:, at : at + f.size].astype(np.int64)
+        raw: npt.NDArray[np.int64] = octets @ (1 << 8 * np.arange(f.size))
+        if f.type.startswith("int"):
+            raw = np.where(raw >= 1 << 8 * f.size - 1, raw - (1 << 8 * f.size), raw)
+        return raw
+
+
+# --- The SYNC of a CAN bus, by which its nodes sample (CiA 301, 7.2.5) ---------------------------------
+#
+# One of the nodes sends it, whose crystal keeps the rate. This program sends none: between two programs of a PC a
+# frame may wait for milliseconds, and a sample that is taken at another time than its number says is wrong.
+
+COB_ID, PERIOD = 0x1005, 0x1006  # objects
+MICROSECONDS = 1e6
+LONGEST = (1 << 32) - 1  # µs
+BLOCK = 16  # SYNCs whose time stamps are compared with the next ones by their median
+SHIFT = 0.4  # of a period: how far they must move until a SYNC is taken to be missing
+
+
+class Asks(Protocol):
+    """The node for which SYNC is sent, whose name stands in messages."""
+
+    name: str
+    link: CanLink
+
+
+class Sync:
+    """Switches SYNC on and off in the node that sends it."""
+
+    def __init__(self, asking: Asks, node_id: int) -> None:
+        self._asking, self.node_id = asking, node_id
+        self.rate = 0.0  # SYNCs a second; 0: not set
+
+    def set_rate(self, rate: float) -> None:
+        """Set the rate [1/s], while no SYNC is sent. Raises RangeError, LinkError, DeviceError."""
+        period = MICROSECONDS / rate if rate > 0 else math.inf
+        if not 1 <= round(min(period, 2 * LONGEST)) <= LONGEST:
+            raise RangeError(f"{self._asking.name}: no period of SYNC gives {rate:g} samples/s; give 0.001 to 1e6")
+        self.off()  # a program that was killed may have left it on
+        self._write(PERIOD, round(period))
+        self.rate = MICROSECONDS / round(period)
+
+    def lost(self) -> bool:
+        """Whether the node that sends SYNC no longer holds its rate. Raises LinkError, DeviceError."""
+        if not self.rate:
+            return False
+        held = self._asking.link.upload(self._asking.name, self._asking.link.add_node(self.node_id), PERIOD, 0, 4)
+        return int.from_bytes(held, "little") != round(MICROSECONDS / self.rate)
+
+    def restore(self) -> None:
+        """Write the rate again. Raises LinkError, DeviceError."""
+        if self.rate:
+            self.set_rate(self.rate)
+
+    def on(self) -> None:
+        self._write(COB_ID, SYNC_PRODUCER | SYNC_COB_ID)
+
+    def off(self) -> None:
+        self._write(COB_ID, SYNC_COB_ID)
+
+    def _write(self, index: int, value: int) -> None:
+        link, who = self._asking.link, f"{self._asking.name}, whose SYNC node {self.node_id} sends"
+        try:
+            link.download(who, link.add_node(self.node_id), index, 0, value.to_bytes(4, "little"))
+        except DeviceError as error:
+            raise DeviceError(
+                f"{error}, writing {index:04X}h; a node that sends SYNC takes this, so name one by sync_node"
+            ) from None
+
+
+def missing_sync(stamps: Sequence[float], rate: float) -> int | None:
+    """Number of the SYNC from which on some are missing or too many, by the times at which they came; None: none is.
+
+    A lost SYNC moves all later ones by a period, and a late time stamp moves itself alone. So the medians of successive
+    blocks are compared.
+
+    Args:
+        stamps: time stamps of the CAN adapter or its driver, shape (n,) [s].
+        rate: SYNCs a second.
+    """
+    late = np.asarray(stamps) * rate - np.arange(len(stamps))
+    blocks = [float(np.median(late[at : at + BLOCK])) for at in range(0, len(late), BLOCK)]
+    return next((at * BLOCK + 1 for at, (one, two) in enumerate(pairwise(blocks)) if abs(two - one) > SHIFT), None)
+
+
+# --- the driver ----------------------------------------------------------------------------------------
+
+FIXED = "fixed"  # name of the only range
+# How far SYNCs may be from the bench's clock: a part of them, some at both ends, and how late a machine may be [s].
+SLACK, EDGES, LATE = 1e-3, 2, 0.1
+
+
+class MappedNode(CanopenDevice):
+    """One node that samples films at each SYNC, as the map of its kind says."""
+
+    @classmethod
+    def at(cls, place: DevicePlace) -> Self:
+        assert place.kind is not None
+        table = place.kind.table(SensorNodeMap)
+        return cls._fitted(cls(place.link, place.unit, place.clock, place.kind.contract, table, place.settings), place)
+
+    def __init__(
+        self,
+        link: CanLink,
+        node_id: int,
+        clock: Clock,
+        contract: Contract,
+        table: SensorNodeMap,
+        settings: NodeSettings,
+    ) -> None:
+        super().__init__(link, node_id, clock, contract)
+        self.table, self._node_settings = table, settings
+        self.sync: Sync | None = None
+        sync_node = settings.sync_node or (node_id if table.sends_sync else 0)
+        if sync_node:
+            self.sync = Sync(self, sync_node)
+        self.counts = Counts(contract, table.channels)
+        self._frames: dict[str, list[tuple[int, bytes]]] = {}
+        self._stamps: list[float] = []
+        self.syncs = 0  # SYNCs since `arm`
+        self._most = 0  # greatest number of SYNCs and frames that are kept, because a node may send without end
+
+    def connect(self) -> None:
+        """Join the bus, identify the node, set its PDOs up, and read how it scales its readings. Raises as `identify`.
+
+        DeviceError: the node does not take a PDO.
+        """
+        super().connect()
+        self.link.subscribe(SYNC_COB_ID, self._on_sync)
+        self.counts.read_scales(self._scales.beside)
+
+    @property
+    def volts_per_unit(self) -> float:
+        """What one unit of its readings stands for [V]. Raises ConfigError: the bench file does not say it."""
+        unit, given = self.contract[self.table.channels[0]].unit, self._node_settings.volts_per_unit
+        if (given is None) != (unit in VOLTS):
+            wants = f"tells {unit} itself; leave it out" if unit in VOLTS else (
+                f"reads {unit or 'counts'}; give what one of them stands for in V, as its input stage is wired"
+            )  # fmt: skip
+            raise ConfigError(f"{self.name}: volts_per_unit in its section of the bench file: the node {wants}")
+        return VOLTS[unit] if given is None else given
+
+    @property
+    def ranges(self) -> Mapping[str, float]:
+        """Its only range, which it cannot change [V]. Raises ConfigError as `volts_per_unit`."""
+        return {FIXED: self.volts_per_unit * self.counts.full_scale}
+
+    def check_section(self, settings: NodeSettings, frequency: float) -> None:
+        """As for every device. Raises ConfigError: the section does not say what a count is."""
+        _ = self.volts_per_unit
+
+    def set_range(self, channel: int, range_: str) -> None:
+        """Raises UnknownName: this is not the range that it has."""
+        if range_ not in self.ranges:
+            raise UnknownName(f"range of the {self.contract.title}", range_, self.ranges)
+
+    def resolution(self, channel: int) -> float:
+        """Step of a channel's converter (1 to its number of channels) [V]."""
+        return self.volts_per_unit * abs(float(self.counts.step[channel - 1]))
+
+    def set_sample_rate(self, rate: float) -> None:
+        """Set the sample rate [Hz], by the period of SYNC.
+
+        Raises:
+            RangeError: the node cannot take so many samples a second, or no period of SYNC gives this rate.
+            ConfigError: no node is named that sends SYNC.
+            LinkError, DeviceError: the node that sends SYNC does not take it.
+        """
+        if not 0 < rate <= self.table.fastest:
+            raise RangeError(
+                f"{self.name}: sample rate {rate:g} Hz is not above 0 and up to {self.table.fastest:g} Hz, the most "
+                "that it takes; lower the frequency of the drive"
+            )
+        self._sync().set_rate(rate)
+
+    def _sync(self) -> Sync:
+        """The SYNC by which it samples. Raises ConfigError: none is named."""
+        if self.sync is None:
+            raise ConfigError(
+                f"{self.name}: cannot send SYNC, and a PC's own would come too early or too late; write sync_node = ID "
+                "in its section of the bench file, of a node on its bus that sends SYNC"
+            )
+        return self.sync
+
+    def acquire_with(self, others: Sequence[MappedNode], duration: float) -> list[Recording]:
+        """Sample for `duration` [s] together with `others`, with the SYNC of this node's section.
+
+        The nodes count no samples, so each frame belongs to the SYNC before it, of which each node must send one. The
+        SYNCs themselves are compared with the bench's clock and, on a real bus, with their time stamps.
+
+        Raises:
+            RangeError: this is less than one sample, or more than the bus can carry; nothing is sent.
+            ConfigError: a node is on another bus; nothing is sent.
+            LinkError: samples were lost.
+            DeviceError: no rate is set, or no SYNC came.
+        """
+        sync = self._sync()
+        nodes, rate, clock = [self, *others], sync.rate, self.clock
+        if not rate:
+            raise DeviceError(f"{self.name}: no sample rate is set; set it self", device=self.name)
+        if stray := next((node.name for node in others if node.link is not self.link), None):
+            raise ConfigError(f"{stray}: is on another bus than {self.name}, whose SYNC it does not hear; put it there")
+        samples = duration * rate
+        if not (math.isfinite(samples) and 0.5 < samples <= LARGEST_RECORDING):
+            raise RangeError(
+                f"{self.name}: duration {duration:g} s is not finite, at least one sample at {rate:g} Hz and at most "
+                f"{LARGEST_RECORDING} samples"
+            )
+        load = frames_load([size for node in nodes for size in node.counts.sizes], rate, self.link.bitrate)
+        if load > 1:
+            raise RangeError(
+                f"{self.name}: {len(nodes)} nodes at {rate:g} samples/s fill {100 * load:.0f} % of a bus of "
+                f"{self.link.bitrate:g} bit/s; raise its bit rate or lower the frequency of the drive"
+            )
+        count = round(samples)
+        for node in nodes:
+            node.arm(count)
+        asked = clock.now_ns()
+        sync.on()
+        try:
+            began = clock.now_ns()
+            for wait in (duration + 1 / rate, *LATEST_WAITS * (1 / rate,)):
+                clock.wait(wait)
+                self._barrier()
+                if self.syncs > count:  # the frames of SYNC number `count` have come before the next one
+                    break
+            ended = clock.now_ns()
+        finally:
+            sync.off()
+            for node in nodes:
+                node.disarm()
+        _check_rate(self, sync, (1e-9 * (ended - began), 1e-9 * (clock.now_ns() - asked)))
+        return [node.collect(count, rate) for node in nodes]
+
+    def arm(self, count: int = LARGEST_RECORDING) -> None:
+        """Forget earlier samples, and take `count` samples from the next SYNC on."""
+        self._frames = {pdo.name: [] for pdo in self.contract.pdos}
+        self._stamps, self.syncs = [], 0
+        self._most = 2 * count
+        self.start()
+
+    def disarm(self) -> None:
+        """Take no more samples."""
+        self.stop()
+
+    def _on_sync(self, _cob_id: int, _data: bytearray, timestamp: float) -> None:
+        self.syncs += 1
+        if len(self._stamps) < self._most:
+            self._stamps.append(timestamp)
+
+    def _hearing(self, pdo: Pdo) -> FrameCallback:
+        """Each frame is kept with the number of the SYNC before it."""
+
+        def heard(_cob_id: int, data: bytearray, _timestamp: float) -> None:
+            kept = self._frames.get(pdo.name)
+            if kept is not None and len(kept) < self._most:
+                kept.append((self.syncs, bytes(data)))
+
+        return heard
+
+    def collect(self, count: int, rate: float) -> Recording:
+        """The first `count` samples since `arm`; what is saturated shows by counts at the end of their range.
+
+        Raises:
+            LinkError: frames are missing, doubled or out of order; the message names the first such sample.
+            DeviceError: the node has sent more emergencies than can be kept.
+        """
+        frames, stamps, self._frames, self._most = self._frames, self._stamps, {}, 0
+        if len(self.emergencies) == MOST_EMERGENCIES:
+            raise DeviceError(f"{self.name}: has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again")
+        lost = [missing_sync(stamps[: count + 1], rate)] if self.link.stamped else []
+        lost += [self.counts.first_wrong(pdo, frames[pdo.name], count) for pdo in self.counts.pdos]
+        if wrong := [number for number in lost if number is not None]:
+            raise LinkError(
+                f"{self.name}: samples are missing from number {min(wrong)} on; the bus lost frames, record again",
+                device=self.name,
+            )
+        volts, saturated = self.counts.decoded({pdo.name: frames[pdo.name][:count] for pdo in self.counts.pdos})
+        time: npt.NDArray[np.float64] = np.arange(1, count + 1) / rate
+        return Recording(self.id, rate, time, self.volts_per_unit * volts, saturated)
+
+    def notices(self) -> list[str]:
+        """Emergencies, a missing heartbeat, and a status that says that readings are not good."""
+        found = super().notices()
+        if self.table.status is not None:
+            told = self.contract.choice(self.table.status, self.held(self.table.status))
+            found += [] if told == "ok" else [f"{self.name}: {self.table.status} is {told}"]
+        return found
+
+    def differences(self) -> list[str]:
+        found = super().differences()
+        if self.sync is not None and self.sync.lost():
+            found.append(f"{self.name}: node {self.sync.node_id}, which sends SYNC, no longer holds its period")
+        return found
+
+    def restore(self) -> None:
+        """As of every node; the node that sends SYNC gets its period again as well."""
+        super().restore()
+        if self.sync is not None:
+            self.sync.restore()
+
+
+def _check_rate(node: MappedNode, sync: Sync, within: tuple[float, float]) -> None:
+    """Raises LinkError, DeviceError: not as many SYNCs came as fit between the least and the greatest time [s]."""
+    if not node.syncs:
+        raise DeviceError(
+            f"{node.name}: no SYNC came; check that node {sync.node_id} is there and sends it (1005h, 1006h)",
+            device=node.name,
+        )
+    low, high = (seconds * sync.rate for seconds in within)
+    edges = EDGES + LATE * sync.rate
+    if not low * (1 - SLACK) - edges <= node.syncs <= high * (1 + SLACK) + edges:
+        raise LinkError(
+            f"{node.name}: {node.syncs} SYNCs came in {within[0]:.4g} s, {low:.0f} were due; the bus lost frames, or "
+            "another node sends SYNC as well",
+            device=node.name,
+        )
+
+
+# --- ours ----------------------------------------------------------------------------------------------
+
+CONTRACT = sensor_node.CONTRACT
+_SAMPLES, _STAMP = CONTRACT.pdos
+_SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo in (_SAMPLES, _STAMP))
+_FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
+_MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples before the counter starts again
+
+
 class CanopenSensorNode(CanopenDevice):
-    """One sensor node on the CAN bus."""
+    """One of our sensor nodes, which a map does not describe: it numbers its samples, and tells which are saturated.
+
+    So its samples are checked by their numbers, not by the SYNCs before them, and its channels have ranges.
+    """
 
     contract = CONTRACT
     orders = frozenset({"sync_cob_id"})  # it starts and stops SYNC

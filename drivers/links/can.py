@@ -278,14 +278,14 @@ class CanLink:
 
         Raises LinkError, LinkTimeout, DeviceError.
         """
-        data: bytes = self._transfer(who, node, node.sdo.upload, index, subindex, size)
+        data: bytes = self.transfer(who, node, node.sdo.upload, index, subindex, size)
         return data
 
     def download(self, who: str, node: canopen.RemoteNode, index: int, subindex: int, data: bytes) -> None:
         """Write an object, once. Raises LinkError, LinkTimeout, DeviceError."""
-        self._transfer(who, node, node.sdo.download, index, subindex, data)
+        self.transfer(who, node, node.sdo.download, index, subindex, data)
 
-    def _transfer(self, who: str, node: canopen.RemoteNode, call: Callable[..., Any], *args: object) -> Any:
+    def transfer(self, who: str, node: canopen.RemoteNode, call: Callable[..., Any], *args: object) -> Any:
         with self._lock:
             if node in self._answers_due:
                 self._await_silence(who, node)

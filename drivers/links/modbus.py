@@ -160,7 +160,7 @@ SOON, SELDOM = 0.01, 0.1  # shortest and longest time until a busy device is ask
 LARGEST_FRAME = 256  # bytes on a serial line
 
 
-class _StrictDecoder(DecodePDU):
+class StrictDecoder(DecodePDU):
     """A decoder that refuses odd byte counts, cut-off texts and surplus data, which pymodbus' own accepts."""
 
     def decode(self, frame: bytes) -> ModbusPDU | None:
@@ -197,20 +197,20 @@ class ModbusLink:
         self.name = name
         self.section = "the bench file"  # where its address is said, and below by unit id where each device's is
         self.devices: dict[object, str] = {}
-        self._client = client
+        self.client = client
         self._clock = clock or WallClock()
         self._lock = OwnLock()
         close_in_child(client, lambda found: [found.socket.fileno()] if found.socket else [])
         self._reply_due = False
         self._heard: Callable[[bool, bytes], object] = lambda _sent, _data: None
         self._sent = self._came = b""
-        client.transaction.framer.decoder = _StrictDecoder(is_server=False)
+        client.transaction.framer.decoder = StrictDecoder(is_server=False)
         client.transaction.trace_packet = self._trace
 
     @property
     def serial(self) -> bool:
         """Whether it is a serial line."""
-        return isinstance(self._client, RtuClient)
+        return isinstance(self.client, RtuClient)
 
     def tap(self, heard: Callable[[bool, bytes], object]) -> None:
         """From now on call `heard` with each request before it is sent (True), and with all bytes of its reply."""
@@ -247,26 +247,26 @@ class ModbusLink:
             self._drop()
 
     def _drop(self) -> None:
-        self._client.close()  # type: ignore[no-untyped-call]
+        self.client.close()  # type: ignore[no-untyped-call]
 
     def _connect(self) -> None:
         if self._reply_due:
             self._drop()
         try:
-            connected = self._client.connect()
+            connected = self.client.connect()
         except ValueError as error:  # the host name is malformed
             raise LinkError(f"{self.name} is no address: {error}; correct it in {self.section}") from None
         if not connected:
             raise LinkError(self._why_closed())
-        if self._reply_due and isinstance(self._client, RtuClient):
-            self._await_silence(self._client)
+        if self._reply_due and isinstance(self.client, RtuClient):
+            self._await_silence(self.client)
         self._reply_due = False
 
     def _why_closed(self) -> str:
         """Why the link cannot be opened, with the remedy."""
         if why := causes.exhausted():
             return f"{self.name} {why}"
-        client, line = self._client, self._client.comm_params
+        client, line = self.client, self.client.comm_params
         if isinstance(client, TcpClient):
             return causes.no_connection(line.host, line.port, client.failure, self._timeout, self.section)
         if "://" in self.name:
@@ -276,7 +276,7 @@ class ModbusLink:
 
     def _why_none(self, unit: object) -> str:
         """Why no valid answer came, with the remedy."""
-        client = self._client
+        client = self.client
         device = self.devices.get(unit, "the bench file")
         if isinstance(client, TcpClient):
             return causes.wrong_on_tcp(self._sent, self._came, self.name, self.section, device)
@@ -289,7 +289,7 @@ class ModbusLink:
 
     def _why_lost(self) -> str:
         """Why the connection is lost, with the remedy."""
-        client = self._client
+        client = self.client
         if client.failure is not None if isinstance(client, TcpClient) else not client.connect():
             return self._why_closed()
         if self.serial and "://" not in self.name:
@@ -313,13 +313,13 @@ class ModbusLink:
 
     @property
     def _timeout(self) -> float:
-        timeout: float = self._client.comm_params.timeout_connect
+        timeout: float = self.client.comm_params.timeout_connect
         return timeout
 
     @contextmanager
     def _patient(self, timeout: float) -> Iterator[None]:
         """A context in which a reply may take so long [s]."""
-        params, before = (self._client.comm_params, self._client.transaction.comm_params), self._timeout
+        params, before = (self.client.comm_params, self.client.transaction.comm_params), self._timeout
         try:
             for each in params:
                 each.timeout_connect = timeout
@@ -410,7 +410,7 @@ class ModbusLink:
             patience = max(responds, self._timeout)
             try:
                 with self._patient(patience) if responds else nullcontext():
-                    reply = request(self._client, *args)
+                    reply = request(self.client, *args)
             except (ConnectionException, ConnectionError) as error:
                 raise LinkError(f"{who}: {self._why_lost()}") from error
             except ModbusIOException as error:

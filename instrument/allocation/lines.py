@@ -15,8 +15,12 @@ from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
 
+import numpy as np
+
 from palpate.instrument.errors import RangeError
-from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Component, Floats, mixture_factors
+
+MOST_FREEDOM = 1e9  # as good as infinitely many
 
 
 class RepeatUnit(Enum):
@@ -116,13 +120,44 @@ def budget(lines: Sequence[BudgetLine], mountings: float, sets: float, dwell: fl
     }
     inputs = tuple(Component(e.name, e.u / math.sqrt(units[e.per]), 1.0, e.degrees_of_freedom) for e in lines)
     shared = {(a.name, b.name): 0.0 for a, b in combinations(lines, 2) if a.estimate and a.estimate == b.estimate}
-    return Budget("relative deviation", 0.0, "1", inputs, shared)
+    prior = next((e.name for e in lines if e.per is RepeatUnit.MOUNTING and math.isfinite(e.degrees_of_freedom)), "")
+    return Budget("relative deviation", 0.0, "1", inputs, shared, prior)
 
 
-def merged(lines: Sequence[BudgetLine], dwell: float) -> list[BudgetLine]:
-    """The lines with one line for all that falls with the number of sets, whose dwell is fixed [s]."""
-    of_sets = [line for line in lines if line.per in (RepeatUnit.SET, RepeatUnit.SECOND)]
-    return [
-        *(line for line in lines if line not in of_sets),
-        BudgetLine("sets", budget(of_sets, 1, 1, dwell).u, RepeatUnit.SET),
-    ]
+def half_widths(
+    lines: Sequence[BudgetLine], mountings: Floats, each: Floats, dwell: float, of_sets: Floats, *, pooled: bool = True
+) -> Floats:
+    """Half-widths of the 95 % interval of the answer, relative, of many plans at once.
+
+    Args:
+        lines: lines with names of their own; of those that fall with mountings at most one has a finite number of
+            degrees of freedom.
+        mountings: number of mountings, an array.
+        each: number of sets in each mounting, of the same shape.
+        dwell: dwell of one set [s].
+        of_sets: degrees of freedom of the scatter of sets, of the same shape.
+        pooled: whether each mounting but the first adds a degree of freedom to that of a prior of their scatter.
+    """
+
+    def variance(unit: RepeatUnit) -> float:
+        return math.fsum(line.u**2 for line in lines if line.per is unit)
+
+    mounted = variance(RepeatUnit.MOUNTING) / mountings
+    sets = (variance(RepeatUnit.SET) + variance(RepeatUnit.SECOND) / dwell) / (mountings * each)
+    fixed = [line for line in lines if line.per is RepeatUnit.NOTHING]
+    rest = sets + variance(RepeatUnit.NOTHING)
+    spent = sets**2 / np.minimum(of_sets, MOST_FREEDOM)
+    spent = spent + math.fsum(line.u**4 / line.degrees_of_freedom for line in fixed)
+    known = min((line.degrees_of_freedom for line in lines if line.per is RepeatUnit.MOUNTING), default=math.inf)
+    total = mounted + rest
+    if math.isfinite(known):
+        freedom = np.divide(rest**2, spent, out=np.full(rest.shape, MOST_FREEDOM), where=spent > 0)
+        prior = known + (mountings - 1 if pooled else 0.0)
+        factor = mixture_factors(mounted / np.where(total > 0, total, 1.0), prior + 0.0 * total, freedom)
+    else:
+        from scipy.special import stdtrit
+
+        freedom = np.divide(total**2, spent, out=np.full(total.shape, MOST_FREEDOM), where=spent > 0)
+        factor = stdtrit(np.minimum(freedom, MOST_FREEDOM), (1 + COVERAGE) / 2)
+    found: Floats = factor * np.sqrt(total)
+    return found

@@ -17,13 +17,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from palpate.instrument.allocation.allocate import Allocation, allocate
-from palpate.instrument.allocation.lines import BudgetLine, Costs, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.stopping import pooled
-from palpate.instrument.errors import RangeError
+from palpate.instrument.allocation.table import Allocation, allocation
 from palpate.instrument.uncertainty.budget import COVERAGE
 
 EARLY = 0.2  # share of the risk that early looks spend
+MOST_TOLD = 1e9  # sets; a greater number is not told
 POWER = COVERAGE  # probability with which a planned number of sets tells a pair
 
 Pair = tuple[str, str]
@@ -183,15 +183,15 @@ def least_risk(family: Family, lines: Sequence[BudgetLine], dwell: float, gap: f
 def what_it_takes(
     family: Family, lines: Sequence[BudgetLine], costs: Costs, dwell: float, gap: float
 ) -> Allocation | None:
-    """The cheapest sets of each of two objects that tell them apart with 95 % probability; None: centuries of sets.
+    """The sets of each of two objects that tell them apart with 95 % probability; None: no number worth telling.
 
     Arguments as `needed`; `costs`: bench times.
     """
     factor = _factor(family, family.most) + _quantile(POWER, math.inf)
-    try:
-        return allocate(lines, costs, gap / (math.sqrt(2) * factor), dwell)
-    except RangeError:
-        return None
+    falling = [line for line in lines if line.per is not RepeatUnit.NOTHING]
+    free = (gap / (math.sqrt(2) * factor)) ** 2 - math.fsum(line.u**2 for line in lines if line not in falling)
+    sets = budget(falling, 1, 1, dwell).u ** 2 / free if free > 0 else math.inf
+    return allocation(lines, costs, 1, max(1, math.ceil(sets)), dwell) if sets <= MOST_TOLD else None
 
 
 def _errors(family: Family, ratios: Mapping[str, Sequence[float]], of: str = "") -> dict[Pair, float]:

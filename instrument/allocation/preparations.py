@@ -1,30 +1,65 @@
 """The quickest way to a tolerance in all: what is calibrated before the run, and the run itself.
 
     films = Preparation("films' calibration", u=0.03, fixed=90, each=3.1)
-    prepare([Way(lines, costs)], 0.05, [films]).numbers           # {"films' calibration": 12}
+    prepared(table, 0.05, [films]).numbers           # {"films' calibration": 12}
 
-A preparation has x units, such as points of a calibration or references. They take fixed + each x seconds and leave the
-variance u²/x + rest² in place of the line of its name. With it a run takes start + mounting k + set N + D seconds, and
-has the variance m/k + s/N + d/D + Σ u²/x + floor. With real numbers the least time is known (purchase.py), and no plan
-is below it. Ways of a run (its load, its frequency), preparations that are made or not, and numbers of those of which a
-unit takes longer than a mounting are looked at in the order of that time, until it is above that of the best plan so
-far. Mountings and the other numbers are searched around the real ones.
+A preparation has units, such as points of a calibration or references. Those worth making are found by themselves: no
+other ones are as quick and leave as small a variance. Each is combined with the plans of the run that no other beats.
 """
 
 from __future__ import annotations
 
-import functools
-import heapq
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
-from palpate.instrument.allocation.allocate import LONGEST, MOST_STEPS, BelowFloor
-from palpate.instrument.allocation.lines import RepeatUnit
-from palpate.instrument.allocation.purchase import Preparation, Purchase, RunOption
-from palpate.instrument.errors import RangeError
+import numpy as np
+
+from palpate.instrument.allocation.lines import MOST_FREEDOM, BudgetLine, RepeatUnit, half_widths
+from palpate.instrument.allocation.table import ROUNDING, Allocation, Table, allocation, first_of, known_freedom
+
+STEP, MOST = 1.1, 500  # ratio of neighbouring numbers of units, and the most of them
+RUNS_STEP = 1.15  # ratio of neighbouring numbers of mountings
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """Something that is made once before a run, in units.
+
+    Attributes:
+        name: name of the line that it replaces.
+        u: relative standard uncertainty of the answer by one unit.
+        fixed: bench time that is paid once, whatever the number of units is [s]; below 0: what one has already.
+        each: bench time of a unit [s].
+        least: least number of units.
+        rest: relative standard uncertainty of the answer that no number of units lowers.
+        freedom: degrees of freedom of what is left.
+    """
+
+    name: str
+    u: float
+    fixed: float
+    each: float
+    least: int = 1
+    rest: float = 0.0
+    freedom: float = math.inf
+
+    def seconds(self, units: int) -> float:
+        """Bench time of so many units [s]."""
+        return self.fixed + self.each * units
+
+    def line(self, units: int) -> BudgetLine:
+        """What so many units leave."""
+        left = math.hypot(self.u / math.sqrt(units), self.rest)
+        return BudgetLine(self.name, left, RepeatUnit.NOTHING, self.freedom)
+
+    @property
+    def choices(self) -> list[int]:
+        """Numbers of units among which a plan chooses."""
+        steps = self.least * STEP ** np.arange(math.log(max(1.0, MOST / self.least)) / math.log(STEP) + 1)
+        return sorted({math.ceil(step) for step in steps})
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,110 +67,58 @@ class Prepared:
     """What is made before a run, and the run.
 
     Attributes:
-        way: number of the way that it goes.
         numbers: units of each preparation that is made, by its name.
-        seconds: bench time in all, of preparations and run.
-        run_seconds: that of the run alone.
-        mountings, sets, dwell: as in `Allocation`.
+        once: bench time of the preparations [s].
+        run: the plan of the run then; its `mean` is the bench time on average.
     """
 
-    way: int
     numbers: dict[str, int]
-    seconds: float
-    run_seconds: float
-    mountings: int
-    sets: int
-    dwell: float
+    once: float
+    run: Allocation
 
 
-def prepare(
-    ways: Sequence[RunOption], tolerance: float, preparations: Sequence[Preparation] = (), fewest: int = 1
-) -> Prepared:
-    """The least bench time in all to a relative standard uncertainty.
+def prepared(table: Table, tolerance: float, preparations: Sequence[Preparation]) -> Prepared | None:
+    """The least bench time in all to a tolerance, a half-width of the 95 % interval; None: nothing reaches it.
 
     Args:
-        ways: ways among which the run may choose.
-        tolerance: relative standard uncertainty.
+        table: plans of the run.
+        tolerance: half-width of the 95 % interval.
         preparations: those that may be made; a line of such a name counts as it is where its preparation is not made.
-        fewest: least number of sets in each mounting.
-
-    Raises:
-        BelowFloor: no preparation and no time reach the tolerance.
     """
-    branches = _Branches()
-    for number, way in enumerate(ways):
-        for count in range(len(preparations) + 1):
-            for made in combinations(preparations, count):
-                branches.add(iter([Purchase.of(number, way, made, tolerance, fewest)]))
+    way = table.ways[Counter(table.way[table.front_rows()].tolist()).most_common(1)[0][0]]
+    some = np.isin(table.mountings, np.ceil(RUNS_STEP ** np.arange(40))) & (table.each % 2 == 0)
+    rows = np.flatnonzero(some & np.array([each is way for each in table.ways])[table.way])
+    k, n = table.mountings[rows].astype(np.float64), table.each[rows].astype(np.float64)
+    known = known_freedom(way.lines, way.dwell)
+    of_sets = np.full(k.shape, known) if known >= MOST_FREEDOM else first_of(table.each[rows]).astype(np.float64) - 1.0
     best: Prepared | None = None
-    while purchase := branches.next(LONGEST if best is None else best.seconds):
-        if purchase.dear:
-            for numbers in purchase.numbers_of_dearest():
-                branches.add(map(purchase.with_dearest, numbers))
-        else:
-            best = _better(best, purchase)
-    if best is None:
-        raise _below(ways[0], preparations, tolerance)
+    for units in _worth_making(preparations):
+        made = {each.name: each.line(number) for each, number in units}
+        lines = [made.get(line.name, line) for line in way.lines]
+        once = math.fsum(each.seconds(number) for each, number in units)
+        halves = half_widths(lines, k, n, way.dwell, of_sets)
+        good = np.flatnonzero(halves <= tolerance * (1 + ROUNDING))
+        if not good.size:
+            continue
+        row = int(good[np.argmin(table.mean[rows][good])])
+        mean = float(table.mean[rows][row])
+        if best is None or once + mean < best.once + best.run.mean:
+            sets = int(k[row] * n[row])
+            run = allocation(lines, way.costs, int(k[row]), sets, way.dwell, float(halves[row]), mean, way.load)
+            best = Prepared({each.name: number for each, number in units}, once, run)
     return best
 
 
-class _Branches:
-    """Purchases in the order of the time that they take at least."""
-
-    def __init__(self) -> None:
-        self._queue: list[tuple[float, int, Purchase, Iterator[Purchase]]] = []
-        self._order = itertools.count()  # of purchases that take as long
-
-    def add(self, purchases: Iterator[Purchase]) -> None:
-        """Purchases of which each takes longer at least than the one before: it is looked at after that one."""
-        if first := next(purchases, None):
-            heapq.heappush(self._queue, (first.real()[0], next(self._order), first, purchases))
-
-    def next(self, most: float) -> Purchase | None:
-        """The purchase that may take the least time, and less than `most`."""
-        if not self._queue or not self._queue[0][0] < most:
-            return None
-        _, _, purchase, others = heapq.heappop(self._queue)
-        self.add(others)
-        return purchase
-
-
-def _better(best: Prepared | None, problem: Purchase) -> Prepared | None:
-    """The best plan of a purchase if it is better than the best one so far."""
-    low = fewest = problem.least_mountings()
-    high = max(low + 1, math.ceil(problem.real()[1])) if problem.mounting else low
-
-    @functools.cache
-    def bound(mountings: int) -> float:
-        return problem.shares(mountings)[0]
-
-    while low < high < LONGEST and bound(high) < bound(high - 1):
-        low, high = high, 2 * high
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (middle + 1, high) if bound(middle + 1) < bound(middle) else (low, middle)
-    steps = MOST_STEPS if problem.mounting else 1  # where mountings do not scatter, one is enough
-    for walk in (range(low, low + steps), range(low - 1, max(fewest, low - MOST_STEPS) - 1, -1)):
-        for mountings in walk:
-            least = LONGEST if best is None else best.seconds
-            if not bound(mountings) < least:
-                break
-            seconds, chosen = problem.units(mountings, least)
-            if seconds < least:
-                whole = problem
-                for _, number in chosen[len(problem.chosen) :]:
-                    whole = whole.with_dearest(number)
-                run, sets, dwell = whole.run(mountings)
-                best = Prepared(problem.way, dict(chosen), seconds, run, mountings, sets, dwell)
-    return best
-
-
-def _below(way: RunOption, preparations: Sequence[Preparation], tolerance: float) -> RangeError:
-    """Why nothing reaches a tolerance: the largest line of what all preparations leave."""
-    rests = {each.name: each.rest for each in preparations}
-    left = {
-        line.name: min(line.u, rests.get(line.name, line.u)) for line in way.lines if line.per is RepeatUnit.NOTHING
-    }
-    if not left or math.hypot(*left.values()) < tolerance:
-        return RangeError(f"a relative standard uncertainty of {tolerance:.3g} takes more than three centuries")
-    return BelowFloor(tolerance, math.hypot(*left.values()), max(left, key=lambda name: left[name]))
+def _worth_making(preparations: Sequence[Preparation]) -> list[tuple[tuple[Preparation, int], ...]]:
+    """Preparations that no others beat: none is as quick and leaves as small a variance; the first one is none."""
+    kept: list[tuple[tuple[Preparation, int], ...]] = [()]
+    for count in range(1, len(preparations) + 1):
+        for some in itertools.combinations(preparations, count):
+            found = [tuple(zip(some, units, strict=True)) for units in itertools.product(*(p.choices for p in some))]
+            found.sort(key=lambda each: math.fsum(p.seconds(number) for p, number in each))
+            least = math.inf
+            for each in found:
+                if (left := math.fsum(p.line(number).u ** 2 for p, number in each)) < least:
+                    least = left
+                    kept.append(each)
+    return kept

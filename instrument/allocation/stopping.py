@@ -20,16 +20,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.instrument.allocation.allocate import Allocation, cheapest
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, merged
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, half_widths
+from palpate.instrument.allocation.table import (
+    FIRST,
+    MOST_MOUNTINGS,
+    MOST_SETS,
+    ROUNDING,
+    STEP,
+    Allocation,
+    RunOption,
+    Table,
+    first_of,
+    known_freedom,
+    scatter_factors,
+)
 from palpate.instrument.errors import RangeError
-from palpate.instrument.uncertainty.budget import Budget, Floats
+from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Floats, mixture_factors
 
-FIRST = 10  # least number of sets whose scatter decides
 REFUTED = 0.01  # probability with which a prior that is true is called refuted
-ROUNDING = 1e-9
-SETS = "sets"  # name of the estimate of how much sets scatter
-FEWEST_MOUNTINGS = 3  # that tell how much mountings scatter
+SETS, MOUNTINGS = "sets", "mountings"  # names of the estimates of how much they scatter
+RUNS = 500  # that are drawn to tell how long runs take
+MORE = 3, 20  # times the planned mountings, and mountings besides: what a drawn run has at most
 
 Ratios = Sequence[Sequence[float]]
 """Ratios of the sets of each mounting, in the order in which they were measured."""
@@ -123,7 +134,7 @@ def _chi_square(freedom: int) -> float:
 
 def first_sets(plan: Allocation) -> int:
     """Number of a run's first sets, whose scatter decides how many there are in all."""
-    return max(FIRST, math.ceil(plan.sets / plan.mountings / 2))
+    return int(first_of(np.array([plan.sets // plan.mountings]))[0])
 
 
 def enough(
@@ -131,41 +142,54 @@ def enough(
 ) -> StoppingVerdict:
     """Whether a run has measured enough for a tolerance, and how much it needs in all.
 
-    What is needed follows the sensitivity, which moves with the mean ratio. So the best plan may come to be fewer
-    mountings of more sets than were made. Mountings that are done count as they are: sets of one do not make up for
-    those that another lacks, so that another mounting follows where the last one is full.
+    What is needed follows the sensitivity, which moves with the mean ratio. Mountings that are done count as they are:
+    sets of one do not make up for those that another lacks, so that another mounting follows where the last one is
+    full. No run ends before its planned number of mountings: to end early where they happen to agree would make the
+    interval too narrow.
 
     Args:
-        lines, costs, tolerance: those from which the plan was made.
+        lines, costs: those from which the plan was made.
+        tolerance: half-width of the 95 % interval, relative.
         plan: what was planned before the run; its dwell holds for all sets.
         sensitivity: relative change of the answer over that of the ratio, d ln E / d ln R for a modulus.
         ratios: ratios of each mounting's sets so far.
 
     Raises:
-        RangeError: a ratio or the sensitivity is not above 0, or the run would take centuries with the scatter found.
+        RangeError: a ratio or the sensitivity is not above 0. OutOfReach: by the scatter found, no run is enough.
     """
     first = first_sets(plan)
     done = [len(each) for each in ratios]
     if sum(done) < first:
         return StoppingVerdict(plan.mountings, max(plan.sets, first * plan.mountings), "")
     batch = _first(ratios, first)
-    found = _learned(lines, plan.dwell, sensitivity, batch, batch)
-    mountings, sets_of_all, _ = cheapest(merged(found.lines, plan.dwell), costs, tolerance, plan.dwell, first)
-    each = sets_of_all // mountings
-    whole = [sets for sets in ratios if len(sets) >= each]
-    found = _learned(lines, plan.dwell, sensitivity, batch, whole or batch)
-    if found.mountings_refuted:  # sets in each mounting stay as they are: only the number of mountings follows
-        free = tolerance**2 - sum(line.u**2 for line in found.lines if line.per is RepeatUnit.NOTHING)
-        of_one = sum(line.u**2 for line in found.lines if line.per is RepeatUnit.MOUNTING)
-        of_one += sum(line.u**2 for line in merged(found.lines, plan.dwell) if line.per is RepeatUnit.SET) / each
-        mountings = max(FEWEST_MOUNTINGS, math.ceil(of_one / free))
-    reached = answer(lines, plan, sensitivity, ratios)
-    fewest = FEWEST_MOUNTINGS if found.mountings_refuted else 1
-    if reached.u <= tolerance * (1 + ROUNDING) and len(done) >= fewest:
-        told = f"{100 * reached.u:.2g} % reached, {100 * tolerance:.2g} % was asked for"
+    found = _learned(lines, plan.dwell, sensitivity, batch, batch[:1])
+    mountings, each = _needed(found.lines, costs, tolerance, plan, first)
+    reached = answer(lines, plan, sensitivity, ratios).budget.expanded()
+    if reached <= tolerance * (1 + ROUNDING) and len(done) >= plan.mountings:
+        told = f"± {100 * reached:.2g} % reached, ± {100 * tolerance:.2g} % was asked for"
         return StoppingVerdict(len(done), sum(done), told)
     mountings = max(mountings, len(done) + (done[-1] >= each))
     return StoppingVerdict(mountings, mountings * each, "")
+
+
+def _needed(
+    lines: Sequence[BudgetLine], costs: Costs, tolerance: float, plan: Allocation, first: int
+) -> tuple[int, int]:
+    """Mountings and sets in each of a run whose sets scatter as the first ones: as many mountings as were planned.
+
+    Only where no number of sets in these is enough, there are more mountings.
+    """
+    most = max(first, MOST_SETS // plan.mountings)
+    sets = np.unique(np.minimum(np.ceil(first * STEP ** np.arange(math.log(most / first) / math.log(STEP) + 1)), most))
+    freedom = np.full(sets.shape, first - 1.0)
+    halves = half_widths(lines, np.full(sets.shape, float(plan.mountings)), sets, plan.dwell, freedom)
+    if (good := np.flatnonzero(halves <= tolerance * (1 + ROUNDING))).size:
+        return plan.mountings, int(sets[good[0]])
+    if not any(line.u for line in lines if line.per is RepeatUnit.MOUNTING):
+        Table.of([RunOption(lines, costs, plan.dwell)], fewest=first).for_tolerance(tolerance)  # tells what binds
+    more = Table.of([RunOption(lines, costs, plan.dwell)], range(plan.mountings, MOST_MOUNTINGS + 1), fewest=first)
+    wanted = more.for_tolerance(tolerance)
+    return wanted.mountings, wanted.sets // wanted.mountings
 
 
 def answer(
@@ -239,17 +263,34 @@ def _learned(
     told = pooled(0.0, 0.0, *batch) if own else sets
     scattered = _scaled(of_sets, SETS, sensitivity * told.u, prior.u, told.degrees_of_freedom, RepeatUnit.SET)
 
-    known = _prior(of_mountings, dwell)
-    of_mean = sensitivity * told.u * math.sqrt(math.fsum(1 / len(each) for each in mountings) / len(mountings))
-    both = [BudgetLine("mounting", known.u, RepeatUnit.SET, known.degrees_of_freedom)]
-    both += [BudgetLine("mean of sets", of_mean, RepeatUnit.SET, told.degrees_of_freedom)]
-    expected = budget(both, 1, 1, dwell)
-    means = [math.exp(float(_logs(each).mean())) for each in mountings]
-    between = pooled(expected.u / sensitivity, expected.degrees_of_freedom, means)
-    if between.refuted:
-        u = math.sqrt(max(0.0, (sensitivity * between.u) ** 2 - of_mean**2))
-        of_mountings = _scaled(of_mountings, "mountings", u, known.u, between.degrees_of_freedom, RepeatUnit.MOUNTING)
-    return _Learned([*scattered, *of_mountings, *rest], sets.refuted, between.refuted)
+    mounted, refuted = _mounted(of_mountings, sensitivity, told, mountings)
+    return _Learned([*scattered, *mounted, *rest], sets.refuted, refuted)
+
+
+def _mounted(
+    lines: Sequence[BudgetLine], sensitivity: float, sets: Scatter, mountings: Ratios
+) -> tuple[list[BudgetLine], bool]:
+    """The lines of mountings with what these tell of their scatter, and whether that refutes what was stated.
+
+    A prior is pooled with them, upwards and downwards: what their means scatter more than their sets explain has as
+    many degrees of freedom as there are further mountings. A stated scatter stands, unless they refute it.
+    """
+    u = math.hypot(*(line.u for line in lines))
+    freedom = min((line.degrees_of_freedom for line in lines), default=math.inf)
+    means = [math.fsum(_logs(each)) / len(each) for each in mountings]
+    more, of_mean = len(means) - 1, sets.u**2 * math.fsum(1 / len(each) for each in mountings) / len(mountings)
+    squares = math.fsum((each - math.fsum(means) / len(means)) ** 2 for each in means)
+    if not more:
+        return list(lines), False
+    if math.isfinite(freedom):
+        beyond = sensitivity**2 * max(0.0, squares - more * of_mean)
+        scatter = math.sqrt((freedom * u**2 + beyond) / (freedom + more))
+        return _scaled(lines, MOUNTINGS, scatter, u, freedom + more, RepeatUnit.MOUNTING), False
+    stated = (u / sensitivity) ** 2 + of_mean
+    if squares <= stated * _chi_square(more):
+        return list(lines), False
+    scatter = sensitivity * math.sqrt(max(0.0, squares / more - of_mean))
+    return _scaled(lines, MOUNTINGS, scatter, u, more, RepeatUnit.MOUNTING), True
 
 
 def _prior(lines: Sequence[BudgetLine], dwell: float) -> Budget:
@@ -271,3 +312,79 @@ def _logs(ratios: Sequence[float]) -> Floats:
     if wrong := [each for each in ratios if not (math.isfinite(each) and each > 0)]:
         raise RangeError(f"ratio {wrong[0]:g}; a ratio is above 0 and finite")
     return np.log(np.asarray(ratios, dtype=np.float64))
+
+
+# -------------------------------------------------------------------------------------------------------
+# How long a run takes that ends by the scatter of its own sets and mountings: on average, and at most
+#
+# run_times(lines, costs, 0.02, plan, most=10_000).mean
+
+
+@dataclass(frozen=True, slots=True)
+class RunTimes:
+    """Bench times of the runs of one plan [s].
+
+    Attributes:
+        mean: their mean.
+        longest: the bound, at which a run ends whether or not it has reached its tolerance.
+        enough: share of runs that reach it within the bound, where no other limit of time ends them.
+    """
+
+    mean: float
+    longest: float
+    enough: float = COVERAGE
+
+
+def run_times(
+    lines: Sequence[BudgetLine],
+    costs: Costs,
+    tolerance: float,
+    plan: Allocation,
+    most: int = MOST_SETS,
+    limit: float | None = None,
+) -> RunTimes:
+    """Bench times before it is known how much sets and mountings scatter in this run.
+
+    Runs are drawn, always the same ones: their true scatter of mountings from its prior, the scatter of their first
+    sets from F, and the means of their mountings. Each ends by the rule of `enough`. The bound is the time that 95 % of
+    them need at most, and no run goes on beyond it.
+
+    Args:
+        lines, costs, tolerance: those from which the plan was made.
+        plan: the plan.
+        most: number of sets with which a run ends in any case.
+        limit: bench time that ends a run instead of the bound [s]; None: the bound ends it.
+    """
+    chance = np.random.default_rng(0)
+    planned, first = plan.sets // plan.mountings, first_sets(plan)
+    factors = scatter_factors(np.array([first]), known_freedom(lines, plan.dwell), RUNS)[0]
+    each = np.maximum(first, np.ceil(planned * factors))
+    of_mountings = [line for line in lines if line.per is RepeatUnit.MOUNTING]
+    prior = budget(of_mountings, 1, 1, 1) if of_mountings else None
+    count = np.full(RUNS, float(plan.mountings))
+    if prior is not None and prior.u > 0 and math.isfinite(freedom := prior.degrees_of_freedom):
+        numbers = np.arange(1, plan.mountings * MORE[0] + MORE[1])
+        kept = [line for line in lines if line.per is not RepeatUnit.MOUNTING]
+        falling = [line for line in kept if line.per is not RepeatUnit.NOTHING]
+        fixed = budget([line for line in kept if line.per is RepeatUnit.NOTHING] or falling, 1, 1, plan.dwell)
+        floor = fixed.u**2 if len(falling) < len(kept) else 0.0
+        of_mean = budget(falling, 1, 1, plan.dwell).u ** 2 * factors / each
+        true = freedom * prior.u**2 / chance.chisquare(freedom, RUNS)
+        shape = (RUNS, numbers.size)
+        means = chance.standard_normal(shape) * np.sqrt(true + of_mean)[:, None]
+        squares = np.cumsum(means**2, axis=1) - np.cumsum(means, axis=1) ** 2 / numbers
+        pooled = freedom * prior.u**2 + np.maximum(0.0, squares - (numbers - 1) * of_mean[:, None])
+        mounted = pooled / (freedom + numbers - 1) / numbers
+        rest = of_mean[:, None] / numbers + floor
+        whole = mounted + rest
+        spent = (of_mean[:, None] / numbers) ** 2 / (first - 1) + floor**2 / fixed.degrees_of_freedom
+        factor = mixture_factors(mounted / whole, np.broadcast_to(freedom + numbers - 1.0, shape), rest**2 / spent)
+        good = (factor * np.sqrt(whole) <= tolerance * (1 + ROUNDING)) & (numbers >= plan.mountings)
+        count = np.where(good.any(axis=1), numbers[good.argmax(axis=1)], numbers[-1]).astype(np.float64)
+    sets = count * each
+    seconds = costs.start + costs.mounting * count + (costs.set + plan.dwell) * np.minimum(sets, most)
+    bound = max(plan.seconds, float(np.quantile(seconds, COVERAGE)))
+    end = bound if limit is None else limit
+    reached = float(np.mean((sets <= most) & (seconds <= bound)))
+    enough_of = COVERAGE if reached >= COVERAGE * (1 - 2 / RUNS) else reached
+    return RunTimes(float(np.minimum(seconds, end).mean()), min(bound, end), enough_of)

@@ -179,9 +179,9 @@ class IndicatorSettings(Config):
 def _own(
     contract: str, link: LinkKind, driver: str, simulator: str, role: Role, settings: type[Config] = NoSettings
 ) -> DeviceKind:
-    """One of palpate's own kinds, whose driver and simulator lie in modules with the name of its contract."""
-    driver = f"palpate.drivers.devices.{contract}:{driver}"
-    simulator = f"palpate.simulators.devices.{contract}:{simulator}"
+    """One of palpate's own kinds, whose driver and simulator lie in modules with the name of its role."""
+    driver = f"palpate.drivers.devices.{role}:{driver}"
+    simulator = f"palpate.simulators.devices.{role}:{simulator}"
     return DeviceKind(CONTRACTS[contract], (link,), driver, simulator, settings, (role,))
 
 

@@ -144,7 +144,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         design: the sensor.
         load: the load; its object's modulus is replaced.
         model: name of the model.
-        tolerance: greatest error of the force ratio; None: the model's own.
+        tolerance: greatest error of the force ratio, relative to it; None: the model's own.
 
     Raises:
         UnknownName: there is no such model.
@@ -163,8 +163,8 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         priced = stored().moduli_Pa
         choice = chosen(design, load, tolerance)
         model = choice.model
-        if choice.error is not None:
-            lowest, highest, own_error = priced[0], priced[-1], choice.error
+        if choice.bound is not None:
+            lowest, highest, own_error = priced[0], priced[-1], choice.bound
         if model in MODELS and MODELS[model].default_tolerance is None:
             tolerance = None
 
@@ -175,7 +175,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
 
     def answer(modulus: float) -> tuple[float, float]:
         found = response(design, through(load, modulus), model, tolerance)
-        return found.force_ratio, max(own_error, found.error_estimate or 0.0)
+        return found.force_ratio, max(own_error, found.force_ratio * (found.error_estimate or 0.0))
 
     if model == "experiment" and design.thesis_force_ratio:
         # The model's own six points, and its interpolant between them.

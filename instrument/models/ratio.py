@@ -48,7 +48,7 @@ class RatioQuestion:
         model: name of a model of `table.MODELS`, or "auto".
         parameters: name of a parameter set.
         settings: values that override the parameter set, moduli in Pa and lengths in m (see SETTINGS).
-        tolerance: greatest error estimate; None: the model's own.
+        tolerance: greatest error of the force ratio, relative to it; None: the model's own.
         at: point of the object in which the force acts, (x, y) from its corner [m]; None: a uniform pressure.
 
     Raises:
@@ -106,7 +106,7 @@ class RatioAnswer:
 
     Attributes:
         seconds: time of all answers that were asked for together, over their number [s].
-        model_error: distance of the model from the reference (see `price_list.model_error`).
+        model_error: distance of the model from the reference (see `price_list.model_error`), relative to the ratio.
     """
 
     sensed_modulus: float
@@ -152,6 +152,6 @@ def ask(question: RatioQuestion, moduli: Sequence[float]) -> list[RatioAnswer]:
     seconds = (time.perf_counter() - start) / len(loads)
     errors = model_errors(design, loads, [each.model for each in given])
     return [
-        RatioAnswer(load.sensed.modulus, each, seconds, error)
+        RatioAnswer(load.sensed.modulus, each, seconds, None if error is None else error / each.force_ratio)
         for load, each, error in zip(loads, given, errors, strict=True)
     ]

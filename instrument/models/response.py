@@ -34,7 +34,7 @@ def responses(
         design: the sensor.
         loads: loads on it, which differ in the modulus of their object alone. A finite-element model is set up once.
         model: one of MODELS, or "auto".
-        tolerance: greatest error of the force ratio; None: the model's own.
+        tolerance: greatest error of the force ratio, relative to it; None: the model's own.
 
     Raises:
         UnknownName: there is no such model.

@@ -63,8 +63,9 @@ class Response:
         force_rigid: force on the teeth [N].
         force_total: force on the base [N].
         force_ratio: force_rigid / force_total.
-        error_estimate: bound on the error of `force_ratio`; None: the model has none. For a finite-element model it
-            counts the discretisation alone, for "column_fitted" the distance from the tables to which it was fitted.
+        error_estimate: bound on the error of `force_ratio`, relative to it; None: the model has none. For a
+            finite-element model it counts the discretisation alone, for "column_fitted" the distance from the tables to
+            which it was fitted.
         tooth_forces: force on each tooth [N].
         films: load on each film by its name.
         stiffness: stiffness of the stack of object and sensor [N/m], always by the column model: other models have no
@@ -182,7 +183,7 @@ def _solid_response(model: str, design: Design, load: Load, solution: SolidSolut
         force_rigid=sum(tooth_forces),
         force_total=solution.total_force * load.force,
         force_ratio=solution.force_ratio,
-        error_estimate=estimate,
+        error_estimate=estimate / abs(solution.force_ratio),
         tooth_forces=tooth_forces,
         films=films,
         stiffness=springs.stiffness(design, load.sensed),
@@ -217,15 +218,15 @@ def _response(
         force_rigid=ratio * load.force,
         force_total=load.force,
         force_ratio=ratio,
-        error_estimate=estimate,
+        error_estimate=None if estimate is None else estimate / ratio,
         tooth_forces=tooth_forces,
         films=films,
         stiffness=springs.stiffness(design, load.sensed),
     )
 
 
-# Default tolerances: answers take about a second.
-AXISYMMETRIC_TOLERANCE, SOLID_TOLERANCE = 1e-4, 5e-3
+# Default tolerances, relative to the force ratio: answers take about a second, also for the softest objects.
+AXISYMMETRIC_TOLERANCE, SOLID_TOLERANCE = 1e-4, 5e-2
 
 MODELS: Mapping[str, Model] = MappingProxyType(
     {

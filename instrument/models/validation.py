@@ -34,7 +34,7 @@ SIGN = "model less measured mean, in percent of the measured mean"
 # Tolerance of models that refine, by their error estimates; true errors are ten times less, far below these distances.
 TOLERANCE = 5e-2
 SECONDS = 50.0  # s of processor time that solving all of them anew takes [M]
-RENEW = "solve them anew: palpate accuracy validation --store"
+RENEW = "solve them anew: palpate model validation --store"
 
 Kind = Literal["compared", "input", "none"]
 

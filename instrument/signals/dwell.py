@@ -1,7 +1,7 @@
-"""Choice of the dwell that gives a force ratio with a wanted uncertainty.
+"""Choice of the dwell that gives a force ratio to a tolerance, the half-width of its 95 % interval.
 
-    floor = (Floor("gain scatter", design.ratio_scatter),)
-    dwell_of(0.05, ratio_noise(fit, rigid, total), fit.frequency, floor).dwell
+    floor = (Floor("gain scatter", design.ratio_scatter, 7),)
+    dwell_of(0.12, ratio_noise(fit, rigid, total), fit.frequency, floor).dwell
 
 The part of the uncertainty that noise causes falls with the dwell T: u² = S (1/A₁² + 1/A₂² − 2 r/(A₁A₂))/T. S is
 measured at the point itself. The rest, called the floor, does not fall with the dwell.
@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.instrument.errors import EstimateError, RangeError
-from palpate.instrument.quantity import check_tolerance, show
+from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.signals.estimate import SineFit
+from palpate.instrument.uncertainty.budget import Budget, Component
 
 STEP = 0.1
 """Step of a dwell [s]. Over whole steps 50 and 60 Hz are orthogonal to a drive of 10 Hz."""
@@ -28,20 +29,19 @@ class Floor:
 
     name: str
     u: float
+    degrees_of_freedom: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class RequiredDwell:
-    """The dwell that a wanted uncertainty needs.
+    """The dwell that a tolerance needs.
 
     Attributes:
         dwell: dwell in whole steps of 0.1 s, at least one cycle [s].
-        asked: dwell before it was rounded up [s].
         u: relative standard uncertainty of the ratio that the dwell should give, from floor and noise.
     """
 
     dwell: float
-    asked: float
     u: float
 
 
@@ -65,44 +65,52 @@ def floor_u(floor: Sequence[Floor]) -> float:
     return math.hypot(*(part.u for part in floor))
 
 
+def half_width(floor: Sequence[Floor], noise: float = 0.0) -> float:
+    """Half-width of the 95 % interval of a ratio, relative, by a floor and the noise that is left."""
+    parts = (Component(part.name, part.u, degrees_of_freedom=part.degrees_of_freedom) for part in floor)
+    return Budget("ratio", 0.0, "", (*parts, Component("noise in the dwell", noise))).expanded()
+
+
 def dwell_of(
-    target: float, noise: float, frequency: float, floor: Sequence[Floor] = (), longest: float = LONGEST
+    tolerance: float, noise: float, frequency: float, floor: Sequence[Floor] = (), longest: float = LONGEST
 ) -> RequiredDwell:
-    """The shortest dwell that gives a ratio with the relative standard uncertainty `target`.
+    """The shortest dwell that gives a ratio to a tolerance.
 
     Args:
-        target: relative standard uncertainty.
-        noise: of a record under the same load, as `ratio_noise` gives it [√s]. It is known to 1/√(2 degrees of freedom)
-            of itself, the dwell to twice that.
+        tolerance: half-width of the ratio's 95 % interval, relative.
+        noise: relative standard uncertainty by noise after one second, as `ratio_noise` gives it [√s]. It is known to
+            1/√(2 degrees of freedom) of itself, the dwell to twice that.
         frequency: of the drive [Hz].
         floor: parts of the uncertainty that do not fall with the dwell.
         longest: greatest dwell that is accepted [s].
 
     Raises:
-        RangeError: the target is not positive, is not above the floor, or takes longer than `longest`.
+        RangeError: the tolerance is not positive, is not above the floor, or takes longer than `longest`.
     """
-    check_target(target, floor)
-    lowest = floor_u(floor)
-    asked = noise**2 / ((target - lowest) * (target + lowest))
-    if not asked <= longest:
+    check_target(tolerance, floor)
+    if (best := half_width(floor, noise / math.sqrt(longest))) > tolerance:
         raise RangeError(
-            f"target uncertainty {target:.3g} needs a dwell of {asked:.3g} s with the noise of this point, above the"
-            f" limit of {longest:g} s; no dwell gets below {lowest:.3g}; ask for"
-            f" {math.hypot(lowest, noise / math.sqrt(longest)):.3g} or more, or raise the load"
+            f"tolerance {plus_minus(tolerance, 3)} needs a dwell above the limit of {longest:g} s with the noise of"
+            f" this point; no dwell gets below {plus_minus(half_width(floor), 3)}; ask for {100 * best:.3g} % or more,"
+            " or raise the load"
         )
-    dwell = whole_steps(max(asked, 1 / frequency))
-    return RequiredDwell(dwell, asked, math.hypot(lowest, noise / math.sqrt(dwell)))
+    short, enough = round(whole_steps(1 / frequency) / STEP), math.ceil(longest / STEP)
+    while short < enough:  # numbers of steps
+        middle = (short + enough) // 2
+        good = half_width(floor, noise / math.sqrt(middle * STEP)) <= tolerance
+        short, enough = (short, middle) if good else (middle + 1, enough)
+    dwell = round(enough * STEP, 1)
+    return RequiredDwell(dwell, math.hypot(floor_u(floor), noise / math.sqrt(dwell)))
 
 
-def check_target(target: float, floor: Sequence[Floor]) -> None:
-    """Refuse a target that no dwell reaches, before anything is measured. Raises RangeError."""
-    check_tolerance(target, f"target uncertainty {target}")
-    lowest = floor_u(floor)
-    if not target > lowest:
-        parts = ", ".join(f"{part.name} {part.u:.3g}" for part in floor)
+def check_target(tolerance: float, floor: Sequence[Floor]) -> None:
+    """Refuse a tolerance that no dwell reaches, before anything is measured. Raises RangeError."""
+    check_tolerance(tolerance, f"tolerance {tolerance}")
+    if not tolerance > (lowest := half_width(floor)):
+        parts = ", ".join(f"{part.name} u = {part.u:.3g}" for part in floor)
         raise RangeError(
-            f"target uncertainty {target:.3g} is not above the floor of {lowest:.3g} that no dwell beats ({parts});"
-            f" give a target above {lowest:.3g}, or average several load sets"
+            f"tolerance {plus_minus(tolerance, 3)} is not above the {plus_minus(lowest, 3)} that no dwell beats"
+            f" ({parts}); give a greater one, or average several load sets"
         )
 
 

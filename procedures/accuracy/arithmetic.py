@@ -1,9 +1,9 @@
-"""Prices of numbers with few bits: error and time of a fit, of a phase, and of samples in registers, measured now."""
+"""Numbers with few bits: error and time of a fit, of a phase, and of samples in registers, measured now."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGES
 from palpate.instrument.quantity import parse
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.procedures.accuracy.measure import seconds_of
+from palpate.procedures.accuracy.numerics import Task, Way
 
 Floats = npt.NDArray[np.float64]
 Real = Literal["float32", "float64"]
@@ -27,33 +28,28 @@ LOAD_MV = 3.0 * 10.306  # reading of the strain indicator at 3 N
 NEAR = np.linspace(0.95, 1.05, 41)  # sizes near the nominal one, because rounding depends on the size
 
 
-@dataclass(frozen=True, slots=True)
-class ArithmeticPrice:
-    """One way to compute or keep a number: greatest relative error, and CPU seconds."""
-
-    task: str
-    way: str
-    error: float
-    seconds: float
-
-
-def measure() -> Iterator[ArithmeticPrice]:
+def tasks() -> Iterator[Task]:
     """Measure every task in every way, which takes about a second."""
-    yield from _fits()
-    yield from _phases()
-    yield from _registers()
+    yield _task("amplitude of a late record on an offset", _fits(), lambda found: abs(found - 1))
+    # Over a sine's amplitude, of which two is the greatest.
+    yield _task(f"phase after {STEPS:.0e} steps", _phases(), lambda cycles: 2 * abs(float(np.sin(np.pi * cycles))))
+    yield Task("amplitude from a film's samples", "processor", tuple(_samples()), drawn=False)
+    yield Task("reading of a load", "processor", tuple(_readings()), drawn=False)
 
 
-def _fits() -> Iterator[ArithmeticPrice]:
+def _task(name: str, ways: Mapping[str, Callable[[], float]], error: Callable[[float], float]) -> Task:
+    found = tuple(Way(way, "", error(compute()), seconds_of(compute)) for way, compute in ways.items())
+    return Task(name, "processor", found, drawn=False)
+
+
+def _fits() -> dict[str, Callable[[], float]]:
     time = LATE + np.arange(round(DWELL * RATE)) / RATE
     signal = OFFSET + np.cos(2 * np.pi * FREQUENCY * time + 0.3)
-    ways: dict[str, Callable[[], float]] = {
+    return {
         "float64, centred QR": lambda: float(amplitudes(time, signal[np.newaxis], FREQUENCY)[0]),
         "float64, normal equations": lambda: _normal(time, signal, "float64"),
         "float32, normal equations": lambda: _normal(time, signal, "float32"),
     }
-    for way, fit in ways.items():
-        yield ArithmeticPrice("fit of a late record on an offset", way, abs(fit() - 1), seconds_of(fit))
 
 
 def _normal(time: Floats, signal: Floats, real: Real) -> float:
@@ -65,7 +61,8 @@ def _normal(time: Floats, signal: Floats, real: Real) -> float:
     return float(np.hypot(a, b))
 
 
-def _phases() -> Iterator[ArithmeticPrice]:
+def _phases() -> dict[str, Callable[[], float]]:
+    """Errors of a phase in cycles."""
     step = FREQUENCY / 1000  # cycles in a millisecond
     true = STEPS * round(step * (1 << BITS)) % (1 << BITS) / (1 << BITS)
 
@@ -76,37 +73,37 @@ def _phases() -> Iterator[ArithmeticPrice]:
         words = np.cumsum(np.full(STEPS, round(step * (1 << BITS)), np.uint64))
         return int(words[-1]) % (1 << BITS) / (1 << BITS) - true
 
-    ways: dict[str, Callable[[], float]] = {
-        "integer of 48 bits": counted,
+    return {
+        f"integer of {BITS} bits": counted,
         "float64 sum": lambda: summed("float64"),
         "float32 sum": lambda: summed("float32"),
     }
-    for way, phase in ways.items():
-        error = 2 * abs(float(np.sin(np.pi * phase())))  # over a sine's amplitude; two is the greatest
-        yield ArithmeticPrice(f"phase after {STEPS:.0e} steps", way, error, seconds_of(phase))
 
 
-def _registers() -> Iterator[ArithmeticPrice]:
+def _samples() -> Iterator[Way]:
     time = np.arange(round(DWELL * RATE)) / RATE
     films = FILM * NEAR[:, np.newaxis] * np.cos(2 * np.pi * FREQUENCY * time + 0.3)
-    noise = NOISE * np.random.default_rng(1).normal(size=films.shape)
-    without = amplitudes(time, films + noise, FREQUENCY)
+    noisy = films + NOISE * np.random.default_rng(1).normal(size=films.shape)
+    cases = {"quiet": (films, FILM * NEAR), "in noise": (noisy, amplitudes(time, noisy, FREQUENCY))}
     for name in RANGES:
-        step = parse(name, "V") / FULL_SCALE_COUNTS
-        for kind, volts, true in (("quiet", films, FILM * NEAR), ("in noise", films + noise, without)):
-            rounded = np.rint(volts / step).astype(np.int16).astype(np.float64) * step
-            error = float(np.abs(amplitudes(time, rounded, FREQUENCY) / true - 1).max())
-            way = f"int16 of {name}, {kind}"
-            yield ArithmeticPrice("film's samples", way, error, _converting(volts, step, np.int16) / len(NEAR))
-    single = films.astype(np.float32)
-    error = float(np.abs(amplitudes(time, single.astype(np.float64), FREQUENCY) / (FILM * NEAR) - 1).max())
-    yield ArithmeticPrice("film's samples", "float32, quiet", error, _converting(films, 1.0, np.float32) / len(NEAR))
+        for kind, (volts, true) in cases.items():
+            step = parse(name, "V") / FULL_SCALE_COUNTS
+            yield _kept(time, volts, true, f"int16 of {name}", kind, partial(_counted, step))
+    yield _kept(time, films, FILM * NEAR, "float32", "quiet", lambda volts: volts.astype(np.float32).astype(np.float64))
+
+
+def _counted(step: float, volts: Floats) -> Floats:
+    return np.rint(volts / step).astype(np.int16).astype(np.float64) * step
+
+
+def _kept(time: Floats, volts: Floats, true: Floats, way: str, kind: str, keep: Callable[[Floats], Floats]) -> Way:
+    error = float(np.abs(amplitudes(time, keep(volts), FREQUENCY) / true - 1).max())
+    return Way(way, kind, error, seconds_of(lambda: keep(volts)) / len(NEAR))
+
+
+def _readings() -> Iterator[Way]:
     loads = LOAD_MV * NEAR
     for decimals in (0, 1):
         error = float(np.abs(np.round(loads, decimals) / loads - 1).max())
-        way = f"display of {10.0**-decimals:g} mV"
-        yield ArithmeticPrice("load's reading", way, error, _converting(loads, 10.0**-decimals, np.int16) / len(NEAR))
-
-
-def _converting(values: Floats, step: float, kind: type[np.int16] | type[np.float32]) -> float:
-    return seconds_of(lambda: np.rint(values / step).astype(kind))
+        seconds = seconds_of(partial(np.round, loads, decimals)) / len(NEAR)
+        yield Way(f"display of {10.0**-decimals:g} mV", "", error, seconds)

@@ -17,7 +17,6 @@ from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.accuracy.meshes import (
     BETWEEN,
-    COARSEST,
     MIDDLES,
     MODULI,
     TIMED,
@@ -56,15 +55,14 @@ def element_prices(
             if name == "axisymmetric":
                 inside = _apart(_ratios(mesh, solved, MIDDLES), middles, uncertain)
                 errors = tuple(_greater(*pair) for pair in zip(errors, inside, strict=True))
-            if mesh.refinement != COARSEST:
-                own.append(mesh)
-                spent += sum(found.seconds)
+            own.append(mesh)
+            spent += sum(found.seconds)
             estimates = _estimates([solved[each].curve for each in own], mesh.parameters)
             build, solve, evaluate = (None, None, None) if found.failure else found.seconds
             yield Price(
                 design=design.name,
                 model=name,
-                refinement="coarser still" if mesh.refinement == COARSEST else f"refinement {mesh.refinement}",
+                refinement=f"refinement {mesh.refinement}",
                 errors=errors,
                 estimates=estimates,
                 build_s=build,

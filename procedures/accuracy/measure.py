@@ -82,7 +82,6 @@ def this_machine() -> Machine:
 Array = NDArray[np.float64]
 
 DESIGNS = ("single_round", "single", "common_base", "different_base", "array", "array_16")
-BEAM_ELEMENTS = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +117,6 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
         case = DesignCase(design, known, errors)
         found.append(truth.reference)
         prices += _closed_forms(case)
-        if len(design.teeth) > 1:
-            prices.append(_refused(design))
         prices += element_prices(design, truth, case.surface.force_ratios, errors.tolist(), solved)
         prices += _surfaces(case)
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
@@ -176,15 +173,12 @@ def sensor_of(name: str, parameters: str) -> Parameters:
 
 def _closed_forms(case: DesignCase) -> Iterator[Price]:
     for name in ("column", "column_fitted", "experiment", "beam_printed", "beam_exact"):
-        yield _at_once(case, name, "closed form", functools.partial(_ask, case.design, name))
-    for elements in BEAM_ELEMENTS:
-        ratio = functools.partial(_beam_ratio, case.design, elements)
-        yield _at_once(case, "beam", f"{elements} elements a stretch", ratio, offered=elements == beam.ELEMENTS)
+        yield _at_once(case, name, "closed form")
+    yield _at_once(case, "beam", f"{beam.ELEMENTS} elements a stretch")
 
 
-def _at_once(
-    case: DesignCase, model: str, refinement: str, ratio: Callable[[float], float], offered: bool = True
-) -> Price:
+def _at_once(case: DesignCase, model: str, refinement: str) -> Price:
+    ratio = functools.partial(_ask, case.design, model)
     errors: list[float | None] = []
     failure = ""
     for (low, high), own in zip(itertools.pairwise(MODULI), case.surface_errors, strict=True):
@@ -205,8 +199,8 @@ def _at_once(
         estimates=(None,) * len(errors),
         build_s=None,
         solve_s=None,
-        evaluate_s=seconds_of(functools.partial(ratio, TIMED)) if answers else None,
-        answer_s=seconds_of(functools.partial(_ask, case.design, model, TIMED)) if answers and offered else None,
+        evaluate_s=(seconds := seconds_of(functools.partial(ratio, TIMED)) if answers else None),
+        answer_s=seconds,
         failure=failure,
     )
 
@@ -228,31 +222,6 @@ def _surfaces(case: DesignCase) -> Iterator[Price]:
     )
 
 
-def _refused(design: Design) -> Price:
-    """The axisymmetric model of a design that it does not know, with its own words."""
-    nothing = (None,) * (len(MODULI) - 1)
-    try:
-        _ask(design, "axisymmetric", TIMED)
-    except RangeError as error:
-        return Price(
-            design=design.name,
-            model="axisymmetric",
-            refinement="-",
-            errors=nothing,
-            estimates=nothing,
-            build_s=None,
-            solve_s=None,
-            evaluate_s=None,
-            answer_s=None,
-            failure=str(error),
-        )
-    raise AssertionError(f"model 'axisymmetric' answers for {design.name!r} after all")
-
-
 def _ask(design: Design, model: str, modulus: float) -> float:
     """The force ratio as a caller gets it."""
     return response(design, PHYSICAL.load(modulus), model).force_ratio
-
-
-def _beam_ratio(design: Design, elements: int, modulus: float) -> float:
-    return beam.ratio_of(*beam.beam_of(design, modulus, PHYSICAL.sensed_thickness), elements)

@@ -36,9 +36,6 @@ MIDDLES = tuple((low * high) ** 0.5 for low, high in pairwise(MODULI))
 BETWEEN = 100  # number of moduli in each interval, for what answers at once
 TIMED = MODULI[2]
 
-# One more point of the solid model's curve, coarser than any mesh that it refines from.
-COARSEST = -1
-COARSEST_MESH = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
 # The second way to a reference: no pressure among the unknowns (axisymmetric); another grading and degree (solid):
 OTHER_FAMILY = Resolution(layers=4, ratio=0.2, sectors=1, degree=4)
 FINER = 2  # refinement that is the second way of many teeth, and not priced
@@ -50,7 +47,7 @@ class MeshedProblem:
 
     Attributes:
         parameters: parameters of the problem.
-        refinement: refinement of the finite-element model; also one beyond the axisymmetric model's own, or COARSEST.
+        refinement: refinement of the finite-element model; also one beyond the axisymmetric model's own.
         second: whether to solve it in the second, independent way to a reference.
     """
 
@@ -106,7 +103,7 @@ def refinements(design: Design, load: Load) -> dict[str, list[MeshedProblem]]:
     )
     square = solid_parameters(design, load)
     own = ladders.refinements(square)[: FINER if ladders.has_many_teeth(square) else None]
-    return {**found, "solid": [MeshedProblem(square, refinement) for refinement in (COARSEST, *own)]}
+    return {**found, "solid": [MeshedProblem(square, refinement) for refinement in own]}
 
 
 def references(design: Design, load: Load) -> list[MeshedProblem]:
@@ -139,7 +136,7 @@ def solve(mesh: MeshedProblem) -> MeshSolution:
 def _resolution(of: SolidParameters, mesh: MeshedProblem) -> Resolution:
     if mesh.second:
         return ladders.resolution(of, FINER) if ladders.has_many_teeth(of) else OTHER_FAMILY
-    return COARSEST_MESH if mesh.refinement == COARSEST else ladders.resolution(of, mesh.refinement)
+    return ladders.resolution(of, mesh.refinement)
 
 
 def solve_all(designs: Sequence[Design], progress: Progress) -> dict[MeshedProblem, MeshSolution]:

@@ -1,8 +1,7 @@
 """Whether promises are kept: what runs of a store were predicted to take and to give, and what they took and gave.
 
 kept = promises(Path("runs"))
-kept.procedures[0].time.mean                             # 0.99: bench time over the predicted one
-kept.procedures[0].results["modulus, scale"].mean        # 0.97: its uncertainty over the predicted one
+kept.procedures()[0]["seconds_over_predicted"]["mean"]    # 0.99: bench time over the predicted one
 """
 
 from __future__ import annotations
@@ -84,69 +83,7 @@ class Promised:
         return {**asdict(self), **own, "seconds_over_predicted": self.time, "u_over_predicted": self.uncertainty}
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Achieved over predicted values of some runs: how many, and their mean, least and greatest."""
-
-    count: int
-    mean: float
-    least: float
-    greatest: float
-
-    @classmethod
-    def of(cls, values: Sequence[float | None]) -> Spread | None:
-        """The spread of the values that are known; None: none is."""
-        known = [value for value in values if value is not None]
-        if not known:
-            return None
-        return cls(len(known), math.fsum(known) / len(known), min(known), max(known))
-
-
-@dataclass(frozen=True, slots=True)
-class Within:
-    """How many runs had a bound of bench time, and the share of them that ended within it."""
-
-    count: int
-    share: float
-
-    @classmethod
-    def of(cls, values: Sequence[bool | None]) -> Within | None:
-        """Of the values that are known; None: none is."""
-        known = [value for value in values if value is not None]
-        return cls(len(known), sum(known) / len(known)) if known else None
-
-
-@dataclass(frozen=True, slots=True)
-class KeptBy:
-    """The promises of one procedure on simulated or on real benches.
-
-    Attributes:
-        runs: number of runs.
-        time: their bench time over the predicted one.
-        within: how many of them ended within the bound of bench time, where there is one.
-        uncertainty: relative uncertainty of the run's least known result over the predicted one.
-        results: uncertainty over the predicted one, result by result, by its name.
-    """
-
-    procedure: str
-    simulated: bool
-    runs: int
-    time: Spread | None
-    within: Within | None
-    uncertainty: Spread | None
-    results: Mapping[str, Spread]
-
-    def row(self) -> dict[str, Any]:
-        """Under the names of JSON."""
-        return {
-            "procedure": self.procedure,
-            "simulated": self.simulated,
-            "runs": self.runs,
-            "seconds_over_predicted": None if self.time is None else asdict(self.time),
-            "within_bound": None if self.within is None else asdict(self.within),
-            "u_over_predicted": None if self.uncertainty is None else asdict(self.uncertainty),
-            "results": [{"name": name, "u_over_predicted": asdict(each)} for name, each in self.results.items()],
-        }
+Spread = Mapping[str, float]  # of achieved over predicted values: count, mean, least, greatest
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,15 +92,18 @@ class StoredPromises:
 
     Attributes:
         runs: the complete runs that have a promise, newest first.
-        procedures: the same for each procedure.
         without: number of complete runs without one, because an older version recorded them.
         unreadable: names of runs that cannot be read.
     """
 
     runs: list[Promised]
-    procedures: list[KeptBy]
     without: int
     unreadable: list[str]
+
+    def procedures(self) -> list[dict[str, Any]]:
+        """What was reached of the promises of each procedure, on simulated and on real benches, as JSON has it."""
+        names = sorted({(run.procedure, run.simulated) for run in self.runs})
+        return [_kept_by([run for run in self.runs if (run.procedure, run.simulated) == name]) for name in names]
 
 
 def promises(store: Path) -> StoredPromises:
@@ -182,20 +122,36 @@ def promises(store: Path) -> StoredPromises:
                 without += 1
             else:
                 runs.append(found)
-    names = sorted({(run.procedure, run.simulated) for run in runs})
-    return StoredPromises(runs, [_kept_by(runs, *name) for name in names], without, unreadable)
+    return StoredPromises(runs, without, unreadable)
 
 
-def _kept_by(runs: Sequence[Promised], procedure: str, simulated: bool) -> KeptBy:
-    own = [run for run in runs if (run.procedure, run.simulated) == (procedure, simulated)]
-    times, uncertainties = ([run.time for run in own], [run.uncertainty for run in own])
+def _kept_by(runs: Sequence[Promised]) -> dict[str, Any]:
     by_name: dict[str, list[float | None]] = {}
-    for run in reversed(own):  # results in the order of the oldest run
+    for run in reversed(runs):  # results in the order of the oldest run
         for each in run.results:
             by_name.setdefault(each.name, []).append(each.uncertainty)
-    results = {name: spread for name, values in by_name.items() if (spread := Spread.of(values)) is not None}
-    within = Within.of([run.within for run in own])
-    return KeptBy(procedure, simulated, len(own), Spread.of(times), within, Spread.of(uncertainties), results)
+    within = [run.within for run in runs if run.within is not None]
+    return {
+        "procedure": runs[0].procedure,
+        "simulated": runs[0].simulated,
+        "runs": len(runs),
+        "seconds_over_predicted": _spread([run.time for run in runs]),
+        "within_bound": {"count": len(within), "share": sum(within) / len(within)} if within else None,
+        "u_over_predicted": _spread([run.uncertainty for run in runs]),
+        "results": [
+            {"name": name, "u_over_predicted": spread}
+            for name, values in by_name.items()
+            if (spread := _spread(values)) is not None
+        ],
+    }
+
+
+def _spread(values: Sequence[float | None]) -> Spread | None:
+    """Of the values that are known; None: none is."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return None
+    return {"count": len(known), "mean": math.fsum(known) / len(known), "least": min(known), "greatest": max(known)}
 
 
 def _promised(run: Run) -> Promised | None:
@@ -242,13 +198,14 @@ def print_promises(kept: StoredPromises, store: Path) -> None:
         None, "procedure", "bench", "runs", "time over\npredicted", "least to\ngreatest", "within the\nbound"
     )  # fmt: skip
     results = new_table(None, "procedure", "result", "runs", "u over\npredicted", "least to\ngreatest")
-    for each in kept.procedures:
-        bench = "simulated" if each.simulated else "real"
-        within = "-" if each.within is None else f"{each.within.share:.0%} of {each.within.count}"
-        table.add_row(each.procedure, bench, str(each.runs), *_cells(each.time), within)
-        first = f"{each.procedure}{'' if each.simulated else ', real'}"
-        for name, spread in each.results.items():
-            results.add_row(first, name, str(spread.count), *_cells(spread))
+    for each in kept.procedures():
+        bench, within = "simulated" if each["simulated"] else "real", each["within_bound"]
+        told = "-" if within is None else f"{within['share']:.0%} of {within['count']}"
+        table.add_row(each["procedure"], bench, str(each["runs"]), *_cells(each["seconds_over_predicted"]), told)
+        first = f"{each['procedure']}{'' if each['simulated'] else ', real'}"
+        for result in each["results"]:
+            spread = result["u_over_predicted"]
+            results.add_row(first, result["name"], str(spread["count"]), *_cells(spread))
             first = ""
     runs = new_table(None, "run", "predicted\ns", "taken\ns", "predicted\nu %", "achieved\nu %")
     for run in kept.runs[:MOST]:
@@ -267,4 +224,4 @@ def print_promises(kept: StoredPromises, store: Path) -> None:
 def _cells(spread: Spread | None) -> tuple[str, str]:
     if spread is None:
         return "-", "-"
-    return f"{spread.mean:.3f}", f"{spread.least:.2f} to {spread.greatest:.2f}"
+    return f"{spread['mean']:.3f}", f"{spread['least']:.2f} to {spread['greatest']:.2f}"

@@ -106,7 +106,7 @@ def _limit(design: Design, solved: Results) -> tuple[Array, Array, int]:
     From three on the changes go on falling alike. The second of two is left with a third of the first one's error or
     less: with none to half of the change, a quarter for both.
     """
-    _, *own = refinements(design, PHYSICAL.load(TIMED))["solid"]
+    own = refinements(design, PHYSICAL.load(TIMED))["solid"]
     found = [[solved[mesh.at(modulus)].force_ratio for modulus in MODULI] for mesh in own]
     known = np.array([ratios for ratios in found if None not in ratios], dtype=np.float64)
     *before, change = np.diff(known, axis=0)

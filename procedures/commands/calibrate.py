@@ -44,7 +44,7 @@ films = conducting(
     """,
     "palpate calibrate films --budget",
     "palpate calibrate films --frequencies '5 Hz, 10 Hz, 20 Hz'",
-    "palpate calibrate films --tolerance 1%",
+    "palpate calibrate films --tolerance 2%",
     "palpate calibrate films --scene array_16 --json",
     "palpate calibrate films --bench lab.toml",
 )

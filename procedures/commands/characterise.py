@@ -17,6 +17,6 @@ characterise = conducting(
     """,
     "palpate characterise",
     "palpate characterise --scene noisy_lab --drift-time '10 min'",
-    "palpate characterise --tolerance '1 %' --drift-time '1 min' --dry-run",
+    "palpate characterise --tolerance '3 %' --drift-time '1 min' --dry-run",
     "palpate characterise --budget",
 )

@@ -1,4 +1,4 @@
-"""The commands palpate model ratio, modulus, plot and shear."""
+"""The commands palpate model ratio, modulus, plot, shear, validation and surfaces."""
 
 from __future__ import annotations
 
@@ -59,6 +59,105 @@ def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
         print_shear(f"{design}, sample {sample}", films, coarse)
 
 
+# --- The command palpate model validation -----------------------------------------------------------
+
+
+@click.command(
+    cls=StrictCommand,
+    epilog="Examples:\n\n  palpate model validation\n\n  palpate model validation --design single --json",
+)
+@option("--design", help="single, common_base or different_base (default: all).")
+@option("--store", is_flag=True, help="Solve the stored finite elements anew, and store them.")
+@output_options
+def validation(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
+    """Show the difference of each sensor model from the thesis' experiments, sample by sample.
+
+    It is the model minus the measured mean, in percent of the measured mean, so positive values mean that the model is
+    higher. No mesh makes it smaller. A model that was built from the measured means is "input": they cannot judge it.
+    """
+    from palpate.instrument.errors import UnknownName, UsageError
+    from palpate.instrument.models import validation as kept
+    from palpate.instrument.notice import price
+    from palpate.instrument.shipped import text
+    from palpate.procedures.accuracy.measure import keep
+    from palpate.procedures.showing.validation import print_validation
+
+    output = Output(as_json, quiet)
+    designs = kept.measured_designs()
+    if design is not None and design not in designs:
+        raise UnknownName("design with experiments", design, designs)
+    if design is not None and store:
+        raise UsageError("--design: not with --store, which always takes one sensor and the pairs")
+    if store:
+        with output.prices(), output.progress("solving") as progress:
+            price("solving the stored finite elements anew", kept.SECONDS)
+            keep(text(kept.measure(progress)), kept.STORED)
+            kept.stored.cache_clear()
+    compared = kept.validate_all(designs if design is None else [design])
+    if output.as_json:
+        output.json({"sign": kept.SIGN, "models": [each.record() for each in compared]})
+    elif output.for_people:
+        print_validation(compared)
+
+
+# --- The command palpate model surfaces ---------------------------------------------------------------
+
+
+@click.command(
+    cls=StrictCommand,
+    epilog="Examples:\n\n  palpate model surfaces\n\n  palpate model surfaces --design single --store",
+)
+@option("--design", help="single_round, single, common_base, different_base, array or array_16 (default: all).")
+@option("--store", is_flag=True, help='Find the curves anew, and store them for model "surface".')
+@output_options
+def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
+    """Show the curves from which model "surface" answers, with their bounds. Finding all takes four minutes."""
+    from palpate.instrument.errors import UnknownName
+    from palpate.instrument.models.curve import ratio_curve
+    from palpate.instrument.models.parameter_sets import get_parameter_set
+    from palpate.instrument.models.stored import surface
+    from palpate.instrument.notice import price
+    from palpate.instrument.sensor.designs import get_design
+    from palpate.procedures.accuracy.measure import DESIGNS, expected_curve_seconds, sensor_of, sets_of
+    from palpate.procedures.records.run import storing
+
+    output = Output(as_json, quiet)
+    if design is not None and design not in DESIGNS:
+        raise UnknownName("design with a surface", design, DESIGNS)
+    asked = list(DESIGNS) if design is None else [design]
+    if store:
+        with output.prices(), output.progress() as progress:
+            price("finding the curves", sum(map(expected_curve_seconds, asked)))
+            for done, name in enumerate(asked):
+                sensors = [sensor_of(name, parameters) for parameters in sets_of(name)]
+                with storing(surface.STORED):
+                    for path in surface.build(name, sensors):
+                        progress(done, len(asked), path.name)
+    found = {}
+    for name, parameters in [(each, own) for each in asked for own in sets_of(each)]:
+        chosen = get_parameter_set(parameters, "surface")
+        sensor, load = chosen.design(get_design(name)), chosen.load(1e5)
+        found[name, parameters] = surface.find(sensor, load), ratio_curve(sensor, load, "surface").error
+    if output.as_json:
+        rows = [
+            {
+                "design": name,
+                "parameters": parameters,
+                "model": known.model,
+                "meshes": len(known.meshes),
+                "poles": len(known.poles.rates),
+                "discretisation": error,
+                "build_s": known.seconds,
+            }
+            for (name, parameters), (known, error) in found.items()
+        ]
+        output.json({"surfaces": rows})
+    elif output.for_people:
+        from palpate.procedures.showing.models import print_surfaces
+
+        print_surfaces(found)
+
+
 # --- model ratio, modulus and plot, and the group ------------------------------------------------------
 
 # Settings that replace values of the parameter set, with their units and help.
@@ -81,6 +180,8 @@ def model() -> None:
 
 
 model.add_command(shear)
+model.add_command(validation)
+model.add_command(surfaces)
 
 
 def question_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -124,7 +225,8 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
             option(
                 "--tolerance",
                 callback=texts.share,
-                help="Greatest error of the ratio (default: 1e-2 auto, 1e-4 axisymmetric, 5e-3 solid).",
+                help="Greatest error of the force ratio, relative to it (default: 2 % auto, 0.01 % axisymmetric, 5 %"
+                " solid).",
             ),
         )
     ):
@@ -162,11 +264,12 @@ def ratio(
 ) -> None:
     """Compute the force ratio (tooth force over total force) for objects with given moduli.
 
-    Model auto takes the fastest model whose error in the price list (palpate accuracy models) meets the tolerance, and
-    names it. The error estimate of a model that you name is that of its discretisation; models in closed form have
-    none. The model error is the error of what the model leaves out, by the price list; the experiment, and cases that
-    the price list lacks, have none. The validation error is the rms difference from the thesis' experiments over their
-    samples, with the parameter set alone, without your settings: see palpate accuracy validation.
+    Model auto takes the fastest model whose error in the price list (palpate accuracy numerics) meets the tolerance,
+    and names it; it never takes the experiment, which solves nothing. All errors are relative to the force ratio. The
+    error estimate of a model that you name is that of its discretisation; models in closed form have none. The model
+    error is the error of what the model leaves out, by the price list; the experiment, and cases that the price list
+    lacks, have none. Against experiments a model is off by the rms difference from those of the thesis over their
+    samples, with the parameter set alone, without your settings: see palpate model validation.
     The solid model takes seconds for a sensor, whatever the moduli. It is the only one that accepts a force in one
     point.
     The identified and capped parameters are fitted to the thesis' tables: effective values, not physical ones.

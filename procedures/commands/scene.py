@@ -35,14 +35,15 @@ def question_options(command: F) -> F:
 @click.command(
     cls=StrictCommand,
     epilog="Examples:\n\n  palpate scene explain thesis_single\n\n  palpate scene explain my_scene.toml --load '1.5 N'"
-    " --tolerance 1e-3 --strict --json\n\n  palpate scene explain everything --steady",
+    " --mark 1e-3 --strict --json\n\n  palpate scene explain everything --steady",
 )
 @click.argument("scene")
 @question_options
 @dwell_option
 @option("--steady", is_flag=True, help="Explain and show the settled state instead of the waveforms.")
-@option("--tolerance", callback=texts.share, default="1e-4", help="Change by omitted effects that gets no mark.")
+@option("--mark", callback=texts.share, default="1e-4", help="Mark omitted effects that could change more.")
 @option("--strict", is_flag=True, help="Treat a warning as an error.")
+@option("--prices", is_flag=True, help="Measure what each effect costs, too, which may take a minute.")
 @output_options
 def explain(
     scene: str,
@@ -51,22 +52,23 @@ def explain(
     frequency: float,
     dwell: float,
     steady: bool,
-    tolerance: float,
+    mark: float,
     strict: bool,
+    prices: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Explain what a scene simulates and how, how much the omitted effects could change, and what each costs.
+    """Explain what a scene simulates and how, and how much the omitted effects could change.
 
-    Of each effect, in the scene or not, it is measured how much force and force ratio change without it, or with it,
-    and the processor time that it adds to a second of bench.
+    Of each effect, in the scene or not, it is measured how much force and force ratio change without it, or with it;
+    with --prices also the processor time that those in the scene add, once and for each second of bench.
     """
     from palpate.procedures.virtual.explained import Explained, Question, print_explained
 
     output = Output(as_json, quiet)
     with output.prices(), output.progress("the path") as progress:
         question = Question(sample, load, frequency, dwell, steady)
-        found = Explained.of(scene, question, tolerance, strict=strict, progress=progress)
+        found = Explained.of(scene, question, mark, strict=strict, with_prices=prices, progress=progress)
     output.result(found.summary, lambda: print_explained(found))
 
 

@@ -25,6 +25,8 @@ from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.resumed import UNSTORED, Resumed
 from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
 
+TOLERANCE_OF, COVERED = "tolerance_of", "U95"  # a tolerance is the half-width of a 95 % interval
+
 
 def prepared(
     procedure: Procedure[S, P, R], target: Target, *, by_store: bool = True
@@ -125,7 +127,7 @@ def record_run(
         recording(
             bench,
             procedure.name,
-            {**asdict(procedure), **procedure.constants},
+            {**asdict(procedure), **procedure.constants, **_meaning(procedure)},
             folder,
             calibrating=procedure.calibrating,
             question=asked(procedure, bench.target.design),
@@ -151,6 +153,11 @@ def record_run(
         done = stored(Finished(procedure, result, session, {**outcome, **promise}))
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"], **promise})
     return done
+
+
+def _meaning(procedure: Procedure[S, P, R]) -> dict[str, object]:
+    """An entry of the record that says what its tolerance is, if it has one; records without it mean u."""
+    return {} if getattr(procedure, "tolerance", None) is None else {TOLERANCE_OF: COVERED}
 
 
 def stored(done: Finished[R]) -> Finished[R]:

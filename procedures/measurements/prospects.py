@@ -7,16 +7,18 @@ the thesis [M] stands for one that is not known, because its bench is not open y
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
-from palpate.instrument.allocation.allocate import Allocation
-from palpate.instrument.allocation.lines import BudgetLine, Costs, budget
+from palpate.instrument.allocation.table import MOST_SETS, Allocation, OutOfReach, RunOption, Table
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.models.springs import force_ratio
+from palpate.instrument.quantity import as_typed, plus_minus
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget
@@ -110,26 +112,61 @@ def film_noise(film: Film, force: float, dwell: float, density: float) -> float:
 
 
 # -------------------------------------------------------------------------------------------------------
-# Load sets that are repeated for a tolerance: a plan in whole rounds of loads, and the most sets that a run
-# takes
+# Load sets that are repeated for a tolerance: the plans, their refusal, and the most sets that a run takes
 
 MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without the tolerance
-MOST_SETS = 10_000  # of a plan, and of a run
+
+T = TypeVar("T")
 
 
-def in_rounds(lines: Sequence[BudgetLine], costs: Costs, sets: int, dwell: float, each: int = 1) -> Allocation:
-    """The plan of one mounting with `sets` sets or a few more, in whole rounds of `each`, and a dwell of a set [s]."""
-    sets = each * math.ceil(sets / each)
-    reached = budget(lines, 1, sets, dwell)
-    shares = {row["name"]: row["share"] for row in reached.rows()}
-    binds = max(shares, key=lambda name: shares[name])
-    seconds = costs.seconds(1, sets, dwell)
-    return Allocation(1, sets, dwell, seconds, reached.u, shares, binds, reached.degrees_of_freedom)
+def planned_for(
+    ways: Mapping[T, Sequence[RunOption]], tolerance: float, rounds: int = 1
+) -> tuple[dict[T, Allocation], dict[T, OutOfReach]]:
+    """The plan of each thing for a tolerance, in whole rounds of sets, and why others have none."""
+    plans, refused = {}, {}
+    for name, each in ways.items():
+        try:
+            plans[name] = Table.of(each, rounds=rounds).for_tolerance(tolerance)
+        except OutOfReach as error:
+            refused[name] = error
+    return plans, refused
+
+
+def refusal(tolerance: float, of: str, error: OutOfReach, remedies: Mapping[str, Sequence[str]]) -> RangeError:
+    """The refusal of a tolerance.
+
+    Args:
+        tolerance: the tolerance.
+        of: of what it is, for people.
+        error: why no plan reaches it.
+        remedies: what would lower a line that binds, by its name.
+    """
+    why = f"{error.binds} leaves {plus_minus(error.floor, 3)}, which no load set lowers"
+    if error.floor < tolerance:
+        why = f"{error.binds} binds, and a run has {MOST_SETS} load sets at most"
+    lines = [
+        f"--tolerance {share(tolerance, 3)} of {of} cannot be reached: {why}",
+        f"best now  --tolerance '{reachable(error.best)}'",
+        *remedies.get(error.binds, ()),
+    ]
+    return RangeError("\n  ".join(lines))
+
+
+def too_long(time: float, where: str) -> RangeError:
+    """The refusal of a time [s] that the most load sets of a run do not fill."""
+    return RangeError(
+        f"--time {as_typed(time, 's')} holds more than {MOST_SETS} load sets {where}, the most of a run; give less time"
+    )
 
 
 def most_sets(plan: Allocation, each: int = 1) -> int:
     """The most sets of a run with a tolerance, in whole rounds of `each`."""
-    return each * math.ceil((MOST[0] * plan.sets + MOST[1]) / each)
+    return each * min(math.ceil((MOST[0] * plan.sets + MOST[1]) / each), MOST_SETS // each)
+
+
+def binding(plan: Allocation) -> str:
+    """The line of a plan for people with what binds."""
+    return f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance"
 
 
 def share(u: float, digits: int = 2) -> str:
@@ -138,7 +175,7 @@ def share(u: float, digits: int = 2) -> str:
     return f"{percent:.{digits}g} %" if percent < 10**digits - 0.5 else f"{percent:.0f} %"
 
 
-def reachable(floor: float) -> str:
-    """A share a little above a floor, in percent with two digits: one that may be asked for."""
-    step = 10.0 ** (math.floor(math.log10(1.01 * floor)) - 1)
-    return share(step * math.ceil(1.01 * floor / step))
+def reachable(least: float) -> str:
+    """A share, rounded up to two digits in percent: one that may be asked for where `least` is the least."""
+    step = 10.0 ** (math.floor(math.log10(least)) - 1)
+    return share(step * math.ceil(least / step * (1 - 1e-9)))

@@ -25,6 +25,11 @@ def share_setting(text: str, determines: str = "") -> Setting:
     return Setting(help=text, read=parse_tolerance, metavar="SHARE", determines=determines)
 
 
+def tolerance_setting(of: str, determines: str = "") -> Setting:
+    """A tolerance, as a share. `of` says of what it is; `determines` is as of `Setting`."""
+    return share_setting(f"Half-width of the 95 % interval, relative: {of}", determines)
+
+
 def bench_time(text: str, determines: str = "") -> Setting:
     """A bench time [s]. `text` describes it; `determines` is as of `Setting`."""
     return Setting("s", text, parse_bench_time, determines=determines)

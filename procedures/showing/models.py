@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import plus_minus, show
 from palpate.procedures.showing import moduli
-from palpate.procedures.showing.tables import cell_of
-from palpate.procedures.showing.text import NO_VALUE, legend, new_table, number, print_all, short, stamped
+from palpate.procedures.showing.tables import NOTHING, cell_of
+from palpate.procedures.showing.text import NO_VALUE, legend, new_table, number, print_all, stamped
 from palpate.procedures.showing.validation import brief, lines
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.price_list import PriceList
     from palpate.instrument.models.ratio import RatioAnswer
     from palpate.instrument.models.stored.surface import Surface
     from palpate.instrument.models.validation import Validation, ValidationLine
@@ -34,12 +32,12 @@ def print_ratios(
     models = ", ".join(dict.fromkeys(a.response.model for a in answers))
     table = new_table(
         stamped(False, f"{design}, model {models}"),
-        "sensed modulus", "force ratio", "error estimate", "model error", "validation", "seconds",
+        "sensed modulus", "force ratio", "error estimate", "model error", "against\nexperiments", "seconds",
     )  # fmt: skip
     by_model = {found.model: brief(found) for found in compared}
     for a in answers:
         given = a.response
-        errors = [*(short(error) for error in (given.error_estimate, a.model_error)), by_model[given.model]]
+        errors = [*map(bound, (given.error_estimate, a.model_error)), by_model[given.model]]
         table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", *errors, f"{a.seconds:.2g}")
     why = dict.fromkeys(a.response.why for a in answers if a.response.why)
     print_all(table, *legend(table, marks=NO_VALUE), *why, *lines(compared, changed))
@@ -71,7 +69,7 @@ def print_moduli(
     for p in points:
         row = SimpleNamespace(**p)
         table.add_row(
-            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", short(p["model_error"]),
+            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", bound(p["model_error"], p["force_ratio"]),
             *(cell_of(name, column, row) for name, column in moduli.COLUMNS.items()),
             number(p["sensitivity"]), p["note"],
         )  # fmt: skip
@@ -84,35 +82,9 @@ def print_moduli(
     )
 
 
-def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None) -> None:
-    """Print a table for each design: error and time of every model at every refinement, and its validation."""
-    validation = {(found.design, found.model): brief(found) for found in compared}
-    low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[1:3])
-    lowest, highest = (show(modulus, "Pa", 3) for modulus in (prices.moduli_Pa[0], prices.moduli_Pa[-1]))
-    for design in designs:
-        table = new_table(
-            stamped(False, f"{design}: greatest error of the force ratio, and time of one answer in seconds"),
-            "model", "refinement", f"{low} to\n{high}", f"{lowest} to\n{highest}", "validation", "build", "solve",
-            "evaluate", "answer",
-        )  # fmt: skip
-        table.columns[1].justify = "left"
-        failures = []
-        for p in (price for price in prices.prices if price.design == design):
-            everywhere = None if None in p.errors else max(error for error in p.errors if error is not None)
-            times = [short(value) for value in (p.build_s, p.solve_s, p.evaluate_s, p.answer_s)]
-            told = validation[design, p.model]
-            table.add_row(p.model, p.refinement, short(p.errors[1]), short(everywhere), told, *times)
-            if p.failure:
-                failures.append(f"{p.model}, {p.refinement}: {p.failure}")
-        how = [f"reference: {r.how}" for r in prices.references if r.design == design]
-        print_all(table, *legend(table, marks=NO_VALUE), *how, *failures, "")
-    print_all(
-        "validation: rms difference from the thesis' experiments (palpate accuracy validation); input: the model was"
-        " fitted to them; none: there are none to compare with",
-        f"measured on {prices.machine.described}, {prices.machine.date}",
-    )
-    if plot is not None:
-        print_all(f"plot           {plot}")
+def bound(error: float | None, value: float = 1.0) -> str:
+    """A bound on the error of a value, relative to it, for a cell."""
+    return NOTHING if error is None else plus_minus(error / value)
 
 
 def print_surfaces(surfaces: Mapping[tuple[str, str], tuple[Surface, float]]) -> None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
 from palpate.instrument.findings.object_modulus import AT_LEAST, AT_MOST, INTERVAL
 from palpate.instrument.models.validation import ValidationLine
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import plus_minus, show
 from palpate.procedures.records.columns import Column
 from palpate.procedures.showing.tables import NOTHING
-from palpate.procedures.showing.text import percent
 
 NOT_KNOWN = "not known"
 
@@ -23,8 +23,19 @@ def _scale(row: Any) -> str:
     return between(row.kind, row.scale_low_Pa, row.scale_high_Pa)
 
 
-def _absolute_u(row: Any) -> str:
-    return NOT_KNOWN if _only_scale(row) else percent(row.absolute_u)
+def _scale_within(row: Any) -> str:
+    return _within(row.modulus_Pa, row.scale_low_Pa, row.scale_high_Pa)
+
+
+def _absolute_within(row: Any) -> str:
+    return NOT_KNOWN if _only_scale(row) else _within(row.modulus_Pa, row.absolute_low_Pa, row.absolute_high_Pa)
+
+
+def _within(modulus: float | None, low: float | None, high: float | None) -> str:
+    """Half of a 95 % interval, relative to the modulus, or its factor."""
+    if not (modulus and low and high):
+        return NOTHING
+    return plus_minus((high - low) / (2 * modulus), factor=math.sqrt(high / low))
 
 
 def _absolute(row: Any) -> str:
@@ -37,9 +48,9 @@ def _only_scale(row: Any) -> bool:
 
 COLUMNS = {  # of what `instrument.findings.object_modulus.estimate` finds
     "modulus_Pa": Column(head="modulus", cell=_modulus),
-    "scale_u": Column(head="scale u %", cell="z.2f", scale=100),
+    "scale_u": Column(head="scale", cell=_scale_within),
     "scale_low_Pa": Column(head="95 % on the scale", cell=_scale),
-    "absolute_u": Column(head="absolute u %", cell=_absolute_u),
+    "absolute_u": Column(head="absolute", cell=_absolute_within),
     "absolute_low_Pa": Column(head="95 % absolute", cell=_absolute),
 }
 

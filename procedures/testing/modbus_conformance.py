@@ -49,7 +49,7 @@ class ModbusConformance(Conformance):
         """Write registers like any Modbus client, without the driver's checks; returns the exception code, or 0."""
 
         def write(address: int, registers: list[int]) -> int:
-            reply = device.link._client.write_registers(address, registers, device_id=device.unit)
+            reply = device.link.client.write_registers(address, registers, device_id=device.unit)
             return reply.exception_code if reply.isError() else 0
 
         return write
@@ -152,14 +152,14 @@ class ModbusConformance(Conformance):
         unknown = [*(a for a in range(max(known)) if a not in known), max(known) + 1, 0x7000, 0xFFFF]
         for address in unknown:
             assert write(address, [0]) == ILLEGAL_ADDRESS, address
-            reply = device.link._client.read_holding_registers(address, count=1, device_id=device.unit)
+            reply = device.link.client.read_holding_registers(address, count=1, device_id=device.unit)
             assert reply.exception_code == ILLEGAL_ADDRESS, address
 
     def test_the_device_knows_no_coils_and_no_input_registers(
         self, device: ModbusDevice, simulated: SimulatedDevice
     ) -> None:
         """All registers are holding registers, so that no other table can read or write them."""
-        client, unit, before = device.link._client, device.unit, dict(simulated.settings)
+        client, unit, before = device.link.client, device.unit, dict(simulated.settings)
         for field in writable(device.contract):
             replies = [
                 client.read_coils(field.address, count=1, device_id=unit),
@@ -228,7 +228,7 @@ class ModbusConformance(Conformance):
         self, device: ModbusDevice, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The reply to the first request comes just after the link was opened again for the second request."""
-        client = device.link._client
+        client = device.link.client
         readable = [f for f in device.contract.fields if f.access != "wo" and f.type != "text" and f.name != "probe"]
         field = first([*settings(device.contract), *readable], "register beside the probe")
         wanted = device.get(field.name)
@@ -257,7 +257,7 @@ class RtuConformance(ModbusConformance):
     """The same tests for a device on a serial line with other units."""
 
     def test_an_absent_unit_on_the_line_is_silent(self, device: ModbusDevice) -> None:
-        client = device.link._client
+        client = device.link.client
         asks: list[Callable[[], object]] = [
             lambda: client.read_holding_registers(0, count=2, device_id=99),
             lambda: client.read_device_information(read_code=3, device_id=99),

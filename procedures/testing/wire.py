@@ -31,7 +31,7 @@ class Wire:
 
 def listen(link: ModbusLink, monkeypatch: pytest.MonkeyPatch) -> Wire:
     """Record every request that leaves the link from now on, and its reply."""
-    client = link._client
+    client = link.client
     pdu = slice(7, None) if isinstance(client, ModbusTcpClient) else slice(1, -2)
     wire = Wire()
 
@@ -53,7 +53,7 @@ SHORT = 0.2  # s
 @contextmanager
 def impatient(link: ModbusLink) -> Iterator[None]:
     """Inside, the link waits only `SHORT` for a reply; use it where no reply is expected, as a busy machine is slow."""
-    client = link._client
+    client = link.client
     patient = client.comm_params.timeout_connect
     _wait_for(client, SHORT)
     try:

@@ -12,9 +12,10 @@ from palpate.procedures.showing.text import print_all
 from palpate.simulators.effects import GROUP, effect_names
 from palpate.simulators.planning.plan import AnswerPlan, plan
 from palpate.simulators.planning.plan import Question as Question
+from palpate.simulators.planning.prices import PRICE, PRICE_OF, PriceLine, Progress
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import waveforms
-from palpate.simulators.planning.weights import DRAWS, Progress, Weight, weigh
+from palpate.simulators.planning.weights import DRAWS, Weight, priced, weigh
 from palpate.simulators.scenes.scene import Scene, shipped
 
 if TYPE_CHECKING:
@@ -114,37 +115,47 @@ def _shown(value: Any) -> str:
 
 # --- the explanation -----------------------------------------------------------------------------------
 
-MEASURED = ("force\nchanges", "ratio\nchanges", "ms")  # titles of columns
+CHANGES = ("force\nchanges", "ratio\nchanges")  # titles of columns
 WHY = "why"  # the column that is folded in a narrow terminal
 
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """A scene, its plan for a question, what each effect changes and costs, and the tolerance for omitted ones.
+    """A scene, its plan for a question, and what each effect changes and costs.
 
     Attributes:
-        tolerance: an omitted effect that could change more is marked.
-        weights: measured changes and times, of effects in the scene and of the omitted ones, by name.
+        mark: an omitted effect that could change more is marked.
+        weights: measured changes, of effects in the scene and of the omitted ones, by name.
+        prices: processor time of the scene under "", and what each of its effects adds; none where it is not measured.
         unmeasured: why there are no weights; empty if there are.
     """
 
     scene: Scene
     answer: AnswerPlan
-    tolerance: float
+    mark: float
     weights: Mapping[str, Weight]
+    prices: Mapping[str, PriceLine]
     unmeasured: str = ""
 
     @classmethod
     def of(
-        cls, name: str, question: Question, tolerance: float, *, strict: bool = False, progress: Progress | None = None
+        cls,
+        name: str,
+        question: Question,
+        mark: float,
+        *,
+        strict: bool = False,
+        with_prices: bool = False,
+        progress: Progress | None = None,
     ) -> Self:
         """Explain a scene by its name or file.
 
         Args:
             name: the scene.
             question: the measurement.
-            tolerance: an omitted effect that could change more is marked.
+            mark: an omitted effect that could change more is marked.
             strict: whether a warning is an error.
+            with_prices: whether it is measured what the scene and each of its effects cost, which may take a minute.
             progress: called while effects are measured, as by `weigh`.
 
         Raises:
@@ -155,12 +166,14 @@ class Explained:
         if strict and answer.warnings:
             raise ConfigError(f"scene {name!r}: {answer.warnings[0]}")
         omitted = [each.name for each in answer.omitted]
+        prices, unmeasured = dict[str, PriceLine](), ""
         try:
-            weights, unmeasured = weigh(scene, question, omitted, progress), ""
+            weights = weigh(scene, question, omitted, progress)
+            prices = priced(scene, question, progress) if with_prices else prices
         except EstimateError as error:
-            weights = [Weight(name, None, None, None) for name in (*scene.effects, *omitted)]
+            weights = [Weight(name, None, None) for name in (*scene.effects, *omitted)]
             unmeasured = str(error)
-        return cls(scene, answer, tolerance, {each.name: each for each in weights}, unmeasured)
+        return cls(scene, answer, mark, {each.name: each for each in weights}, prices, unmeasured)
 
     def summary(self) -> dict[str, Any]:
         """The explanation for JSON."""
@@ -168,39 +181,59 @@ class Explained:
             "scene": self.scene.name,
             "model": self.scene.model,
             "parameter_set": self.scene.file.parameters,
-            "tolerance": self.tolerance,
+            "mark": self.mark,
             **asdict(self.answer),
-            "measured": [asdict(each) for each in self.weights.values()],
+            "price": self._price(""),
+            "measured": [{**asdict(each), "price": self._price(each.name)} for each in self.weights.values()],
             "unmeasured": self.unmeasured,
             "faults": self.scene.file.fault or [],
         }
 
+    def _price(self, name: str) -> dict[str, float] | None:
+        return asdict(self.prices[name]) if name in self.prices else None
+
+    def changes(self, name: str) -> tuple[str, ...]:
+        """Texts of what an effect changes, in the order of `CHANGES`."""
+        weight = self.weights[name]
+        return tuple("-" if each is None else f"{each:.1e}" for each in (weight.force, weight.ratio))
+
+    def cost(self, name: str) -> tuple[str, str]:
+        """Texts of what an effect adds, in the order of `PRICE`."""
+        return self.prices[name].told() if name in self.prices else ("-", "-")
+
 
 def print_explained(found: Explained) -> None:
     """Print the path, the simulated and the omitted effects, the settled state if it was asked for, and warnings."""
-    scene, answer, tolerance = found.scene, found.answer, found.tolerance
+    scene, answer, mark = found.scene, found.answer, found.mark
     inside = [
-        (e.name, e.kind, "yes" if e.cancels_in_ratio else "no", *_measured(found.weights[e.name]), e.why)
+        (
+            e.name, e.kind, "yes" if e.cancels_in_ratio else "no", *found.changes(e.name),
+            *(found.cost(e.name) if found.prices else ()), e.why,
+        )
         for e in answer.included
-    ]
+    ]  # fmt: skip
     outside = [
         (
-            e.name, e.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in (e.force, e.ratio)),
-            *_measured(found.weights[e.name]),
+            e.name, e.kind, *("no limit *" if b is None else _marked(b, mark) for b in (e.force, e.ratio)),
+            *found.changes(e.name),
         )
         for e in answer.omitted
     ]  # fmt: skip
+    cost = ""
+    if "" in found.prices:
+        a, b = found.prices[""].told()
+        cost = f", {a} ms of processor time and {b} µs for each second of bench"
     changes = f"measured with and without it, the root mean square over {DRAWS} draws of all noise and scatter"
     print_all(
         f"Scene {scene.name}: {scene.purpose}",
         f"path: {answer.path}: {answer.why}",
-        f"{answer.transitions:g} transitions a second, about {answer.seconds:.2g} s of computing",
+        f"{answer.transitions:g} transitions a second{cost}",
         "simulated",
-        _table(("effect", "kind", "cancels\nin ratio", *MEASURED, WHY), inside),
-        f"left out, and the most that it could change (* above {tolerance:g})",
-        _table(("effect", "kind", "force\nat most", "ratio\nat most", *MEASURED), outside),
+        _table(("effect", "kind", "cancels\nin ratio", *CHANGES, *(PRICE if found.prices else ()), WHY), inside),
+        f"left out, and the most that it could change (* above {mark:g})",
+        _table(("effect", "kind", "force\nat most", "ratio\nat most", *CHANGES), outside),
         f"force changes, ratio changes: {found.unmeasured or changes}",
-        "ms: processor time that it adds to a second of bench; below 0: it saves time, or adds next to none",
+        *([f"processor time that it adds: {PRICE_OF}"] if found.prices else []),
         "-: not known: the films do not show what it changes, or it cannot be put in",
         *([] if answer.steady is None else _settled(answer.steady)),
         *("fault: " + ", ".join(f"{key} {value}" for key, value in fault.items()) for fault in scene.file.fault or []),
@@ -219,12 +252,6 @@ def _settled(steady: SteadyState) -> list[object]:
     ]
 
 
-def _measured(weight: Weight) -> tuple[str, ...]:
-    if weight.force is None or weight.ratio is None or weight.seconds is None:
-        return ("-", "-", "-")
-    return f"{weight.force:.1e}", f"{weight.ratio:.1e}", f"{1e3 * weight.seconds:.1f}"
-
-
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     from rich.table import Column, Table
 
@@ -234,5 +261,5 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     return table
 
 
-def _marked(bound: float, tolerance: float) -> str:
-    return f"{bound:.1e}{' *' if bound > tolerance else ''}"
+def _marked(bound: float, mark: float) -> str:
+    return f"{bound:.1e}{' *' if bound > mark else ''}"

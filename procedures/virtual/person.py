@@ -183,7 +183,7 @@ def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
     from rich.table import Table
 
     with sim.clock.lock:
-        states, sync = sim.can.states, sim.can.sync_rate
+        states, sync = {node.id: sim.can.states[node.id] for node in sim.nodes}, sim.can.sync_rate
         active = sum(state == "OPERATIONAL" for state in states.values())
         load = bus_load(active, sync, sim.bitrate) if sync else 0.0
         rows = {

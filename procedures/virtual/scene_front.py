@@ -10,6 +10,7 @@ from palpate.procedures.console.progress import Progress
 from palpate.procedures.showing.figure import new_figure, save_in_new
 from palpate.procedures.showing.text import new_table, print_all, stamped
 from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.prices import PRICE, PRICE_OF
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.weights import DRAWS, Subset, Weight, front, nested, weigh
 
@@ -47,10 +48,10 @@ class SceneFront:
     @property
     def front(self) -> list[Subset]:
         """The best of the tried subsets, from the nearest to the scene on."""
-        return front(self.tried)
+        return front(self.tried, self.question.dwell)
 
     def summary(self) -> dict[str, Any]:
-        """For JSON; seconds are processor time of a second of bench."""
+        """For JSON."""
         best = self.front
         return {
             "simulated": True,
@@ -68,21 +69,22 @@ def print_front(found: SceneFront, plot: Path | None) -> None:
     """Print a line for each subset, with what was left out since the line before."""
     title = f"scene {found.scene}, sample {found.question.sample}: fewer effects, less time"
     table = new_table(
-        stamped(True, title), "left out, also", "effects left", "force changes", "ratio changes", "ms", "on the front"
+        stamped(True, title), "left out, also", "effects left", "force changes", "ratio changes", *PRICE, "on the front"
     )
     best, count, before = found.front, len(found.weights), set[str]()
     for each in found.tried:
         more = ", ".join(name for name in each.without if name not in before) or "nothing"
         table.add_row(
-            more, str(count - len(each.without)), f"{each.force:.1e}", f"{each.ratio:.1e}", f"{1e3 * each.seconds:.1f}",
+            more, str(count - len(each.without)), f"{each.force:.1e}", f"{each.ratio:.1e}", *each.price.told(),
             "yes" if each in best else "",
         )  # fmt: skip
         before = set(each.without)
     stay = ", ".join(each.name for each in found.weights if each.change is None)
     print_all(
         table,
-        f"changes: root mean square of {DRAWS} draws, against the whole scene with the same noise; ms: processor time"
-        " of a second of bench",
+        f"changes: root mean square of {DRAWS} draws, against the whole scene with the same noise",
+        f"processor time: {PRICE_OF}",
+        f"on the front: for {found.question.dwell:g} s of bench",
         *([f"always simulated, since the films do not show what they change: {stay}"] if stay else []),
         *([] if plot is None else [f"plot           {plot}"]),
     )
@@ -105,8 +107,9 @@ def plot_front(found: SceneFront, folder: Path) -> Path:
     left.annotate("no change", (none, 0), xytext=(3, -3), textcoords="offset points", fontsize=7, va="top")
     left.set(xscale="log", xlabel="relative change against the whole scene")
     left.legend(fontsize=8)
-    right.barh(rows, [1e3 * each.seconds for each in found.tried], height=0.6, color="0.6")
-    right.set(xlabel="processor time of a second of bench (ms)")
+    dwell = found.question.dwell
+    right.barh(rows, [1e3 * each.price.seconds(dwell) for each in found.tried], height=0.6, color="0.6")
+    right.set(xlabel=f"processor time of {dwell:g} s of bench (ms)")
     left.set_yticks(rows, ["all effects", *(f"- {each.without[-1]}" for each in found.tried[1:])], fontsize=8)
     right.set_yticks(rows, [""] * len(found.tried))
     for axes in (left, right):

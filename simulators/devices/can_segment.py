@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self
 
@@ -14,14 +13,6 @@ from palpate.instrument.bench.links import MULTICAST, leave
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.devices.sensor_node import (
-    CONTRACT,
-    ROLLOVER,
-    SATURATED,
-    VOLTAGE_ERROR,
-    SampleBlock,
-    SimulatedSensorNode,
-)
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.attached import attach, local_node
 from palpate.simulators.wire.can_bus import VirtualNetwork, burst, open_bus
@@ -32,13 +23,10 @@ if TYPE_CHECKING:
 
 BURST = 64  # number of SYNCs whose frames are sent together
 NMT_FRAME = 2  # bytes
-SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED, PRE_OPERATIONAL = 5, 4, 127
 SYNC_COB, SYNC_PERIOD = sdo(0x1005), sdo(0x1006)  # objects of CiA 301
 HEARTBEAT_TIME = 0x1017  # object of CiA 301 that a node may lack
 NMT_START, NMT_STOPS, NMT_RESETS = 1, (2, 128), (129, 130)
-SAMPLES, STAMP = CONTRACT.pdos
-STAMP_LAYOUT = struct.Struct("<IB")
 
 
 class CanSegment:
@@ -48,7 +36,6 @@ class CanSegment:
         self,
         clock: VirtualClock,
         rig: Rig,
-        node_ids: list[int],
         interface: str,
         channel: str,
     ) -> None:
@@ -58,11 +45,8 @@ class CanSegment:
         # number of our own SYNCs that multicast has still to deliver back to us; None: the interface does not do that
         self._echoes: int | None = 0 if interface == MULTICAST else None
         self._network = VirtualNetwork(self._bus, clock)
-        self.nodes = [
-            SimulatedSensorNode(clock, node_id, SERIAL + number, rig) for number, node_id in enumerate(node_ids, 1)
-        ]
-        self.guests: list[SimulatedNode] = []
-        self._local = {node.id: local_node(node) for node in self.nodes}
+        self.nodes: list[SimulatedNode] = []
+        self._local: dict[int, Any] = {}
         self._sync_from_ns = NEVER
         self._sync_period_ns = 0
         self._timing = rig.effects.can
@@ -71,7 +55,7 @@ class CanSegment:
 
     def __enter__(self) -> Self:
         self._network.connect()
-        for node in (*self.nodes, *self.guests):
+        for node in self.nodes:
             local = self._local[node.id]
             attach(self._network, local, node, self._let_pass, self._timing_changed)
             self._boot(local)
@@ -87,8 +71,8 @@ class CanSegment:
         self._bus.send = instead(self._bus.send)  # type: ignore[method-assign,assignment]
 
     def add(self, device: SimulatedNode) -> None:
-        """Let another device answer on the bus; call it before entering the context."""
-        self.guests.append(device)
+        """Let a device answer on the bus; call it before entering the context."""
+        self.nodes.append(device)
         self._local[device.id] = local_node(device)
 
     def close(self) -> None:
@@ -97,7 +81,7 @@ class CanSegment:
 
     @property
     def states(self) -> dict[int, str]:
-        """NMT state of each sensor node."""
+        """NMT state of each node."""
         return {node.id: str(self._local[node.id].nmt.state) for node in self.nodes}
 
     @property
@@ -118,7 +102,7 @@ class CanSegment:
         if len(data) < NMT_FRAME:
             return
         command, target = data[0], data[1]
-        for node in (*self.nodes, *self.guests):
+        for node in self.nodes:
             if target in (0, node.id):
                 if command == NMT_START:
                     node.start()
@@ -148,7 +132,7 @@ class CanSegment:
 
     def _timing_changed(self) -> None:
         """Adopt the SYNC producer's settings. The first SYNC comes one period after the producer was switched on."""
-        periods = (1000 * _sync_period(node) for node in (*self.nodes, *self.guests))
+        periods = (1000 * _sync_period(node) for node in self.nodes)
         period = next((each for each in periods if each), 0)
         if period != self._sync_period_ns:
             self._sync_from_ns = self._clock.now_ns() if period else NEVER
@@ -174,11 +158,7 @@ class CanSegment:
         period = self._sync_period_ns or int(1e6)
         films = functools.cache(lambda: self._rig.film_voltages(time_ns, period))
         active = [node for node in self.nodes if self._local[node.id].nmt.state == "OPERATIONAL"]
-        streams = [node.sample(time_ns, node.film_channels @ films(), period) for node in active]
-        frames = [frame for node, samples in zip(active, streams, strict=True) for frame in _frames(node, samples)]
-        for guest in self.guests:
-            if self._local[guest.id].nmt.state == "OPERATIONAL":
-                frames += guest.frames_at(time_ns, films, period)
+        frames = [frame for node in active for frame in node.frames_at(time_ns, films, period)]
         if self._timing is not None and send_sync:
             sizes = [(cob_id, len(payloads[0])) for cob_id, payloads in frames]
             in_time, busy_ns = self._timing.burst(sizes, self._sync_period_ns)
@@ -191,10 +171,8 @@ class CanSegment:
         for first in range(0, len(time_ns), BURST):
             last = min(first + BURST, len(time_ns))
             burst(self._bus, [(cob_id, payloads[i]) for i in range(first, last) for cob_id, payloads in frames])
-        for node, samples in zip(active, streams, strict=True):
-            if samples.saturation.any() and not node.settings["error_register"]:
-                node.settings["error_register"] = VOLTAGE_ERROR
-                node.emergency(SATURATED)
+        for node in active:
+            node.sampled()
 
 
 def _sync_period(node: SimulatedNode) -> int:
@@ -203,13 +181,3 @@ def _sync_period(node: SimulatedNode) -> int:
     if len(at) < 2 or not int(node.settings[at[SYNC_COB].name]) & SYNC_PRODUCER:
         return 0
     return round(at[SYNC_PERIOD].to_raw(node.settings[at[SYNC_PERIOD].name]))
-
-
-def _frames(node: SimulatedSensorNode, samples: SampleBlock) -> list[tuple[int, list[bytes]]]:
-    """The identifiers of a node's two messages, each with the data of all its frames."""
-    data = samples.counts.tobytes()
-    size = samples.counts.itemsize * samples.counts.shape[1]
-    counts = [data[at : at + size] for at in range(0, len(data), size)]
-    numbers = ((samples.counter + np.arange(len(samples.counts))) % ROLLOVER).tolist()
-    stamps = list(map(STAMP_LAYOUT.pack, numbers, samples.saturation.tolist()))
-    return [(SAMPLES.base + node.id, counts), (STAMP.base + node.id, stamps)]

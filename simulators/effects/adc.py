@@ -22,7 +22,6 @@ class Adc(ConverterEffect):
 
     kind: ClassVar[Kind] = "static_nl"
     cancels_in_ratio: ClassVar[bool] = False
-    seconds_a_sample: ClassVar[float] = 1e-8
 
     # 16 bit [A]
     bits: int = Field(default=16, ge=4, le=FINEST, strict=True)

@@ -19,7 +19,7 @@ class CurveError(ShareEffect):
     A modulus that is read off the same model's curve is then wrong, as it is on a real sensor. The natural logarithm of
     the ratio changes by `constant`, and by a part of each object, drawn by its name with the standard deviation
     `spread`. The defaults are the distance of the model "surface" from the thesis' six samples, with the opposite sign:
-    `palpate accuracy validation` lists it for each model.
+    `palpate model validation` lists it for each model.
     """
 
     kind: ClassVar[Kind] = "lti"
@@ -33,4 +33,4 @@ class CurveError(ShareEffect):
         return self.constant - SIGMAS * self.spread, self.constant + SIGMAS * self.spread
 
     def ln_change(self, sample: Sample, stream: Stream, mounted_at_ns: int) -> float:
-        return self.constant + self.spread * float(stream.child(sample.name).normal(0, 1)[0])
+        return self.constant + float(stream.child(sample.name).spread(self.spread, 0, 1)[0])

@@ -38,6 +38,8 @@ class GainScatter(FilmsEffect):
 
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
         """Gain factors of the films for the load set or mounting that began at `set_at_ns`, on the diagonal."""
+        if not self.strength:
+            return np.eye(len(design.films))
         independent = stream.normal(set_at_ns // 1000 * len(design.films), len(design.films)).tolist()
         drawn = [math.fsum(map(mul, row, independent)) for row in design.scatter_triangle]
         factors: Floats = np.diag(1.0 + self.strength * np.array(drawn))

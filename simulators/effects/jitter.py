@@ -17,14 +17,13 @@ from palpate.simulators.randomness import Stream
 
 
 class Jitter(InputEffect):
-    """Adds the signal's rate times a normal delay: independent for each sample of each channel.
+    """Adds the signal's rate times a normal delay: independent for each sample of each channel with a film.
 
     The neglected second order is (2 pi f delay)^2 / 2 of the amplitude: 2e-7 at 10 Hz.
     """
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
-    seconds_a_sample: ClassVar[float] = 3e-8
     follows: ClassVar[bool] = True
 
     # standard deviation of the delay [A]
@@ -32,10 +31,9 @@ class Jitter(InputEffect):
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """Voltages (n,) by which the delays change the samples [V]."""
-        moving = rates()
-        if not moving.any():
-            return moving  # a channel without a film is not computed
-        late = self.delay * moving
+        if not self.delay:
+            return np.zeros(len(time_ns))
+        late = self.delay * rates()
         late *= stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
         return late
 

@@ -54,7 +54,7 @@ class LoadCell(CellEffect):
 
     def added_mV(self, stream: Stream, update: int) -> float:
         """Zero offset and noise at an update of a display of that number [mV]."""
-        return 1e3 * (self.zero + self.noise * float(stream.normal(update, 1)[0]))
+        return 1e3 * (self.zero + float(stream.spread(self.noise, update, 1)[0]))
 
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
         return round(ideal_mV + self.added_mV(stream, update), self.decimals)

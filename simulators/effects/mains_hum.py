@@ -22,7 +22,6 @@ class MainsHum(InputEffect):
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
-    seconds_a_sample: ClassVar[float] = 2e-8
     common: ClassVar[bool] = True
 
     # 1 mV [A]

@@ -29,4 +29,4 @@ class MountingScatter(ShareEffect):
         return -SIGMAS * self.scatter, SIGMAS * self.scatter
 
     def ln_change(self, sample: Sample, stream: Stream, mounted_at_ns: int) -> float:
-        return self.scatter * float(stream.normal(mounted_at_ns // 1000, 1)[0])
+        return float(stream.spread(self.scatter, mounted_at_ns // 1000, 1)[0])

@@ -45,7 +45,9 @@ class Process:
 
 
 class PinkNoise(InputEffect):
-    """Noise with a density as 1/f, within 10 % from 1 mHz to a tenth of the sample rate; independent on each channel.
+    """Noise with a density as 1/f, within 10 % from 1 mHz to a tenth of the sample rate.
+
+    It is independent on each channel with a film.
 
     An anti-alias filter at half the sample rate is assumed; of a process above it the flat part below remains. A
     process is computed on a grid, with a step of about a 16th of its time constant, or of the sample period where that
@@ -55,7 +57,6 @@ class PinkNoise(InputEffect):
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
-    seconds_a_sample: ClassVar[float] = 1e-7
 
     # one-sided density where it equals the white noise [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0, le=1)
@@ -63,6 +64,8 @@ class PinkNoise(InputEffect):
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """Noise voltages at integer multiples of the sample period, shape (n,), not to be written to."""
+        if not self.density:
+            return np.zeros(len(time_ns))
         first = int(time_ns[0]) // period_ns
         key = (self, period_ns)
         if key not in stream.kept:

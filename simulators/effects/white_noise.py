@@ -17,18 +17,17 @@ from palpate.simulators.randomness import Stream
 
 
 class WhiteNoise(InputEffect):
-    """Independent on each channel of each node; an anti-alias filter at half the sample rate is assumed."""
+    """Independent on each channel with a film; an anti-alias filter at half the sample rate is assumed."""
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
-    seconds_a_sample: ClassVar[float] = 4e-8
 
     # one-sided [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0, le=1)
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """Noise voltages at integer multiples of the sample period, shape (n,)."""
-        return self.density * math.sqrt(0.5e9 / period_ns) * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
+        return stream.spread(self.dither(1e9 / period_ns), int(time_ns[0]) // period_ns, len(time_ns))
 
     def error(self, case: Case, rates: Rates) -> float:
         """Six standard deviations of the fit [V]."""

@@ -74,7 +74,7 @@ class Signal:
         for _ in range(MOST_STEPS):
             if time_ns >= before_ns:
                 return before_ns
-            value, safe = self._step(time_ns, (before_ns - time_ns) / SECOND)
+            value, safe = self.step(time_ns, (before_ns - time_ns) / SECOND)
             if math.isnan(value) or math.isnan(safe):
                 break
             if value < 0:
@@ -88,7 +88,7 @@ class Signal:
             "for numbers of the scene that are far from those of a real bench"
         )
 
-    def _step(self, time_ns: int, enough: float) -> tuple[float, float]:
+    def step(self, time_ns: int, enough: float) -> tuple[float, float]:
         """The value at a time, and for how long [s] it will certainly not fall below zero, at most `enough`."""
         wave = drift = 0.0
         for base, order, phasor in self.waves:

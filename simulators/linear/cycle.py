@@ -180,7 +180,7 @@ class Cycle:
     ) -> None:
         self.start_ns = start_ns
         self._legs, self._listeners, self._alone, self._lag = legs, listeners, alone, lag
-        self._begins = np.array([leg.begin for leg in legs])
+        self.begins = np.array([leg.begin for leg in legs])
         self._inputs = legs[0].steady.inputs
         self._since_start = replace(self._inputs[0], start_phase=0)
         one = np.eye(len(self._inputs[0].order))
@@ -205,14 +205,14 @@ class Cycle:
 
     def state(self, time_ns: int) -> Floats:
         """The state (s,) at a time from the start on."""
-        cycles = self._cycles(time_ns)
+        cycles = self.cycles(time_ns)
         state = self._leg(cycles).moment(cycles)
         state[self._listeners] -= self._alone.motion.moment(self._lag, time_ns - self.start_ns)
         return state
 
     def mode_at(self, time_ns: int) -> Mode:
         """The mode at a time from the start on."""
-        return self._leg(self._cycles(time_ns)).mode
+        return self._leg(self.cycles(time_ns)).mode
 
     def modes(self, first_ns: int, last_ns: int) -> list[Mode]:
         """All modes from one time to another, one after the other."""
@@ -223,12 +223,12 @@ class Cycle:
         begins = [begin for begin, _ in all_legs]
         return [mode for _, mode in all_legs[bisect_right(begins, first) - 1 : bisect_right(begins, last)]]
 
-    def _cycles(self, time_ns: int) -> float:
+    def cycles(self, time_ns: int) -> float:
         drive = self._inputs[0]
         return (drive.frequency * (time_ns - drive.start_ns)) % CYCLE / CYCLE
 
     def _leg(self, cycles: float) -> Leg:
-        return self._legs[bisect_right(self._begins.tolist(), cycles) - 1]
+        return self._legs[bisect_right(self.begins.tolist(), cycles) - 1]
 
     def _moments(self, time_ns: Times, step_ns: int) -> Moments:
         """Values that all functions of time share; kept, as voltages and their rates are asked for in turn."""
@@ -236,8 +236,8 @@ class Cycle:
         if not step_ns or key not in self._last:
             drive = self._inputs[0]
             cycles = self._since_start.phase(time_ns, step_ns) / CYCLE
-            legs = np.searchsorted(self._begins, cycles, side="right") - 1
-            since = cycles - self._begins.take(legs, mode="clip")
+            legs = np.searchsorted(self.begins, cycles, side="right") - 1
+            since = cycles - self.begins.take(legs, mode="clip")
             since *= period_of(self._inputs) / SECOND
             turns = drive.summed(self._cosines_and_sines, time_ns, step_ns)
             self._last = {key: Moments(legs, since, turns, self._rates)}

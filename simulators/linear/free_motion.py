@@ -165,11 +165,11 @@ def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, cou
 
 def free_motion(a: Floats) -> FreeMotion:
     """Free motion of a matrix (s, s); the same object for equal matrices."""
-    return _known(a.tobytes(), len(a))
+    return kept_motion(a.tobytes(), len(a))
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _known(a: bytes, size: int) -> FreeMotion:
+def kept_motion(a: bytes, size: int) -> FreeMotion:
     return FreeMotion(np.frombuffer(a).reshape(size, size))
 
 

@@ -110,7 +110,7 @@ def compare() -> Iterator[IntegratorError]:
         assert warm_up.size  # the warm-up imports everything, so that no method's time contains an import
     yield measured("closed form", None, lambda: _closed_form(chain(), times))
     yield measured("matrix exponential, blocks", SAMPLE_NS / SECOND, lambda: _blocks(chain(), times, exponential))
-    for method, formula in (("first-order hold", _first_order_hold), ("trapezoid", _trapezoid)):
+    for method, formula in (("first-order hold", first_order_hold), ("trapezoid", _trapezoid)):
         for step_ms in STEPS_MS:
             step_ns = round(step_ms * 1e6)
             every, stride = max(step_ns // SAMPLE_NS, 1), max(SAMPLE_NS // step_ns, 1)
@@ -171,7 +171,7 @@ def _reference(system: StateSpace, times: Times) -> Floats:
 Formula = Callable[[Complexes], tuple[Complexes, Complexes, Complexes]]
 
 
-def _first_order_hold(z: Complexes) -> tuple[Complexes, Complexes, Complexes]:
+def first_order_hold(z: Complexes) -> tuple[Complexes, Complexes, Complexes]:
     """Coefficients of x <- a x + before u + after u', exact for a drive that is straight between steps.
 
     `z` is rate times step.

@@ -89,7 +89,7 @@ class StateSpace:
         inputs = tuple(u if u.frequency else u.held() for u in inputs)
         waves = [(u.frequency, u.order.tobytes(), u.amplitude.tobytes()) for u in inputs]
         means = np.array([u.mean for u in inputs])
-        return Steady(self, inputs, _led_to(self.a.tobytes(), self.b.tobytes(), means.tobytes(), tuple(waves)))
+        return Steady(self, inputs, led_to(self.a.tobytes(), self.b.tobytes(), means.tobytes(), tuple(waves)))
 
     @functools.cached_property
     def motion(self) -> FreeMotion:
@@ -227,7 +227,7 @@ def _add(parts: dict[tuple[int, int, int, bytes], tuple[Periodic, Complexes]], u
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _led_to(a: bytes, b: bytes, means: bytes, waves: tuple[tuple[int, bytes, bytes], ...]) -> Settled:
+def led_to(a: bytes, b: bytes, means: bytes, waves: tuple[tuple[int, bytes, bytes], ...]) -> Settled:
     """Settled state of a system under inputs, which are given by frequency, orders and amplitudes."""
     order = len(b) // len(means)
     system, push = np.frombuffer(a).reshape(order, order), np.frombuffer(b).reshape(order, len(waves))

@@ -21,7 +21,8 @@ import numpy as np
 from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear.crossing import NEVER, CrossingWatch
 from palpate.simulators.linear.cycle import Cycle
-from palpate.simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times
+from palpate.simulators.linear.free_motion import kept_motion
+from palpate.simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times, led_to
 from palpate.simulators.linear.mode import Mode, Stretch
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 from palpate.simulators.linear.recurrence import PoincareSection, Recurrence, depended_on, recurrence
@@ -68,9 +69,9 @@ class Path:
         self._largest = np.abs(state)
         self._section: PoincareSection | None = None
         self._recurrence: Recurrence | None = None
-        self._cycle: Cycle | None = None
+        self.cycle: Cycle | None = None
         self._crowd = (start_ns, 0)
-        self._stretches: list[Stretch] = []
+        self.stretches: list[Stretch] = []
         self._first = mode, start_ns, state  # entered when somebody asks
 
     def outputs(self, time_ns: Times, rows: slice, step_ns: int = 0) -> Floats:
@@ -99,12 +100,12 @@ class Path:
     def state(self, time_ns: int) -> Floats:
         """The state (s,) at a time from the change on."""
         cycle = self._recurring(time_ns)
-        return cycle.state(time_ns) if cycle else self._between(time_ns, time_ns)[-1].moment(time_ns)
+        return cycle.state(time_ns) if cycle else self.between(time_ns, time_ns)[-1].moment(time_ns)
 
     def mode_at(self, time_ns: int) -> Mode:
         """The mode at a time from the change on."""
         cycle = self._recurring(time_ns)
-        return cycle.mode_at(time_ns) if cycle else self._between(time_ns, time_ns)[-1].mode
+        return cycle.mode_at(time_ns) if cycle else self.between(time_ns, time_ns)[-1].mode
 
     def modes_until(self, time_ns: int) -> list[Mode]:
         """Modes of the last 12 s up to a time, one after the other."""
@@ -112,7 +113,7 @@ class Path:
         cycle, modes = self._recurring(time_ns), []
         if cycle is None or first_ns < cycle.start_ns:
             last_ns = time_ns if cycle is None else cycle.start_ns - 1
-            modes += [stay.mode for stay in self._between(first_ns, last_ns)]
+            modes += [stay.mode for stay in self.between(first_ns, last_ns)]
         if cycle is not None:
             modes += cycle.modes(max(first_ns, cycle.start_ns), time_ns)
         return [modes[0], *(after for before, after in pairwise(modes) if after is not before)]
@@ -124,9 +125,9 @@ class Path:
         """
         now_ns = self.start_ns
         self._recurring(now_ns)
-        number = max(bisect_right(self._stretches, now_ns, key=_start) - 1, 0)
+        number = max(bisect_right(self.stretches, now_ns, key=_start) - 1, 0)
         while now_ns <= time_ns and self._recurring(now_ns) is None:
-            stay = self._stretches[number]
+            stay = self.stretches[number]
             yield stay.mode
             now_ns, number = stay.end_ns, number + 1
         cycle = self._recurring(time_ns)
@@ -140,7 +141,7 @@ class Path:
         border = len(time_ns) if cycle is None else int(time_ns.searchsorted(cycle.start_ns))
         followed, recurring = time_ns[:border], time_ns[border:]
         if len(followed):
-            stays = self._between(int(followed[0]), int(followed[-1]))
+            stays = self.between(int(followed[0]), int(followed[-1]))
             for stay, part in zip(stays, split(followed, [stay.start_ns for stay in stays[1:]]), strict=True):
                 if len(part):
                     pieces.append(stay.trace(name, rows, row).at(part, step_ns))
@@ -150,18 +151,18 @@ class Path:
 
     def _recurring(self, last_ns: int) -> Cycle | None:
         """The recurring motion at a time; None: nothing recurs then."""
-        if not self._stretches:
+        if not self.stretches:
             self._enter(*self._first)
-        while self._cycle is None and self._stretches[-1].end_ns <= last_ns:
+        while self.cycle is None and self.stretches[-1].end_ns <= last_ns:
             self._follow()
-        return self._cycle if self._cycle is not None and last_ns >= self._cycle.start_ns else None
+        return self.cycle if self.cycle is not None and last_ns >= self.cycle.start_ns else None
 
-    def _between(self, first_ns: int, last_ns: int) -> list[Stretch]:
+    def between(self, first_ns: int, last_ns: int) -> list[Stretch]:
         """The stretches that hold the times from the first to the last, which have been followed."""
         kept_ns = min(first_ns, last_ns - KEPT_NS)
         if self._section is not None:
             kept_ns = min(kept_ns, self._section.time_ns)
-        stays = self._stretches
+        stays = self.stretches
         del stays[: max(bisect_right(stays, kept_ns, key=_start) - 1, 0)]
         low = max(bisect_right(stays, first_ns, key=_start) - 1, 0)
         return stays[low : max(bisect_right(stays, last_ns, key=_start), low + 1)]
@@ -171,7 +172,7 @@ class Path:
     def _follow(self) -> None:
         """Compute the stretch after the last one."""
         self._check()
-        last = self._stretches[-1]
+        last = self.stretches[-1]
         mode, state = last.after(self._inputs)
         if mode is not last.mode:
             since_ns, count = self._crowd
@@ -189,9 +190,9 @@ class Path:
         self._largest = np.maximum(self._largest, np.abs(state))
         end_ns, failed = known.watch.first_failure(start_ns, state[known.seen])
         guard = None if failed is None else mode.guards[failed]
-        self._stretches.append(Stretch(start_ns, end_ns, mode, known.steady, state, guard))
+        self.stretches.append(Stretch(start_ns, end_ns, mode, known.steady, state, guard))
         if self._inputs[0].frequency:
-            self._look_for_repeat(self._stretches[-1])
+            self._look_for_repeat(self.stretches[-1])
 
     def _know(self, mode: Mode) -> _Known:
         if id(mode) not in self._known:
@@ -213,11 +214,11 @@ class Path:
             return
         before, now = self._section, PoincareSection(number, time_ns, stay)
         if self._recurrence is not None and number >= self._recurrence.number:
-            self._cycle, self._recurrence = self._recurrence.begun(now), None
+            self.cycle, self._recurrence = self._recurrence.begun(now), None
         elif self._recurrence is None and before and before.number + 1 == number and before.stay is not stay:
-            within = self._stretches[self._stretches.index(before.stay) :]
+            within = self.stretches[self.stretches.index(before.stay) :]
             self._recurrence = recurrence(before, now, within, self._largest, self._watch)
-        if self._cycle is None and stay.end_ns < NEVER:
+        if self.cycle is None and stay.end_ns < NEVER:
             number = (stay.end_ns - 1 - self.start_ns) * frequency // CYCLE
             self._section = PoincareSection(number, self._repeated_ns(number), stay)
 
@@ -251,3 +252,9 @@ def split(time_ns: Times, starts_ns: Sequence[int]) -> list[Times]:
     """Divide ascending times at some starts. (numpy's own function takes seven times as long.)"""
     borders = [0, *time_ns.searchsorted(starts_ns).tolist(), len(time_ns)]
     return [time_ns[first:end] for first, end in pairwise(borders)]
+
+
+def forget() -> None:
+    """Drop what is kept of systems from one path to the next, so that a path is found as if its system were new."""
+    for kept in (_by_itself, led_to, kept_motion):
+        kept.cache_clear()

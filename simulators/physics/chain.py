@@ -68,7 +68,7 @@ class MeasuringChain:
         self._modes: WeakValueDictionary[Touch, Mode] = WeakValueDictionary()
         # These are indices of outputs and states, which other modules use.
         self.bridge = len(amplifiers)
-        self.force, self._compression, self._displacement, self._current = range(self.bridge + 1, self.bridge + 5)
+        self.force, self.compression, self.displacement, self.current = range(self.bridge + 1, self.bridge + 5)
         self.stack_order = stack.order  # the stack's states come first
         self._mechanical = stack.order + (3 if armature.mass else 0)
         self.play_states = range(self._mechanical, self._mechanical + self.plays)
@@ -151,7 +151,7 @@ class MeasuringChain:
     def _guards(self, touch: Touch, system: StateSpace) -> list[Guard]:
         limits = self._limits
         compression, displacement, current = (
-            (system.c[k], system.d[k]) for k in (self._compression, self._displacement, self._current)
+            (system.c[k], system.d[k]) for k in (self.compression, self.displacement, self.current)
         )
         voltage = (np.zeros(system.order), np.array([1.0, 0.0, 0.0]))
         guards = []

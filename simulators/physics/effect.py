@@ -67,7 +67,6 @@ class Effect(Numbers):
             bus.
         excludes: names of effects that cannot stand beside it.
         moves: the field of `Touch` that its transitions change; empty: it makes none.
-        seconds_a_sample: CPU time that it adds to each sample of a film [s, M].
     """
 
     name: ClassVar[str]
@@ -75,7 +74,6 @@ class Effect(Numbers):
     cancels_in_ratio: ClassVar[bool]
     excludes: ClassVar[Sequence[str]] = ()
     moves: ClassVar[str] = ""
-    seconds_a_sample: ClassVar[float] = 0.0
 
     def __init_subclass__(cls, **config: Any) -> None:
         super().__init_subclass__(**config)

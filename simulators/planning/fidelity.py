@@ -48,7 +48,7 @@ def reduced(scene: Scene, fidelity: float, asked: Sequence[tuple[Question, float
         except EstimateError:
             return math.inf
 
-    once = DRAWS * sum(each.seconds * question.dwell for each, (question, _) in zip(whole, asked, strict=True))
+    once = DRAWS * sum(each.seconds for each in whole)
     price("finding out what the result does not feel", once * math.log2(len(scene.effects) + 2))
     felt = [name for name, effect in scene.effects.items() if not isinstance(effect, UNFELT)]
     alone = {name: change([name], 1) for name in felt}

@@ -221,12 +221,8 @@ def _in_steps(scene: Scene, pressed: Sample, load: float, rate: float) -> list[s
 PRELOAD = 0.75  # preload as a fraction of the load: half of the load is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement
 LOOKED_AT = 2.0  # s of a scene that are searched for transitions
-FOLLOWED = 10.0  # periods of the drive after which transitions usually recur [M]
 RATE = 250.0  # samples per second
 THESIS_RIG = RigParameters()
-# CPU time [s, M] of a transition, of a settled state's phasors, and of a sample of a film: by itself, and for each
-# state of the chain. Each effect says what it adds.
-A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 5e-5, 3e-8, 5e-9
 CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing function", "transitions"
 
 
@@ -272,13 +268,12 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Included:
-    """A simulated effect, the reason, and its estimated share of the answer's CPU time [s]."""
+    """A simulated effect, and why it is."""
 
     name: str
     kind: str
     cancels_in_ratio: bool
     why: str
-    seconds: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +294,6 @@ class AnswerPlan:
         path: "closed form", "describing function" or "transitions".
         why: reason for this path.
         transitions: number of transitions in each second.
-        seconds: estimated CPU time for the answer [s].
         warnings: what will impair the measurement.
         steady: the settled state, where it was asked for.
     """
@@ -309,7 +303,6 @@ class AnswerPlan:
     transitions: float
     included: tuple[Included, ...]
     omitted: tuple[Omitted, ...]
-    seconds: float
     warnings: tuple[str, ...]
     steady: SteadyState | None
 
@@ -326,19 +319,17 @@ def plan(scene: Scene, question: Question) -> AnswerPlan:
     steady = None
     if question.steady:
         steady = steady_state(rig, followed(rig) if path == TRANSITIONS else phasors(rig))
-    costs = _costs(scene, question, path, found)
     case = case_of(scene.design, scene.model, scene.effects, question, scene.rig, scene.file.parameters)
-    omitted, problems = _omitted(scene, case)
+    omitted, problems = omissions(scene, case)
     return AnswerPlan(
         path=path,
         why=why,
         transitions=len(found) / LOOKED_AT,
         included=tuple(
-            Included(name, effect.kind, effect.cancels_in_ratio, scene.called[name], costs[name])
+            Included(name, effect.kind, effect.cancels_in_ratio, scene.called[name])
             for name, effect in scene.effects.items()
         ),
         omitted=tuple(omitted),
-        seconds=sum(costs.values()),
         warnings=(*impairments(scene, rig, question.pressed, question.load, RATE), *problems),
         steady=steady,
     )
@@ -389,29 +380,6 @@ def case_of(
     )
 
 
-def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -> dict[str, float]:
-    """CPU time of each effect [s], and under "" that of the sensor by itself."""
-    costs = dict.fromkeys(("", *scene.effects), 0.0)
-    if question.steady and path != TRANSITIONS:
-        return {**costs, "": A_STEADY_STATE}
-    over = SETTLED + 1 / question.frequency if question.steady else question.dwell
-    over = min(over, FOLLOWED / question.frequency)
-    samples = (POINTS if question.steady else question.dwell * RATE) * len(scene.design.films)
-
-    def states(effects: Mapping[str, Effect]) -> int:
-        return Rig(replace(scene, effects=effects), VirtualClock()).without_limits()[0].order
-
-    of_all = states(scene.effects)
-    for name, effect in scene.effects.items():
-        own = of_all - states({k: v for k, v in scene.effects.items() if k != name})
-        added = 0.0 if question.steady else effect.seconds_a_sample
-        met = sum(effect.moves in moved for moved in found) / LOOKED_AT
-        costs[name] = samples * (own * A_STATE + added) + met * over * A_TRANSITION
-    costs[""] = samples * (A_SAMPLE + states({}) * A_STATE) + A_TRANSITION
-    costs[""] += sum("contact" in moved for moved in found) / LOOKED_AT * over * A_TRANSITION
-    return costs
-
-
 def moves(rig: Rig, until_ns: int) -> list[set[str]]:
     """The changes at each transition, from the present settings up to a time."""
     return [
@@ -439,7 +407,7 @@ _NAMES = {
 }
 
 
-def _omitted(scene: Scene, case: Case) -> tuple[list[Omitted], list[str]]:
+def omissions(scene: Scene, case: Case) -> tuple[list[Omitted], list[str]]:
     """The effects that the scene leaves out, and what is wrong with those of other packages that cannot be weighed."""
     left = [_weighed(name, scene, case) for name in EFFECTS if name not in scene.effects]
     problems = taken(GROUP, WHAT, EFFECTS)

@@ -18,7 +18,6 @@ from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Armature, Limits
 from palpate.simulators.planning.plan import (
     CLOSED_FORM,
-    LOOKED_AT,
     PRELOAD,
     SETTLED,
     Question,
@@ -27,6 +26,7 @@ from palpate.simulators.planning.plan import (
     path_of,
     sampled,
 )
+from palpate.simulators.planning.plan import SETTLING as LOAD_SETTLING
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
@@ -93,12 +93,31 @@ def _clipped(effects: Effects, volts: Floats) -> Floats:
     return volts if limits.rail is None else np.clip(volts, -limits.rail, limits.rail)
 
 
+# --- What the nodes sample of all films over a dwell, without devices ------------------------------------
+
+
+def films_sampled(scene: Scene, question: Question, dwell: float, start: float = 0.0) -> tuple[Floats, Floats]:
+    """Times (n,) [s] and voltages (films, n) [V] of the nodes' samples over a dwell, after the load has settled.
+
+    Args:
+        scene: the scene.
+        question: sample, load and frequency.
+        dwell: dwell [s].
+        start: time of the bench at which the drive is set [s].
+    """
+    period_ns = round(1e9 / (SAMPLES_PER_CYCLE * question.frequency))
+    first, count = -(-round(1e9 * (start + LOAD_SETTLING)) // period_ns), round(1e9 * dwell / period_ns)
+    times = (first + np.arange(count)) * period_ns
+    clock = VirtualClock()
+    clock.wait(start)
+    volts, _ = sampled(scene, driven(scene, question, clock), times, period_ns)
+    return 1e-9 * (times - times[0]), volts
+
+
 # -------------------------------------------------------------------------------------------------------
-# A long record of a tooth's film and its base's film under a settled load, without devices, for `accuracy
-# dwell`
+# A long record of a tooth's film and its base's film under a settled load, without devices
 #
-# The gains' scatter is left out of the record and given beside it, because within one load set it is a constant that
-# no record shows.
+# The gains' scatter is left out, because within one load set it is a constant that no record shows.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,21 +127,12 @@ class LongRecord:
     Attributes:
         time: (n,) s.
         voltage: (2, n) V, the first tooth's film and its base's.
-        saturated: whether a sample was at its rail.
         ratio: true ratio of the two amplitudes, by the sensor and the mounted object alone.
-        scatter: relative standard deviation of the ratio from one load set to the next, by the films' gains.
     """
 
     time: Floats
     voltage: Floats
-    saturated: bool
     ratio: float
-    scatter: float
-
-
-def is_followed(scene: Scene, question: Question) -> bool:
-    """Whether the scene must be followed from transition to transition, at a millisecond of CPU time each."""
-    return bool(driven(scene, question).transitions(round(LOOKED_AT * 1e9)))
 
 
 def long_record(scene: Scene, question: Question, rate: float) -> LongRecord:
@@ -140,17 +150,10 @@ def long_record(scene: Scene, question: Question, rate: float) -> LongRecord:
     period_ns = round(1e9 / rate)
     first = round(SETTLING * 1e9) // period_ns
     time_ns = (first + np.arange(round(question.dwell * rate))) * period_ns
-    voltage, saturated = sampled(kept, driven(kept, question), time_ns, period_ns)
+    voltage, _ = sampled(kept, driven(kept, question), time_ns, period_ns)
     touched = {effect.name: effect for effect in (*effects.share, effects.stack) if effect}
     gains = np.abs(driven(replace(scene, effects=touched), question).transfer(question.frequency))[pair]
-    strength = (effects.scattering and effects.scattering.scatter) or 0.0
-    return LongRecord(
-        time=1e-9 * (time_ns - time_ns[0]),
-        voltage=voltage[pair],
-        saturated=bool(saturated[pair].any()),
-        ratio=float(gains[0] / gains[1]),
-        scatter=strength * float(np.sqrt(scene.design.tooth_covariance[0][0])),
-    )
+    return LongRecord(time=1e-9 * (time_ns - time_ns[0]), voltage=voltage[pair], ratio=float(gains[0] / gains[1]))
 
 
 # -------------------------------------------------------------------------------------------------------

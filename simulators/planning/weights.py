@@ -9,29 +9,28 @@ most; this says how much it does change in a few draws.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.instrument import notice
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.notice import price
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.bounds.changes import pairs_of
-from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import effect_class
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.stages import CanEffect, CellEffect, LineEffect
-from palpate.simulators.planning.plan import SETTLING, Question, driven, sampled
-from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.prices import PriceLine, Progress, timed
+from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE, films_sampled
 from palpate.simulators.scenes.scene import LARGEST_SEED, Scene
 
 DRAWS = 4  # seeds, from the scene's own on
 MOST = 20_000_000  # samples of all films together in a draw, which take some hundred megabytes
 UNFELT = (CanEffect, LineEffect, CellEffect)  # the films do not show what these change: times, and the indicator
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +43,11 @@ class Weight:
             effect out of the scene, or by putting it in with its default parameters; of several films, the greatest.
             None: the films do not show what it changes (times on a bus, the indicator), it cannot stand beside the
             scene's effects, or the films give no ratio with the change.
-        seconds: processor time that it adds to a second of bench [s]; below 0 where it saves time; None as above.
     """
 
     name: str
     force: float | None
     ratio: float | None
-    seconds: float | None
 
     @property
     def change(self) -> float | None:
@@ -65,13 +62,13 @@ class Subset:
     Attributes:
         without: names of the effects that are left out.
         force, ratio: change of the whole scene's force and force ratio by leaving them out together, as in `Weight`.
-        seconds: processor time of a second of bench [s].
+        price: processor time of what is left.
     """
 
     without: tuple[str, ...]
     force: float
     ratio: float
-    seconds: float
+    price: PriceLine
 
     @property
     def change(self) -> float:
@@ -94,13 +91,23 @@ def weigh(scene: Scene, question: Question, more: Sequence[str] = (), progress: 
     """
     whole = see(scene, question)
     names = [*scene.effects, *more]
-    price(f"measuring {len(names)} effects", len(names) * DRAWS * whole.seconds * question.dwell)
+    notice.price(f"measuring {len(names)} effects", len(names) * DRAWS * whole.seconds)
     found = []
     for done, name in enumerate(names):
         if progress is not None:
             progress(done, len(names), name)
         found.append(_weighed(scene, question, whole, name))
     return found
+
+
+def priced(scene: Scene, question: Question, progress: Progress | None = None) -> dict[str, PriceLine]:
+    """The scene's price under "", and what each of its effects that the films feel adds to it.
+
+    Raises RangeError: the scene's model does not answer for the sample.
+    """
+    felt = [name for name, effect in scene.effects.items() if not isinstance(effect, UNFELT)]
+    taken = timed([scene, *(leaving_out(scene, [name]) for name in felt)], question, progress)
+    return {"": taken.of(0), **{name: taken.more(0, number) for number, name in enumerate(felt, 1)}}
 
 
 def nested(
@@ -113,23 +120,25 @@ def nested(
     whole = see(scene, question)
     known = [(each.change, each.name) for each in weights if each.change is not None and each.name in scene.effects]
     order = [name for _, name in sorted(known)]
-    price(f"measuring {len(order)} subsets", len(order) * DRAWS * whole.seconds * question.dwell)
-    found = [Subset((), 0.0, 0.0, whole.seconds)]
+    notice.price(f"measuring {len(order)} subsets", len(order) * DRAWS * whole.seconds)
+    left, found = [scene], [(0.0, 0.0)]
     for count in range(1, len(order) + 1):
         if progress is not None:
             progress(count - 1, len(order), f"without {order[count - 1]}")
-        without = tuple(order[:count])
-        less = see(leaving_out(scene, without), question)
-        force, ratio = (_rms(each) for each in changes(whole, less))
-        found.append(Subset(without, force, ratio, less.seconds))
-    return found
+        left.append(leaving_out(scene, order[:count]))
+        found.append(_rms(changes(whole, see(left[-1], question))))
+    taken = timed(left, question, progress)
+    return [Subset(tuple(order[:count]), *each, taken.of(count)) for count, each in enumerate(found)]
 
 
-def front(subsets: Iterable[Subset]) -> list[Subset]:
-    """The subsets than which no other is both nearer to the whole scene and quicker, from the nearest on."""
+def front(subsets: Iterable[Subset], dwell: float) -> list[Subset]:
+    """The subsets than which no other is both nearer to the whole scene and quicker, from the nearest on.
+
+    dwell: seconds of bench for which they are compared.
+    """
     best: list[Subset] = []
-    for each in sorted(subsets, key=lambda subset: (subset.change, subset.seconds)):
-        if not best or each.seconds < best[-1].seconds:
+    for each in sorted(subsets, key=lambda subset: (subset.change, subset.price.seconds(dwell))):
+        if not best or each.price.seconds(dwell) < best[-1].price.seconds(dwell):
             best.append(each)
     return best
 
@@ -147,7 +156,7 @@ class Seen:
     Attributes:
         forces: amplitudes of the films under bases (draws, bases) [V].
         ratios: amplitudes of films under teeth over those under their bases (draws, pairs).
-        seconds: least processor time of a draw over the dwell, so for a second of bench [s].
+        seconds: least processor time of a draw [s].
     """
 
     forces: Floats
@@ -179,40 +188,27 @@ def see(scene: Scene, question: Question, start: float = 0.0, draws: int = DRAWS
     amplitudes, seconds = [], []
     for draw in range(draws):
         begun = time.process_time()
-        times, volts = _films(scene.with_seed((scene.seed + draw) % (LARGEST_SEED + 1)), question, start)
+        seeded = scene.with_seed((scene.seed + draw) % (LARGEST_SEED + 1))
+        times, volts = films_sampled(seeded, question, question.dwell, start)
         seconds.append(time.process_time() - begun)
         amplitudes.append(fit_sine(times, volts, question.frequency).amplitude)
     found = np.array(amplitudes)
     if not (found[:, bases] > 0).all():
         raise EstimateError(f"scene {scene.name}: a film under a base shows no amplitude; give a larger --load")
     ratios = np.stack([found[:, tooth] / found[:, base] for tooth, base in pairs], axis=1)
-    return Seen(found[:, bases], ratios, min(seconds) / question.dwell)
-
-
-def _films(scene: Scene, question: Question, start: float) -> tuple[Floats, Floats]:
-    """Times (n,) [s] and voltages (films, n) [V] of the nodes' samples over the dwell, after the load has settled."""
-    period_ns = round(1e9 / (SAMPLES_PER_CYCLE * question.frequency))
-    first, count = -(-round(1e9 * (start + SETTLING)) // period_ns), round(1e9 * question.dwell / period_ns)
-    times = (first + np.arange(count)) * period_ns
-    clock = VirtualClock()
-    clock.wait(start)
-    volts, _ = sampled(scene, driven(scene, question, clock), times, period_ns)
-    return 1e-9 * (times - times[0]), volts
+    return Seen(found[:, bases], ratios, min(seconds))
 
 
 def _weighed(scene: Scene, question: Question, whole: Seen, name: str) -> Weight:
     simulated = name in scene.effects
     effect = scene.effects[name] if simulated else effect_class(name)()
-    unknown = Weight(name, None, None, None)
     if isinstance(effect, UNFELT) or (not simulated and rival(effect, scene.effects)):
-        return unknown
+        return Weight(name, None, None)
     other = leaving_out(scene, [name]) if simulated else replace(scene, effects={**scene.effects, name: effect})
     try:
-        seen = see(other, question)
+        return Weight(name, *_rms(changes(whole, see(other, question))))
     except EstimateError:
-        return unknown
-    force, ratio = (_rms(each) for each in changes(whole, seen))
-    return Weight(name, force, ratio, (whole.seconds - seen.seconds) * (1 if simulated else -1))
+        return Weight(name, None, None)
 
 
 def changes(whole: Seen, other: Seen) -> tuple[Floats, Floats]:
@@ -225,5 +221,6 @@ def changes(whole: Seen, other: Seen) -> tuple[Floats, Floats]:
     return force, ratio
 
 
-def _rms(changes: Floats) -> float:
-    return float(np.sqrt(np.mean(changes**2)))
+def _rms(changes: tuple[Floats, Floats]) -> tuple[float, float]:
+    force, ratio = (float(np.sqrt(np.mean(each**2))) for each in changes)
+    return force, ratio

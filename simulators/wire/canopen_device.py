@@ -28,7 +28,7 @@ from palpate.instrument.contracts.pdo import (
 )
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.lti import Floats
-from palpate.simulators.wire.device import SimulatedPlace
+from palpate.simulators.wire.device import SimulatedPlace, first_settings
 
 # -------------------------------------------------------------------------------------------------------
 # The objects by which a client sets the process data of a simulated node up (CiA 301, 7.5.2.35 to 7.5.2.38)
@@ -274,8 +274,9 @@ class SimulatedNode:
 
     def reset(self) -> None:
         """Return to the state after power-on."""
-        self.settings = {f.name: float(f.default) for f in self.contract.fields if f.type != "text"}
-        self.settings["serial"] = float(self._serial)
+        self.settings = first_settings(self.contract)
+        if self.contract.has(serial := self.contract.serial or "serial"):
+            self.settings[serial] = float(self._serial)
         self.process_data.reset()
 
     def start(self) -> None:
@@ -337,6 +338,9 @@ class SimulatedNode:
             period_ns: the SYNC period [ns].
         """
         return [(pdo.cob_id(self.id), len(time_ns) * [self.packed(pdo)]) for pdo in self.at_sync()]
+
+    def sampled(self) -> None:
+        """Called when the frames of `frames_at` are on the bus."""
 
     def packed(self, pdo: Pdo) -> bytes:
         """Data of a PDO as the objects are now."""

@@ -59,6 +59,16 @@ DEVICE_FAILURE = 4
 DEVICE_BUSY = 6
 
 
+def first_settings(contract: Contract) -> dict[str, float]:
+    """The numbers that a device holds at power-on: its defaults, its marks, and the units that the map expects."""
+    settings = {f.name: float(f.default) for f in contract.fields if f.type != "text"}
+    settings |= {mark.field: float(mark.value) for mark in contract.marks if not isinstance(mark.value, str)}
+    for f in contract.fields:
+        if f.unit_in:
+            settings[f.unit_in] = float(contract[f.unit_in].choices[f.unit])
+    return settings
+
+
 class SimulatedDevice:
     """One device on a Modbus server. Methods are called under the clock's lock."""
 
@@ -77,7 +87,7 @@ class SimulatedDevice:
     def __init__(self, clock: VirtualClock, serial: str) -> None:
         self.clock = clock
         self.serial = serial
-        self.settings = {f.name: float(f.default) for f in self.contract.fields if f.type != "text"}
+        self.settings = first_settings(self.contract)
         clock.add(self)
 
     def read(self, name: str) -> float:

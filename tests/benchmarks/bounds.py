@@ -160,12 +160,12 @@ def _batches(numbers: Sequence[int]) -> Iterator[list[Tried]]:
 def _version() -> str:
     """Of what decides bounds and scenes."""
     digest = hashlib.sha256()
-    for path in _sources():
+    for path in sources():
         digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 
-def _sources() -> list[Path]:
+def sources() -> list[Path]:
     """Of the project's modules that trials import. Asked in a fresh interpreter: this one may have imported more."""
     ask = [sys.executable, "-c", "from tests.benchmarks import bounds; print(*bounds.imported(), sep='\\n')"]
     told = subprocess.run(ask, cwd=ROOT, check=True, capture_output=True, text=True)

@@ -37,7 +37,7 @@ OFFSETS = (("offsets stand still", 0.0), ("offsets decay", 0.01))  # over the am
 
 def measure() -> Iterator[Row]:
     for truth in TRUTHS:
-        for tolerance in (0.03, 0.01):
+        for tolerance in (0.06, 0.02):
             yield from sloped(*truth, tolerance, RUNS)
     for offset in OFFSETS:
         yield from noisy(*offset, RUNS)

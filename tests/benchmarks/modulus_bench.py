@@ -28,8 +28,8 @@ from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.measurements.object_modulus.course import ModulusPoint, ObjectModulusAnswer, _remounts
+from palpate.procedures.measurements.object_modulus.planning import END, costs_of, most_sets
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.object_modulus.prospect import END, costs_of, most_sets
 from palpate.procedures.measurements.softness.procedure import unknown_object
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
@@ -151,7 +151,7 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
     began: list[tuple[int, int]] = []
     taken, spent, mounting, mounted = costs.start - END, costs.start - END, 0, 0
     following = 1 if every else first_sets(plan)  # before the first sets are complete, a tolerance alone goes on
-    for number in range(most_sets(plan, course.wanted) if steps is None else steps):
+    for number in range(most_sets(course.prospect, course.wanted) if steps is None else steps):
         verdict = course.verdict(points) if number >= following else None
         if verdict and verdict.why:
             break
@@ -209,7 +209,7 @@ def on_the_wire(asked: ObjectModulus, truth: Truth) -> Done:
 
         def seen(done: int, _total: int, _what: str) -> None:
             if done > len(began):
-                began.append((simulated.rig._set_at_ns, simulated.rig._mounted_at_ns))
+                began.append((simulated.rig.set_at_ns, simulated.rig.mounted_at_ns))
 
         result = conduct(asked, Lab(bench, truth.design, THESIS_LOAD_CELL), record, seen)
         record.finish("complete", {})

@@ -27,7 +27,7 @@ from palpate.instrument.errors import EstimateError, PalpateError
 from palpate.instrument.findings import object_modulus
 from palpate.instrument.models.curve import RatioCurve
 from palpate.procedures.measurements.object_modulus import course
-from palpate.procedures.measurements.object_modulus import prospect as lines
+from palpate.procedures.measurements.object_modulus import planning as lines
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.simulators.effects.curve_error import CurveError
 from tests.benchmarks.lines import read
@@ -38,7 +38,7 @@ from tests.benchmarks.row import Row
 
 SEEDS, BLOCK = 1000, 100
 MODULI = (15e3, 30e3, 60e3, 120e3, 250e3, 500e3)
-TOLERANCES = (0.2, 0.1, 0.05, 0.02)
+TOLERANCES = (0.4, 0.2, 0.1, 0.04)
 FREEDOM = 7.0  # degrees of freedom of the stated scatter
 SAMPLES, DISTANCE = 5, 6  # degrees of freedom of the spread of the thesis' samples about a curve, and of their distance
 ROOT = Path(__file__).parents[2]
@@ -66,7 +66,7 @@ class Kind:
     mounted: float = 0.0
     phased: bool = False
     references: bool = False
-    tolerances: tuple[float, ...] = (0.1, 0.02)
+    tolerances: tuple[float, ...] = (0.2, 0.04)
     moduli: tuple[float, ...] = MODULI
 
     def truth(self, modulus: float, seed: int) -> Truth:
@@ -88,7 +88,7 @@ class Kind:
 SCATTER: dict[str, dict[str, Any]] = {"gain_scatter": {}}
 KINDS = {
     "scatter known": Kind(SCATTER, known=True, tolerances=TOLERANCES),
-    "scatter known, fine": Kind(SCATTER, known=True, tolerances=(0.01,), moduli=(15e3, 60e3)),
+    "scatter known, fine": Kind(SCATTER, known=True, tolerances=(0.02,), moduli=(15e3, 60e3)),
     "scatter learned": Kind(SCATTER, tolerances=TOLERANCES),
     "scatter drawn": Kind(SCATTER, drawn=True),
     "scatter x 1.5": Kind({"gain_scatter": {"strength": 1.5}}),
@@ -96,11 +96,11 @@ KINDS = {
     "moving cables": Kind({**SCATTER, "triboelectric": CABLES}),
     "moving cables, any phase, scatter drawn": Kind({**SCATTER, "triboelectric": CABLES}, drawn=True, phased=True),
     "off the model's curve by a drawn distance": Kind(
-        {**SCATTER, "curve_error": {}}, drawn=True, tolerances=(0.1,), moduli=MODULI[:3]
+        {**SCATTER, "curve_error": {}}, drawn=True, tolerances=(0.2,), moduli=MODULI[:3]
     ),
-    "off the curve, references": Kind({**SCATTER, "curve_error": {}}, references=True, tolerances=(0.1,)),
+    "off the curve, references": Kind({**SCATTER, "curve_error": {}}, references=True, tolerances=(0.2,)),
     "off the curve by a drawn spread, references": Kind(
-        {**SCATTER, "curve_error": {}}, drawn=True, references=True, tolerances=(0.1,)
+        {**SCATTER, "curve_error": {}}, drawn=True, references=True, tolerances=(0.2,)
     ),
 }
 

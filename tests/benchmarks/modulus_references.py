@@ -13,7 +13,7 @@ from palpate.instrument.calibration.model_fit import MeasuredReference, fit_mode
 from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import Validation, validate
-from palpate.procedures.measurements.object_modulus.prospect import expected
+from palpate.procedures.measurements.object_modulus.planning import expected
 from tests.benchmarks.modulus_bench import MODEL, Draws, Truth
 
 REFERENCES = (25e3, 75e3, 200e3)  # Pa; none of them is an object of the campaign

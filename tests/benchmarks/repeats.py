@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from palpate.instrument.allocation.stopping import FIRST
+from palpate.instrument.allocation.table import FIRST
 from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.load_cell_curve import load_cell_curve
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
@@ -32,7 +32,7 @@ RUNS = 1000
 CALIBRATIONS = 8000  # of a load cell: what hold is near the goal, and chance is 0.3 %
 SINGLE, LOADS, SAMPLE = get_design("single"), (2.0, 3.0, 4.0), "4"
 COVERED, ACHIEVED, TIMES = (0.93, 0.97), (0.9, 1.2), (0.9, 1.1)
-PLACES = ((2e-3, 1e-4), (10e-3, 0.9e-4), (22e-3, 0.9e-4))  # m; the tolerance of each is near the best there
+PLACES = ((2e-3, 2e-4), (10e-3, 1.8e-4), (22e-3, 1.8e-4))  # m; the tolerance of each is near the best there
 BOUNDED = 0.93  # where most of the uncertainty has a bound, intervals hold more often than they say
 SLOPES = (("10.1 steps from load to load", 0.0), ("any slope", 0.05))
 TRUTHS = (("known scatter", 1.0, False), ("scatter x 1.5", 1.5, False), ("scatter drawn from the prior", 1.0, True))
@@ -40,10 +40,10 @@ TRUTHS = (("known scatter", 1.0, False), ("scatter x 1.5", 1.5, False), ("scatte
 
 def measure() -> Iterator[Row]:
     for name, factor, drawn in TRUTHS:
-        for tolerance in (0.03, 0.01, 0.005):
+        for tolerance in (0.06, 0.02, 0.01):
             yield from repeated(name, factor, drawn, tolerance, RUNS)
     for name, factor, drawn in TRUTHS:
-        yield from pressed(name, factor, drawn, 0.012, RUNS)
+        yield from pressed(name, factor, drawn, 0.025, RUNS)
     for truth in TRUTHS:
         for place, tolerance in PLACES:
             yield from located(*truth, place, tolerance, RUNS)
@@ -99,7 +99,7 @@ def pressed(name: str, factor: float, drawn: bool, tolerance: float, runs: int) 
     """A tooth that is pressed until its films' sensitivities have a tolerance; the load cell is drawn, too."""
     rng = np.random.default_rng(22)
     asked = FilmRepeats(SINGLE, THESIS_LOAD_CELL, LOADS, (10.0,), 1.0, tolerance)
-    plan, cell, readings = asked.allocation, asked.cell_u, np.array(LOADS)
+    plan, cell, readings = asked.allocation, THESIS_LOAD_CELL.mean_curve_u(np.array(LOADS)), np.array(LOADS)
     scatter = np.array([film.scatter for film in SINGLE.films]) * factor
     deviations, us, inside, seconds = [], [], 0, 0.0
     for _ in range(runs):

@@ -30,7 +30,7 @@ from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.linear.lti import first_order_high_pass
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
-from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven, plan, sampled
+from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
@@ -54,7 +54,6 @@ def measure() -> Iterator[Row]:
     yield from _unused()
     yield from _stepped()
     yield from _steady()
-    yield from _estimates()
     yield from _sweeps()
 
 
@@ -183,23 +182,6 @@ def _steady() -> Iterator[Row]:
     yield Row(
         "steady state in closed form", f"{1e6 * each:.0f} us", f"< {1e6 * GOAL_STEADY:.0f} us", each < GOAL_STEADY
     )
-
-
-def _estimates() -> Iterator[Row]:
-    """A minute at a settled load, without the setting up that no scene is spared."""
-    for name in ("thesis_single", "noisy_lab", "array_16", "everything"):
-        scene, question = read_scene(name), Question(dwell=60.0)
-        told = plan(scene, question).seconds
-        begun, whole = (_least(functools.partial(call, scene, question)) for call in (driven, _measured))
-        yield Row(
-            f"scene explain {name}: a minute of samples, as told; as it takes",
-            f"{1e3 * told:.1f}; {1e3 * (whole - begun):.1f} ms",
-        )
-
-
-def _measured(scene: Scene, question: Question) -> None:
-    rig, period_ns = driven(scene, question), round(1e9 / RATE)
-    sampled(scene, rig, (round(SETTLING * RATE) + np.arange(round(question.dwell * RATE))) * period_ns, period_ns)
 
 
 def _sweeps() -> Iterator[Row]:

@@ -42,7 +42,7 @@ def is_closed(bench: Bench) -> bool:
         bench.device("shaker_amplifier").link,
         bench.device("strain_indicator").link,
     )
-    return not any(link._client.connected for link in modbus) and bench.device("sensor_node_1").link._network is None
+    return not any(link.client.connected for link in modbus) and bench.device("sensor_node_1").link._network is None
 
 
 def altered(description: BenchDescription, **tables: Any) -> BenchDescription:

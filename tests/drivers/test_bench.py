@@ -154,7 +154,7 @@ def test_devices_that_do_not_call_themselves_simulated_are_taken_for_real(
         bench.device("strain_indicator"),
         bench.device("positioner"),
     ):
-        monkeypatch.setattr(device.link._client.transaction, "trace_pdu", real)
+        monkeypatch.setattr(device.link.client.transaction, "trace_pdu", real)
         device.connect()
         assert not device.simulated
     assert bench.simulated

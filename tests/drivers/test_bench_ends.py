@@ -167,7 +167,7 @@ def test_the_amplifier_is_off_though_the_generator_is_gone(
     with pytest.raises(BenchError, match=r"could not all be switched off: .*nothing answers at"), bench:
         drive(bench)
         bench.device("signal_generator").link.close()
-        monkeypatch.setattr(bench.device("signal_generator").link._client, "connect", lambda: False)
+        monkeypatch.setattr(bench.device("signal_generator").link.client, "connect", lambda: False)
     assert sim.amplifier.settings["enable"] == 0.0
 
 

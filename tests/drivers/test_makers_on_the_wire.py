@@ -15,7 +15,7 @@ from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.contract import Command, Condition, Field, Manners, Mark, Scaling
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.mapped.twin import Twin
+from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import SimulatedPlace
 from palpate.simulators.wire.modbus import ServerThread
 from tests.contracts import modbus_contract

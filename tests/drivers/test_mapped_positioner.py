@@ -19,8 +19,8 @@ from palpate.instrument.config import check
 from palpate.instrument.contracts import maps
 from palpate.instrument.errors import ConfigError, DeviceError, RangeError
 from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.devices.positioner import Axis
 from palpate.simulators.guests import guests
-from palpate.simulators.mapped.positioner import Axis
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import happens_in
 

@@ -13,7 +13,7 @@ from pymodbus.pdu import ModbusPDU
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.drivers.devices.source import SignalGenerator
 from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.contract import PROBE
@@ -27,7 +27,7 @@ from tests.shares import first_of
 def receive(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, change: Callable[[bytes], bytes]) -> None:
     """Let `change` happen to each reply on its way to the driver."""
     monkeypatch.setattr(
-        link._client.transaction, "trace_packet", lambda sending, data: data if sending else change(data)
+        link.client.transaction, "trace_packet", lambda sending, data: data if sending else change(data)
     )
 
 
@@ -38,7 +38,7 @@ def exchange(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, reply: ModbusPDU
         reply.dev_id, reply.transaction_id = pdu.dev_id, pdu.transaction_id
         return pdu if sending else reply
 
-    monkeypatch.setattr(link._client.transaction, "trace_pdu", other)
+    monkeypatch.setattr(link.client.transaction, "trace_pdu", other)
 
 
 def test_a_closed_port_is_a_link_error_that_names_the_address(closed_port: int) -> None:
@@ -84,7 +84,7 @@ def test_a_late_reply_of_any_length_is_listened_to_in_pieces(bench: Bench, monke
         bench.device("positioner").get("position")
     pieces = [b"\x02"] * (LARGEST_FRAME - 1) + [b""]
     with monkeypatch.context() as patch:
-        patch.setattr(line._client, "recv", lambda _size: pieces.pop(0))
+        patch.setattr(line.client, "recv", lambda _size: pieces.pop(0))
         line.open()
     assert pieces == []
     assert bench.device("positioner").get("probe") == PROBE
@@ -95,7 +95,7 @@ def test_a_request_that_a_signal_breaks_off_leaves_its_reply_to_nobody(
     signal: type[BaseException], bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     positioner = bench.device("positioner")
-    client = positioner.link._client
+    client = positioner.link.client
     connect = client.connect
 
     def interrupted(_size: int | None) -> bytes:
@@ -159,7 +159,7 @@ def test_devices_on_one_line_are_told_apart_by_their_unit(bench: Bench, monkeypa
             units.append(data[0])
         return data
 
-    monkeypatch.setattr(bench.device("strain_indicator").link._client.transaction, "trace_packet", trace)
+    monkeypatch.setattr(bench.device("strain_indicator").link.client.transaction, "trace_packet", trace)
     assert bench.device("strain_indicator").get("gage_factor") == 8.98
     assert bench.device("positioner").get("speed") == 1e-3
     assert units == [1, 2]

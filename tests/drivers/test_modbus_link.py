@@ -86,18 +86,18 @@ def answers(reply: Any = REPLY) -> Request:
 
 def test_a_link_has_the_settings_of_its_address_and_asks_once() -> None:
     link = ModbusLink.tcp(TcpLink.model_validate({"host": "192.0.2.1", "port": 1502, "timeout": "500 ms"}))
-    settings = link._client.comm_params
+    settings = link.client.comm_params
     assert (link.name, settings.host, settings.port) == ("192.0.2.1:1502", "192.0.2.1", 1502)
-    assert (settings.timeout_connect, link._client.retries, link.serial) == (0.5, 0, False)
+    assert (settings.timeout_connect, link.client.retries, link.serial) == (0.5, 0, False)
 
 
 def test_a_line_has_the_settings_of_its_section_and_asks_once() -> None:
     said = {"port": "/dev/ttyS9", "baudrate": 4800, "parity": "E", "stopbits": 2, "timeout": "500 ms"}
     link = ModbusLink.rtu(SerialLine.model_validate(said))
-    settings = link._client.comm_params
+    settings = link.client.comm_params
     assert (link.name, settings.host, settings.baudrate) == ("/dev/ttyS9", "/dev/ttyS9", 4800)
     assert (settings.parity, settings.stopbits, settings.timeout_connect) == ("E", 2, 0.5)
-    assert (link._client.retries, link.serial) == (0, True)
+    assert (link.client.retries, link.serial) == (0, True)
 
 
 def test_requests_ask_for_what_they_are_called_by() -> None:
@@ -296,7 +296,7 @@ IDENTITY = "2b0e03030000"  # function, interface, category, conformity, no more 
     ],
 )
 def test_a_frame_is_taken_where_it_says_what_was_said_and_nothing_else(frame: str, taken: bool) -> None:
-    decoder = modbus._StrictDecoder(is_server=False)
+    decoder = modbus.StrictDecoder(is_server=False)
     assert (decoder.decode(bytes.fromhex(frame)) is not None) == taken
 
 

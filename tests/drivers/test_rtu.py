@@ -14,9 +14,9 @@ import pytest
 from pymodbus.pdu import DecodePDU
 
 from palpate.drivers.clock import WallClock
+from palpate.drivers.devices.load_indicator import StrainIndicator
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.devices.strain_indicator import StrainIndicator
 from palpate.drivers.links.modbus import ModbusLink, read_registers
 from palpate.drivers.links.rtu import ReplyFramer, RtuClient
 from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, reply_begins

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -12,12 +11,11 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.sensor_node import MOST_EMERGENCIES, CanopenSensorNode, Recording, acquire
+from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
-from palpate.instrument.errors import DeviceError, LinkError, RangeError
+from palpate.instrument.errors import LinkError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.scenes.scene import Scene
@@ -87,8 +85,8 @@ def test_a_range_ten_times_smaller_resolves_ten_times_finer(bench: Bench, monkey
     node = bench.device("sensor_node_1")
     steps = []
     for range_ in ("5 V", "500 mV"):
-        node.set_range(3, range_)
-        levels = np.unique(node.acquire(0.5).voltage[2])
+        node.set_range(1, range_)
+        levels = np.unique(node.acquire(0.5).voltage[0])
         steps.append(np.diff(levels).min())
     assert steps == pytest.approx([5 / 32768, 0.5 / 32768])
 
@@ -190,63 +188,6 @@ def test_a_doubled_frame_is_noticed(sim: SimulatedBench, bench: Bench, monkeypat
         bench.device("sensor_node_1").acquire(0.02)
 
 
-def test_a_whole_sample_lost_is_noticed_by_its_number(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen = [0]
-
-    def drop(send: Any, message: can.Message) -> None:
-        seen[0] += message.arbitration_id in (0x181, 0x281)
-        if seen[0] not in (13, 14):
-            send(message)
-
-    tamper(sim, monkeypatch, drop)
-    node = bench.device("sensor_node_1")
-    node.arm()
-    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
-    sim.clock.wait(0.03)
-    assert node.get("sample_counter") == 30
-    with pytest.raises(LinkError, match="missing from number 7 on"):
-        node.collect(20)
-
-
-def test_nodes_that_do_not_sample_are_a_device_error(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(bench.device("sensor_node_1"), "arm", lambda _count: None)
-    with pytest.raises(DeviceError, match="20 of 20 samples were not taken; check SYNC and NMT state"):
-        bench.device("sensor_node_1").acquire(0.02)
-    assert sim.nodes[0].settings["sync_cob_id"] == SYNC_COB_ID
-
-
-def test_a_duration_without_a_sample_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
-    for duration in (0.0, -1.0, 1e-9, 0.5e-3, math.nan, math.inf):
-        with pytest.raises(RangeError, match=r"sensor node 1 .*duration .* at least one sample"):
-            bench.device("sensor_node_1").acquire(duration)
-    assert frames(listener) == []
-
-
-def test_more_samples_than_the_counter_tells_apart_are_refused_before_anything_is_sent(
-    bench: Bench, listener: can.BusABC
-) -> None:
-    with pytest.raises(RangeError, match=r"4294967296 samples .* 4294967295; record at most 4.29497e\+06 s"):
-        bench.device("sensor_node_1").acquire(2**32 / 1000)
-    assert frames(listener) == []
-
-
-def test_a_sample_rate_out_of_range_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
-    for rate in (0.0, -1.0, 0.05, 20_000.0, math.nan, math.inf):
-        with pytest.raises(RangeError):
-            bench.device("sensor_node_1").set_sample_rate(rate)
-    assert frames(listener) == []
-
-
-def test_the_sample_rate_is_what_the_node_can_hold(bench: Bench) -> None:
-    node = bench.device("sensor_node_1")
-    node.set_sample_rate(3000.0)
-    assert node.rate == 1 / 333e-6
-
-
 def test_all_integrators_are_reset_and_no_other_object_is_written(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -268,17 +209,6 @@ def test_an_emergency_that_comes_during_a_look_is_told_at_the_next(bench: Bench)
 
     node.emergencies = Coming([SATURATED])
     assert [len(node.notices()) for _look in range(3)] == [1, 1, 0]
-
-
-def test_more_emergencies_than_are_kept_end_a_recording(bench: Bench) -> None:
-    node = bench.device("sensor_node_1")
-    node.emergencies = [SATURATED] * (MOST_EMERGENCIES - 1)
-    assert node.acquire(0.002).voltage.shape == (4, 2)
-    for _ in range(3):
-        node._on_emergency(0x81, bytearray(SATURATED), 0.0)
-    assert len(node.emergencies) == MOST_EMERGENCIES
-    with pytest.raises(DeviceError, match=f"has sent {MOST_EMERGENCIES} emergencies"):
-        node.acquire(0.002)
 
 
 def test_a_heartbeat_that_stops_is_told_after_three_were_due_and_comes_back(
@@ -311,11 +241,11 @@ def test_a_node_that_starts_anew_is_told_until_its_settings_are_written_again(
 
 
 def test_each_channel_has_the_range_that_the_node_held_before(sim: SimulatedBench, bench: Bench) -> None:
-    sim.nodes[0].settings.update(range_1=1.0, range_4=1.0)
+    sim.nodes[0].settings.update(range_1=1.0)
     node = bench.device("sensor_node_1")
     node.connect()
-    levels = [np.abs(volts[volts != 0]).min() for volts in node.acquire(0.5).voltage]
-    assert levels == pytest.approx([0.5 / 32768, 5 / 32768, 5 / 32768, 0.5 / 32768])
+    levels = [np.abs(volts[volts != 0]).min() for volts in node.acquire(0.5).voltage[:2]]  # those with a film
+    assert levels == pytest.approx([0.5 / 32768, 5 / 32768])
 
 
 def test_nodes_that_sample_together_have_the_rate_of_the_one_that_gives_the_time(scene: Scene) -> None:
@@ -349,6 +279,6 @@ def record(scene: Scene) -> list[Recording]:
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(scene: Scene) -> None:
     first, again, other = (record(scene.with_seed(seed)) for seed in (7, 7, 8))
     for one, same, different in zip(first, again, other, strict=True):
-        assert one.voltage.tobytes() == same.voltage.tobytes() != different.voltage.tobytes()
-        assert one.voltage[2:].tobytes() != different.voltage[2:].tobytes()  # no film there: noise alone
+        assert one.voltage.tobytes() == same.voltage.tobytes()
+        assert (one.voltage != different.voltage).any(axis=1).tolist() == [True, True, False, False]
     assert first[0].voltage.tobytes() != first[1].voltage.tobytes()

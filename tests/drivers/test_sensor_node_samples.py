@@ -174,7 +174,7 @@ def test_nodes_sample_at_the_rate_of_the_first_that_produces_sync(monkeypatch: p
     assert [done for done in other.done if done[0] == "download"] == []
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 20_000.0, 0.05])
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), 20_000.0, 0.05])
 def test_a_sample_rate_that_cannot_be_is_refused_before_anything_is_sent(rate: float) -> None:
     driver, link, _ = node()
     with pytest.raises(RangeError):

@@ -111,7 +111,7 @@ def test_what_makes_a_node_do_something_is_no_setting(bench: Bench, sim: Simulat
 
 
 def test_a_command_is_no_setting(bench: Bench) -> None:
-    bench.device("strain_indicator").clear_zero()
+    bench.device("strain_indicator").command("clear_zero")
     bench.device("positioner").move(0.001)
     assert bench.device("strain_indicator").differences() == bench.device("positioner").differences() == []
 
@@ -127,8 +127,8 @@ def test_a_positioner_that_was_moved_from_where_it_was_sent_is_noticed(bench: Be
     assert bench.device("positioner").differences() == []
 
 
-def test_a_waveform_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_it_is_said(bench: Bench) -> None:
-    bench.device("signal_generator").waveform("square", 10.0, 1.0)
+def test_a_sine_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_it_is_said(bench: Bench) -> None:
+    bench.device("signal_generator").sine(10.0, 1.0)
     assert bench.device("signal_generator").read() == (10.0, 1.0, 0.0)
     bench.device("strain_indicator").peak_to_peak(1.0)
     bench.device("strain_indicator").track(0.5)

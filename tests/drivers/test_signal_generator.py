@@ -12,11 +12,11 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.drivers.devices.source import SignalGenerator
 from palpate.instrument.errors import LinkTimeout, RangeError, SettingsLost
 from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.devices.signal_generator import SimulatedSignalGenerator
+from palpate.simulators.devices.source import SimulatedSignalGenerator
 from palpate.simulators.wire.device import SimulatedDevice
 from palpate.testing import ModbusConformance
 from tests.drivers.benches import drive
@@ -54,7 +54,7 @@ def test_a_phase_reset_restarts_the_waveform_at_zero(bench: Bench, sim: Simulate
     bench.device("signal_generator").output(True)
     sim.clock.wait(0.0321)
     assert abs(volts_at(sim.generator, 0.0)) > 1.0
-    bench.device("signal_generator").reset_phase()
+    bench.device("signal_generator").set(phase_reset=1)
     assert volts_at(sim.generator, 0.0, 0.025, 0.075) == pytest.approx([0.0, 2.0, -2.0], abs=1e-12)
 
 
@@ -96,7 +96,7 @@ def test_the_generator_says_why_it_refused(bench: Bench) -> None:
     reasons = []
     for address, microvolts in ((0x14, 5_000_000), (0x12, 6_000_000), (0x12, 10_000_001), (0x12, 1)):
         registers = [microvolts >> 16, microvolts & 0xFFFF]
-        reply = generator.link._client.write_registers(address, registers, device_id=generator.unit)
+        reply = generator.link.client.write_registers(address, registers, device_id=generator.unit)
         reasons.append((reply.isError(), generator.contract.choice("error", generator.get("error"))))
     assert reasons == [(False, "none"), (True, "amplitude_plus_offset"), (True, "range"), (False, "none")]
     assert generator.read() == (10.0, 1e-6, 5.0)
@@ -113,9 +113,9 @@ def test_the_generator_says_why_it_refused(bench: Bench) -> None:
 def test_a_waveform_has_the_harmonics_of_its_shape(
     shape: str, harmonic: Callable[[int], float], bench: Bench, sim: SimulatedBench
 ) -> None:
-    bench.device("signal_generator").waveform(shape, 10.0, 3.0, offset=0.5)
+    bench.device("signal_generator").set(frequency=10.0, amplitude=3.0, offset=0.5, waveform=shape)
     bench.device("signal_generator").output(True)
-    bench.device("signal_generator").reset_phase()
+    bench.device("signal_generator").set(phase_reset=1)
     spectrum = np.fft.rfft(volts_at(sim.generator, *(np.arange(100) / 1000))) / 50
     assert spectrum[0] / 2 == pytest.approx(0.5)
     for k in range(1, 30):
@@ -128,7 +128,7 @@ def test_a_waveform_has_the_harmonics_of_its_shape(
 
 def as_a_stranger(generator: SignalGenerator, microvolts: int) -> None:
     """Writes an amplitude that our driver does not know of."""
-    reply = generator.link._client.write_registers(
+    reply = generator.link.client.write_registers(
         generator.contract["amplitude"].address, [microvolts >> 16, microvolts & 0xFFFF], device_id=generator.unit
     )
     assert not reply.isError()

@@ -81,7 +81,7 @@ REFUSED = (
     "model ratio --sensed-modulus '-3 kPa'",
     "model ratio --sensed-modulus '30 kPa' --tolerance 1e-12",
     "model modulus --force-ratio 1.5",
-    "accuracy modulus --sample 99",
+    "accuracy front --sample 99",
     "scene explain nowhere",
     "runs show nowhere",
     "study nowhere.toml",
@@ -94,17 +94,15 @@ SMALL_SWEEP = "sweep loads --samples 1 --loads '2 N' --out run --json"
 RATIO = "--sensed-modulus '30 kPa, 100 kPa' --json"
 OTHERS: dict[str, Lines] = {
     "accuracy": ("accuracy --json",),
-    "accuracy dwell": ("accuracy dwell --dwell '0.5 s, 1 s' --estimator 'least squares' --json",),
-    "accuracy models": ("accuracy models --json",),
-    "accuracy validation": ("accuracy validation --json",),
-    "accuracy surfaces": ("accuracy surfaces --json",),
-    "accuracy integrators": ("accuracy integrators --json",),
+    "accuracy numerics": ("accuracy numerics --json",),
     "bus": (
         f"{SMALL_SWEEP} --log log.pcapng",
         "bus show log.pcapng --json",
         "bus replay log.pcapng --out again --json",
     ),
     "contracts export": ("contracts export --to maps --json",),
+    "model validation": ("model validation --json",),
+    "model surfaces": ("model surfaces --json",),
     "model ratio": tuple(
         f"model ratio --design {design} --model {model} {RATIO}"
         for design, model in (

@@ -10,9 +10,8 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, FacetBasis, LinearForm, MeshQuad
 
 from palpate.instrument.models.axisymmetric.mesh import AxisymmetricBody, grid
@@ -57,7 +56,7 @@ def coupled(parameters: RoundParameters, layers: int) -> tuple[float, dict[str, 
     cross = BilinearForm(
         lambda p, v, w: w.x[0] * np.einsum("ieq,ieq,eq->eq", piezo + 0 * w.x[0], strain(v, w), p.grad[1])
     ).assemble(volts, moved)
-    matrix = sparse.block_array([[elastic, cross], [cross.T, -field]]).tocsc()
+    matrix = scipy.sparse.block_array([[elastic, cross], [cross.T, -field]]).tocsc()
 
     top = mesh.facets_satisfying(lambda x: np.abs(x[1] - cut.heights[-1]) < 1e-12)
     pressure = 1 / (math.pi * parameters.sensed_radius**2)
@@ -83,13 +82,15 @@ def coupled(parameters: RoundParameters, layers: int) -> tuple[float, dict[str, 
     free = np.flatnonzero(~fixed & ~floating)
     rows = np.concatenate([free, np.flatnonzero(floating)])
     unknown = np.concatenate([np.arange(len(free)), len(free) + columns[floating]])
-    carry = sparse.coo_array(
+    carry = scipy.sparse.coo_array(
         (np.ones(len(rows)), (rows, unknown)), shape=(size + nodes, len(free) + len(films))
     ).tocsc()
     reduced, right = (carry.T @ matrix @ carry).tocsc(), carry.T @ load
     # Farads beside newtons per metre: a choice of units.
     scale = 1 / np.sqrt(np.abs(reduced.diagonal()))
-    answer = scale * spsolve(sparse.diags_array(scale) @ reduced @ sparse.diags_array(scale), scale * right)
+    answer = scale * scipy.sparse.linalg.spsolve(
+        scipy.sparse.diags_array(scale) @ reduced @ scipy.sparse.diags_array(scale), scale * right
+    )
     solution = carry @ answer
     voltages = {cut.bodies[k].name: float(answer[len(free) + place]) for place, k in enumerate(films)}
 

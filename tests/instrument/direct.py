@@ -5,12 +5,12 @@ Beside which the curves by fronts and poles are tested. Pressures stay unknowns,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from palpate.instrument.models.finite_elements.poles import capacitance
 from palpate.instrument.models.parameters import SolidParameters
@@ -30,8 +30,15 @@ class Direct:
     voltages: Vector
 
 
-def direct(parameters: SolidParameters, resolution: Resolution) -> Direct:
-    """Solve on any mesh under the parameters' own load."""
+def direct(
+    parameters: SolidParameters,
+    resolution: Resolution,
+    solve: Callable[[scipy.sparse.csc_array, Vector], Vector] | None = None,
+) -> Direct:
+    """Solve on any mesh under the parameters' own load.
+
+    solve: gives the solutions of a system; None: by sparse factors.
+    """
     system = System(parameters, resolution)
     stack = SolidStack(parameters, resolution, system.mirrored)
     electrodes = goals(parameters, stack, system.mirrored).electrodes
@@ -41,10 +48,10 @@ def direct(parameters: SolidParameters, resolution: Resolution) -> Direct:
     for own in rows:
         entries += own.entries(start)
         start += own.count
-    matrix = sum(sparse.coo_array(entry, shape=(size, size)).tocsc() for entry in entries)
+    matrix = sum(scipy.sparse.coo_array(entry, shape=(size, size)).tocsc() for entry in entries)
     load = np.concatenate([system.load(parameters.load_at), np.zeros(size - stack.unknowns)])
     polarised = [np.concatenate([e.forces(stack), np.zeros(size - stack.unknowns)]) for e in electrodes]
-    found = _solved(sparse.csc_array(matrix), np.column_stack([load, *polarised]))
+    found = (solve or _solved)(scipy.sparse.csc_array(matrix), np.column_stack([load, *polarised]))
     forces = np.array(polarised).reshape(len(polarised), size)
     areas = np.array([electrode.area for electrode in electrodes])
     own_capacity = np.diag(capacitance(parameters.film, 1.0, parameters.film_thickness) * areas)
@@ -120,11 +127,13 @@ class _Rows:
         return float((forces * body.local(weights)).sum())
 
 
-def _solved(matrix: sparse.csc_array, loads: Vector) -> Vector:
+def _solved(matrix: scipy.sparse.csc_array, loads: Vector) -> Vector:
     """Solutions of a scaled system, refined three times."""
     scale = 1 / np.sqrt(np.abs(matrix.diagonal()) + (matrix.diagonal() == 0))
-    scaling = sparse.diags_array(scale)
-    factors = splu(sparse.csc_array(scaling @ matrix @ scaling), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01)
+    scaling = scipy.sparse.diags_array(scale)
+    factors = scipy.sparse.linalg.splu(
+        scipy.sparse.csc_array(scaling @ matrix @ scaling), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01
+    )
 
     def solve(columns: Vector) -> Vector:
         found: Vector = scale[:, None] * factors.solve(scale[:, None] * columns)

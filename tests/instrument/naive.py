@@ -6,9 +6,8 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
 
 from palpate.instrument.models.axisymmetric import mesh
@@ -63,12 +62,12 @@ def linear_elements_ratio(parameters: RoundParameters, radii: Array, heights: Ar
     fixed = np.concatenate([radial[held], axial[held], radial[r == 0]])
     answer = condense(stiffness, load, D=np.unique(fixed))
     displacement = np.zeros(basis.N)
-    displacement[answer[3]] = spsolve(answer[0].tocsc(), answer[1])
+    displacement[answer[3]] = scipy.sparse.linalg.spsolve(answer[0].tocsc(), answer[1])
     tooth = axial[at_face & held]
     return float((stiffness @ displacement)[tooth].sum() / -load.sum())
 
 
-def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[Elements, Array, csc_array]:
+def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[Elements, Array, scipy.sparse.csc_array]:
     """The shipped elements in displacement form, and their matrices on nodes, apart and in one sparse matrix."""
     grid = mesh.grid(parameters, layers)
     lines = [elements.line(at, degree, radial) for at, radial in ((grid.radii, True), (grid.heights, False))]
@@ -80,7 +79,7 @@ def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[El
     count = found.unknowns.shape[1]
     rows, columns = np.repeat(found.unknowns, count, axis=1).ravel(), np.tile(found.unknowns, (1, count)).ravel()
     free = (rows < found.size) & (columns < found.size)
-    matrix = coo_array((local.ravel()[free], (rows[free], columns[free])), shape=(found.size, found.size))
+    matrix = scipy.sparse.coo_array((local.ravel()[free], (rows[free], columns[free])), shape=(found.size, found.size))
     return found, local, matrix.tocsc()
 
 
@@ -96,7 +95,7 @@ def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
     a, b = radii[:-1], radii[1:]
     for place, weight in ((0, 2 * a + b), (1, a + 2 * b)):
         np.add.at(load, top[:, place], -(b - a) * weight / 6)
-    displacement = np.append(spsolve(matrix, load[:-1]), 0.0)
+    displacement = np.append(scipy.sparse.linalg.spsolve(matrix, load[:-1]), 0.0)
     forces = np.einsum("eij,ej->ei", local, displacement[found.unknowns])
     total = np.bincount(found.unknowns.ravel(), weights=forces.ravel(), minlength=found.size + 1)
     return abs(float((load - total)[:-1].sum() / load.sum()))

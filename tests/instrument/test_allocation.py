@@ -1,138 +1,179 @@
-"""Plans of mountings, sets and dwell: the cheapest for a tolerance, the best in some time, and what is refused."""
+"""Plans of mountings, sets and dwell: rows of one table, looked up for a tolerance or a time, and what is refused."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 from random import Random
 
+import numpy as np
 import pytest
+from scipy.special import stdtrit  # scipy.stats takes a second to import
 
-from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate, allocate_time
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.errors import EstimateError, RangeError
-
-BENCH = Costs(start=4.0, mounting=93.0, set=1.6, person=60.0)
-SCATTER, NOISE = BudgetLine("gain scatter", 0.082, RepeatUnit.SET, 7), BudgetLine("noise", 0.002, RepeatUnit.SECOND)
-MOUNTING, VALIDATION = (
-    BudgetLine("mounting", 0.04, RepeatUnit.MOUNTING, 2),
-    BudgetLine("validation", 0.117, RepeatUnit.NOTHING, 5),
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, half_widths
+from palpate.instrument.allocation.preparations import Preparation, prepared
+from palpate.instrument.allocation.stopping import run_times
+from palpate.instrument.allocation.table import (
+    FIRST,
+    MOST_SETS,
+    OutOfReach,
+    RunOption,
+    Table,
+    allocate,
+    allocate_time,
+    dwells,
 )
+from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.uncertainty.budget import mixture_factor
+from tests.benchmarks.front import WORST, quickest, setting
+
+BENCH = Costs(start=4.0, mounting=75.0, set=1.6, person=60.0)
+SCATTER, NOISE = BudgetLine("gain scatter", 0.082, RepeatUnit.SET, 7), BudgetLine("noise", 0.002, RepeatUnit.SECOND)
+MOUNTING = BudgetLine("mounting", 0.02, RepeatUnit.MOUNTING, 2)
+VALIDATION = BudgetLine("validation", 0.117, RepeatUnit.NOTHING, 5)
 
 
-def setting(random: Random) -> tuple[list[BudgetLine], Costs, float]:
-    """A random problem of a bench; its tolerance is above the floor, and a few mountings and sets reach it."""
-    lines = [
-        BudgetLine("scatter", 10 ** random.uniform(-3, -0.7), RepeatUnit.SET),
-        BudgetLine("mounting", random.choice([0.0, 10 ** random.uniform(-3, -1)]), RepeatUnit.MOUNTING),
-        BudgetLine("noise", 10 ** random.uniform(-4, -0.7), RepeatUnit.SECOND),
-        BudgetLine("films", random.choice([0.0, 0.01]), RepeatUnit.NOTHING),
-    ]
-    costs = Costs(random.uniform(0, 30), random.uniform(5, 120), random.uniform(0.3, 5))
-    plan = budget(lines, k := random.randint(1, 8), k * random.randint(1, 30), 10 ** random.uniform(-1, 0.5))
-    return lines, costs, plan.u
+def table(*lines: BudgetLine, loads: tuple[float, ...] = (0.0,), costs: Costs = BENCH, most: int = 60) -> Table:
+    ways = [RunOption(lines, replace(costs, mounting=costs.mounting + load / 10), 0.1, load) for load in loads]
+    return Table.of(ways, range(1, most + 1))
 
 
-def plans(most: int) -> Iterator[tuple[int, int]]:
-    return ((k, k * n) for k in range(1, most) for n in range(1, 4 * most))
+@pytest.mark.parametrize("seed", [1, 6])
+def test_no_plan_is_much_quicker(seed: int) -> None:
+    ways, tolerance = setting(Random(seed))
+    found = Table.of([replace(way, load=0.0) for way in ways], range(1, 21)).for_tolerance(tolerance)
+    assert found.half <= tolerance * (1 + 1e-9)
+    assert found.seconds <= quickest(ways, tolerance, most=21) * (1 + WORST)
 
 
-def cheapest(lines: list[BudgetLine], costs: Costs, tolerance: float, most: int = 40) -> float:
-    """Bench time of the cheapest plan, by trying all of them; the dwell follows from the number of sets."""
-    u = {line.name: line.u**2 for line in lines}
-    best = math.inf
-    for mountings, sets in plans(most):
-        left = tolerance**2 - u["films"] - u["mounting"] / mountings - u["scatter"] / sets
-        if left > 0:
-            best = min(best, costs.seconds(mountings, sets, max(0.1, u["noise"] / left / sets)))
-    return best
-
-
-def surest(lines: list[BudgetLine], costs: Costs, seconds: float, most: int = 40) -> float:
-    """Least uncertainty in some time, by trying all plans."""
-    best = math.inf
-    for mountings, sets in plans(most):
-        dwell = (seconds - costs.seconds(mountings, sets, 0)) / sets
-        if dwell >= 0.1:
-            best = min(best, budget(lines, mountings, sets, dwell).u)
-    return best
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_no_plan_of_whole_numbers_is_cheaper(seed: int) -> None:
-    lines, costs, tolerance = setting(Random(seed))
-    found = allocate(lines, costs, tolerance)
-    assert found.u <= tolerance * (1 + 1e-9)
-    assert found.seconds <= cheapest(lines, costs, tolerance) * (1 + 2e-4)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_no_plan_in_that_time_is_surer(seed: int) -> None:
-    lines, costs, tolerance = setting(Random(seed))
-    seconds = allocate(lines, costs, tolerance).seconds * 1.07
-    found = allocate_time(lines, costs, seconds)
-    assert found.seconds <= seconds * (1 + 1e-9)
-    assert found.u <= surest(lines, costs, seconds, 12) * (1 + 2e-4)
-
-
-def test_time_and_tolerance_are_two_sides_of_one_plan() -> None:
-    lines = [SCATTER, NOISE, MOUNTING]
-    there = allocate(lines, BENCH, 0.02)
-    back = allocate_time(lines, BENCH, there.seconds)
-    assert (back.mountings, back.sets) == (there.mountings, there.sets)
-    assert back.u == pytest.approx(there.u, rel=2e-4)
-
-
-def test_a_plan_tells_its_time_its_uncertainty_and_what_binds() -> None:
+def test_a_half_width_is_students_by_the_first_sets_that_tell_the_scatter() -> None:
     found = allocate([SCATTER, NOISE], BENCH, 0.05)
-    assert (found.mountings, found.sets, found.dwell, found.binds) == (1, 3, 0.1, "gain scatter")
-    assert found.seconds == pytest.approx(97 + 3 * 1.7)
-    assert found.u == pytest.approx(math.hypot(0.082 / math.sqrt(3), 0.002 / math.sqrt(0.3)))
-    assert found.shares["gain scatter"] == pytest.approx(0.994, abs=1e-3)
+    u = math.hypot(0.082 / math.sqrt(found.sets), 0.002 / math.sqrt(0.1 * found.sets))
+    assert found.u == pytest.approx(u)
+    assert found.half == pytest.approx(stdtrit(max(10, math.ceil(found.sets / 2)) - 1, 0.975) * u)
+    assert (found.mountings, found.dwell, found.binds) == (1, 0.1, "gain scatter")
+    assert found.seconds == pytest.approx(79 + 1.7 * found.sets)
     assert math.fsum(found.shares.values()) == pytest.approx(1)
-    assert found.degrees_of_freedom == pytest.approx(7 / 0.994**2, rel=1e-2)
 
 
-def test_a_mounting_line_buys_mountings_and_dwell_is_bought_only_where_it_pays() -> None:
-    assert allocate([SCATTER, MOUNTING], BENCH, 0.02).mountings == 5
-    assert allocate([SCATTER, NOISE], BENCH, 0.01).dwell == 0.1
-    noisy = allocate([SCATTER, BudgetLine("noise", 0.2, RepeatUnit.SECOND)], BENCH, 0.02)
-    assert noisy.dwell == pytest.approx(math.sqrt(1.6) * 0.2 / 0.082, rel=0.02)
+@pytest.mark.parametrize(("share", "freedom", "rest"), [(0.7, 2, 9), (0.3, 3, 30), (0.9, 2.5, 5)])
+def test_a_prior_of_few_degrees_of_freedom_makes_a_mixture_of_distributions(
+    share: float, freedom: float, rest: float
+) -> None:
+    rng, runs = np.random.default_rng(4), 400_000
+    drawn = np.sqrt(share) * rng.standard_t(freedom, runs) + np.sqrt(1 - share) * rng.standard_t(rest, runs)
+    assert mixture_factor(share, freedom, rest) == pytest.approx(np.quantile(abs(drawn), 0.95), rel=0.01)
 
 
-def test_what_is_certain_takes_one_set() -> None:
-    for found in (
-        allocate([BudgetLine("none", 0, RepeatUnit.SET)], BENCH, 0.01),
-        allocate_time([VALIDATION], BENCH, 1e6),
-    ):
-        assert (found.mountings, found.sets, found.dwell) == (1, 1, 0.1)
-    assert allocate([BudgetLine("none", 0, RepeatUnit.SET)], BENCH, 0.01).binds == ""
+def test_a_mixture_of_one_part_is_students() -> None:
+    assert mixture_factor(1.0, 2, 9) == pytest.approx(stdtrit(2, 0.975), rel=1e-5)
+    assert mixture_factor(0.0, 2, 9) == pytest.approx(stdtrit(9, 0.975), rel=1e-5)
+    assert mixture_factor(0.5, math.inf, math.inf) == pytest.approx(1.959964, rel=1e-5)
 
 
-def test_a_tolerance_below_the_floor_names_the_line_and_the_floor() -> None:
-    with pytest.raises(BelowFloor, match=r"validation leaves 0\.117") as caught:
-        allocate([SCATTER, VALIDATION, BudgetLine("films", 0.003, RepeatUnit.NOTHING)], BENCH, 0.05)
-    assert caught.value.line == "validation"
-    assert caught.value.floor == pytest.approx(0.11704, abs=1e-5)
-    assert allocate([SCATTER, VALIDATION], BENCH, 0.1175).u == pytest.approx(0.1175, rel=0.01)
+@pytest.mark.parametrize("mountings", [1, 3, 12])
+def test_many_half_widths_at_once_are_those_of_budgets(mountings: int) -> None:
+    lines = [replace(SCATTER, degrees_of_freedom=9), replace(MOUNTING, degrees_of_freedom=2 + mountings - 1)]
+    one = budget(lines, mountings, 20 * mountings, 0.1).expanded()
+    k, n = np.array([float(mountings)]), np.array([20.0])
+    many = half_widths([SCATTER, MOUNTING], k, n, 0.1, np.array([9.0]))
+    assert many[0] == pytest.approx(one, rel=6e-3)  # of a table that is looked up
+    assert many[0] >= one * (1 - 1e-4)
 
 
-def test_free_steps_and_hard_tolerances_end() -> None:
-    free = Costs(0, 0, 0)
-    assert allocate([SCATTER, MOUNTING, NOISE], free, 0.001).u <= 0.001 * (1 + 1e-9)
-    assert allocate_time([SCATTER, MOUNTING, NOISE], free, 1e4).u < 0.001
-    assert allocate([MOUNTING], Costs(0, 1e-3, 0), 1e-6).mountings == pytest.approx(1.6e9, rel=1e-3)
+def test_tolerance_time_and_front_are_looked_up_in_the_same_rows() -> None:
+    rows = table(SCATTER, NOISE, MOUNTING)
+    front = rows.front()
+    assert all(a.mean < b.mean and a.half > b.half for a, b in pairwise(front))
+    for point in front[:: len(front) // 7]:
+        assert rows.for_tolerance(point.half) == point
+        assert rows.for_time(point.seconds).half <= point.half
+    assert min(point.sets / point.mountings for point in front) == FIRST
+    assert max(point.sets for point in front) <= MOST_SETS
+
+
+def test_a_greater_load_is_taken_where_it_costs_little() -> None:
+    assert table(SCATTER, NOISE, loads=(2.0, 4.0)).for_tolerance(0.05).load == 4.0
+    assert table(SCATTER, NOISE, loads=(2.0, 400.0)).for_tolerance(0.05).load == 2.0
+
+
+def test_sets_come_in_whole_rounds_and_dwells_double_while_noise_pays() -> None:
+    assert allocate([SCATTER, NOISE], BENCH, 0.05, rounds=6).sets % 6 == 0
+    assert dwells([SCATTER, NOISE], 0.1) == [0.1]
+    noisy = [SCATTER, BudgetLine("noise", 0.1, RepeatUnit.SECOND)]
+    several = dwells(noisy, 0.1)
+    assert several[:3] == [0.1, 0.2, 0.4]
+    assert allocate(noisy, BENCH, 0.02, several).dwell > 0.4
+    assert allocate(noisy, BENCH, 0.02, several).seconds < allocate(noisy, BENCH, 0.02).seconds
+
+
+def test_a_plan_in_a_time_may_have_few_sets_whose_scatter_the_prior_tells() -> None:
+    found = allocate_time([SCATTER, NOISE], BENCH, 79 + 3 * 1.7 + 0.01)
+    assert found.sets == 3
+    assert found.half == pytest.approx(stdtrit(7 + 2, 0.975) * found.u, rel=0.01)
+
+
+def test_a_tolerance_that_no_plan_reaches_tells_what_binds_and_the_best_there_is() -> None:
+    with pytest.raises(OutOfReach, match=r"validation leaves ± 0\.301, which no time") as caught:
+        table(SCATTER, VALIDATION).for_tolerance(0.1)
+    assert caught.value.floor == pytest.approx(0.117 * stdtrit(5, 0.975))
+    assert table(SCATTER, VALIDATION).for_tolerance(caught.value.best).half == pytest.approx(caught.value.best)
+    with pytest.raises(OutOfReach, match=r"gain scatter binds, and a run has") as caught:
+        allocate([SCATTER], BENCH, 1e-4)
+    assert caught.value.floor == 0
+
+
+def test_runs_take_longer_than_planned_where_a_prior_lets_mountings_scatter() -> None:
+    """A plan of one mounting learns nothing of their scatter; of more, every second run needs further ones."""
+    rows = table(SCATTER, NOISE, MOUNTING)
+    lines = [SCATTER, NOISE, MOUNTING]
+    one, more = rows.for_tolerance(0.15), rows.for_tolerance(0.05)
+    assert one.mountings == 1
+    assert run_times(lines, BENCH, 0.15, one).mean == pytest.approx(one.mean, rel=0.01)
+    assert more.mountings > 1
+    found = run_times(lines, BENCH, 0.05, more)
+    assert more.mean < found.mean < found.longest
+    stated = [SCATTER, NOISE, replace(MOUNTING, degrees_of_freedom=math.inf)]
+    certain = table(*stated).for_tolerance(0.05)
+    assert run_times(stated, BENCH, 0.05, certain).mean == pytest.approx(certain.mean, rel=0.02)
+
+
+FILMS = Preparation("films", u=0.07, fixed=90.0, each=3.0, least=3)
+REFERENCES = Preparation("validation", u=0.1, fixed=0.0, each=400.0, rest=0.01)
+
+
+def test_what_binds_is_prepared_and_what_does_not_is_left_as_it_is() -> None:
+    rows = table(SCATTER, NOISE, VALIDATION, BudgetLine("films", 0.03, RepeatUnit.NOTHING))
+    assert prepared(rows, 0.5, [REFERENCES, FILMS]).numbers == {}
+    found = prepared(rows, 0.2, [REFERENCES])
+    assert found.numbers["validation"] > 0
+    assert found.once == 400 * found.numbers["validation"]
+    assert found.run.half <= 0.2
+    assert prepared(rows, 0.1, [REFERENCES, FILMS]).numbers.keys() == {"validation", "films"}
+    assert prepared(rows, 0.015, [REFERENCES, FILMS]) is None
+
+
+def test_no_number_of_units_is_much_quicker_in_all() -> None:
+    rows = table(SCATTER, NOISE, MOUNTING, VALIDATION, most=12)
+    found, best = prepared(rows, 0.15, [REFERENCES]), math.inf
+    for units in range(1, 60):
+        made = table(SCATTER, NOISE, MOUNTING, REFERENCES.line(units), most=12)
+        try:
+            best = min(best, REFERENCES.seconds(units) + made.for_tolerance(0.15).mean)
+        except OutOfReach:
+            continue
+    assert found.once + found.run.mean <= 1.03 * best
 
 
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        (lambda: allocate([SCATTER], BENCH, 1e-8), "centuries"),
         (lambda: allocate([SCATTER], BENCH, 0), "tolerance 0"),
         (lambda: allocate([SCATTER], BENCH, math.nan), "tolerance nan"),
         (lambda: allocate([], BENCH, 0.05), "at least one line"),
         (lambda: allocate([SCATTER, SCATTER], BENCH, 0.05), "'gain scatter'"),
-        (lambda: allocate([SCATTER], BENCH, 0.05, shortest=0), "shortest dwell of 0 s"),
-        (lambda: allocate_time([SCATTER], BENCH, 98.6), "one set takes 98.7 s"),
-        (lambda: allocate_time([SCATTER], BENCH, math.inf), "finite"),
+        (lambda: allocate_time([SCATTER], BENCH, 80.6), "of 1 load set, takes 80.7 s"),
+        (lambda: allocate_time([SCATTER], BENCH, math.inf), "inf s is too short"),
         (lambda: BudgetLine("noise", -1, RepeatUnit.SECOND), "'noise': standard uncertainty -1"),
         (lambda: BudgetLine("noise", math.inf, RepeatUnit.SECOND), "finite"),
         (lambda: BudgetLine("noise", 1, RepeatUnit.SECOND, 0), "0 degrees of freedom"),
@@ -149,10 +190,3 @@ def test_what_makes_no_plan_is_refused(wrong: Callable[[], object], why: str) ->
 def test_lines_of_one_name_make_no_budget() -> None:
     with pytest.raises(EstimateError, match="one name"):
         budget([SCATTER, SCATTER], 1, 1, 0.1)
-
-
-def test_the_plan_is_the_same_whatever_the_order_of_lines() -> None:
-    lines = [SCATTER, NOISE, MOUNTING]
-    one, other = allocate(lines, BENCH, 0.03), allocate(lines[::-1], BENCH, 0.03)
-    assert isinstance(one, Allocation)
-    assert (one.mountings, one.sets, one.seconds) == (other.mountings, other.sets, other.seconds)

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.optimize import brentq
-from scipy.sparse.linalg import splu
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.axisymmetric import mesh
@@ -78,7 +76,7 @@ def test_where_the_ratios_of_two_meshes_cross_the_estimate_is_above_the_error() 
         modulus = np.exp([logarithm])
         return float((fine.force_ratios(modulus) - coarse.force_ratios(modulus))[0, 0])
 
-    modulus = np.exp([brentq(change, np.log(24e3), np.log(24e4))])
+    modulus = np.exp([scipy.optimize.brentq(change, np.log(24e3), np.log(24e4))])
     error = abs(fine.force_ratios(modulus) - finest.force_ratios(modulus))[0, 0]
     (estimate,), _ = axisymmetric.estimates([coarse, fine], CASE_A, modulus)
     assert abs(change(np.log(modulus[0]))) < error / 100
@@ -221,7 +219,9 @@ def test_the_unknowns_stand_in_an_order_that_fills_the_factors_no_more_than_supe
     found, _, matrix = naive.assembled(replace(CASE_A, compliant_poisson=0.3), 3, 1)
     shared = matrix[: found.shared, : found.shared].tocsc()
     filled = {
-        order: splu(shared, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True}).L.nnz
+        order: scipy.sparse.linalg.splu(
+            shared, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        ).L.nnz
         for order in ("NATURAL", "MMD_AT_PLUS_A")
     }
     assert shared.nnz < filled["NATURAL"] < filled["MMD_AT_PLUS_A"]
@@ -253,7 +253,7 @@ def test_each_half_gives_its_memory_back_in_the_thread_that_took_it(monkeypatch:
     factors = solving.ordered_factors
 
     class Watched:
-        def __init__(self, matrix: sparse.csc_array) -> None:
+        def __init__(self, matrix: scipy.sparse.csc_array) -> None:
             self._factors = factors(matrix)
             taken.append(threading.get_ident())
 

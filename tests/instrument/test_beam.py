@@ -46,20 +46,18 @@ def test_refinement_converges_to_the_exact_solution_with_the_fourth_power() -> N
     assert errors[-1] < 1e-6
 
 
-@pytest.mark.parametrize("modulus", [1e-6, 1.49e4, 1e6, 140e9, 1e15])
-@pytest.mark.parametrize(("thickness", "within"), [(1e-4, 4e-5), (1e-3, 3e-8), (3e-3, 3e-10), (0.1, 1e-12)])
-def test_the_beam_is_exact_but_for_what_bends_within_an_element(
-    modulus: float, thickness: float, within: float
-) -> None:
-    sensed = object_of(modulus, thickness)
-    assert abs(beam.force_ratio(SINGLE, sensed) - exact_force_ratio(SINGLE, sensed)) < within
+def test_the_beam_is_exact_but_for_what_bends_within_an_element() -> None:
+    for thickness, within in [(1e-4, 4e-5), (1e-3, 3e-8), (3e-3, 3e-10), (0.1, 1e-12)]:
+        for modulus in [1e-6, 1.49e4, 1e6, 140e9, 1e15]:
+            sensed = object_of(modulus, thickness)
+            assert abs(beam.force_ratio(SINGLE, sensed) - exact_force_ratio(SINGLE, sensed)) < within
 
 
-@pytest.mark.parametrize("modulus", [1e-6, 1.49e4, 1e6, 140e9, 1e15])
-@pytest.mark.parametrize("elements", [1, 16, 64])
-def test_the_foundation_carries_the_whole_load(modulus: float, elements: int) -> None:
-    forces = beam.stretch_forces(*beam.beam_of(SINGLE, modulus, 3e-3), elements)
-    assert abs(sum(forces) / 5e-3 - 1) < 1e-10
+def test_the_foundation_carries_the_whole_load() -> None:
+    for elements in [1, 16, 64]:
+        for modulus in [1e-6, 1.49e4, 1e6, 140e9, 1e15]:
+            forces = beam.stretch_forces(*beam.beam_of(SINGLE, modulus, 3e-3), elements)
+            assert abs(sum(forces) / 5e-3 - 1) < 1e-10
 
 
 def test_the_ratio_rises_with_the_modulus_from_the_object_alone_to_one() -> None:

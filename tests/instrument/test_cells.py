@@ -18,12 +18,9 @@ ROW = SolidParameters(
     sensed_modulus=1.0, cell_length=12e-3, cell_width=12e-3, outline="square", ring_outline="round", columns=2
 )
 CHANGES: dict[str, dict[str, Any]] = {
-    "two of four, solved for all": {"columns": 4},
     "two and a half of five": {"columns": 5},
     "a pair under a load in one point": {"load_at": (7e-3, 5e-3)},
-    "rings that touch": {"columns": 4, "ring_outline": "square"},
     "bases of their own": {"columns": 4, "rows": 2, "separate_bases": True},
-    "rigid": {"columns": 4, "support": "rigid", "interface": "frictionless"},
     "capped": {"columns": 4, "interface": "capped"},
     "incompressible": {"columns": 4, "sensed_poisson": 0.5, "compliant_poisson": 0.5},
 }

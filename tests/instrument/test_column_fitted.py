@@ -98,7 +98,8 @@ def test_the_curve_s_inverse_is_the_closed_one() -> None:
 def test_it_answers_with_its_residual_and_on_any_ring() -> None:
     for ring in (24e3, 33e3):
         (answer,) = ask(RatioQuestion("single", "column_fitted", settings={"compliant_modulus": ring}), [95.4e3])
-        assert answer.response.error_estimate == LINES["single"].residual
+        relative = LINES["single"].residual / answer.response.force_ratio
+        assert answer.response.error_estimate == pytest.approx(relative)
         assert answer.response.force_ratio == LINES["single"].force_ratio(95.4e3 / ring)
     assert answer.response.force_ratio == pytest.approx(0.2727, abs=1e-4)  # Table A2.2
     pair = response(get_design("common_base"), Load(2.0, object_of(95.4e3)), "column_fitted")

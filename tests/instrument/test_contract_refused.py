@@ -19,9 +19,8 @@ TEXT = Field("text", 1, "text", "text", length=4)
 ORDER = Field("order", 0x20, "uint16", "order", access="rw")
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
+def test_a_field_that_no_device_has_is_refused() -> None:
+    for given, message in [
         ({"table": "input", "access": "rw"}, "access 'rw', but the table 'input' is read-only"),
         ({"table": "coil"}, "table 'coil' cannot hold a int32"),
         ({"table": "file"}, "no table 'file'; valid: holding"),
@@ -65,11 +64,9 @@ ORDER = Field("order", 0x20, "uint16", "order", access="rw")
         ({"meaning": "\x1b[31m"}, "meaning = '\\x1b[31m' holds characters that cannot be printed"),
         ({"name": "größe"}, "field 'größe': give a name of up to 64 lower-case letters"),
         ({"name": ""}, "field '': give a name"),
-    ],
-)  # fmt: skip
-def test_a_field_that_no_device_has_is_refused(given: Mapping[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(message)):
-        one(**given)
+    ]:
+        with pytest.raises(ConfigError, match=re.escape(message)):
+            one(**given)
 
 
 def test_a_limit_beyond_all_raw_values_of_a_scale_that_the_device_tells_is_no_limit() -> None:
@@ -78,70 +75,102 @@ def test_a_limit_beyond_all_raw_values_of_a_scale_that_the_device_tells_is_no_li
         made.encode("value", 1e290, {"scale": 0})
 
 
-@pytest.mark.parametrize(
-    ("fields", "more", "message"),
-    [
+def test_a_contract_that_does_not_hold_together_is_refused() -> None:
+    for fields, more, message in [
         ((SCALED,), {}, "its scale is in 'scale', which is no number field"),
         ((SCALED, Field("scale", 1, "uint16", "scale", access="rw")), {}, "has access 'rw'; it must be 'ro'"),
         ((replace(SCALED, scaling=Scaling("value")),), {}, "whose own scale is not fixed"),
         ((replace(SCALED, scaling=Scaling("scale", "table")), Field("scale", 1, "uint16", "s")), {}, "give a table"),
         ((Field("value", 0xFFFF, "int32", "value"),), {}, "ends at address 65536; the addresses go from 0 to 65535"),
         ((Field("value", 1, "uint32", "v", sign=("s", "n")), Field("s", 5, "uint16", "s")), {}, "valid bits: none"),
-        ((Field("value", 1, "int16", "v", "N", unit_in="u"), Field("u", 5, "uint16", "u", choices={"kg": 0})), {},
-         "u cannot tell its unit 'N', only kg"),
+        (
+            (Field("value", 1, "int16", "v", "N", unit_in="u"), Field("u", 5, "uint16", "u", choices={"kg": 0})),
+            {},
+            "u cannot tell its unit 'N', only kg",
+        ),
         ((ORDER,), {"commands": (Command("go", "speed", 1),)}, "command go: 'speed' cannot be written; valid: order"),
         ((ORDER,), {"commands": (Command("go", "order", 70000),)}, "order = 70000"),
         ((ORDER,), {"commands": (Command("go", "order", 1, after=("arm",)),)}, "after 'arm', no command before it"),
-        ((ORDER,), {"commands": (Command("go", "order", 1, done=Condition("order", (2,), 0x1)),)},
-         "waits for [2] in order, which cannot read so (mask 0x1)"),
+        (
+            (ORDER,),
+            {"commands": (Command("go", "order", 1, done=Condition("order", (2,), 0x1)),)},
+            "waits for [2] in order, which cannot read so (mask 0x1)",
+        ),
         ((ORDER,), {"commands": (Command("go", "order", 1), Command("go", "order", 2))}, "several commands"),
         ((ORDER,), {"marks": (Mark("order", "text"),), "known_by": "marks"}, "is no value of a field"),
         ((ORDER,), {"known_by": "marks"}, "known by marks, but has none"),
         ((ORDER,), {"marks": (Mark("order", 1),)}, "has marks, but is known by identity"),
         ((ORDER,), {"serial": "number"}, "its serial number is in 'number'"),
         ((ORDER,), {"manners": Manners(together=(("order", "speed"),))}, "'speed' is no field that can be written"),
-        ((ORDER, replace(ORDER, name="far", address=0x30)), {"manners": Manners(together=(("order", "far"),))},
-         "must be adjacent"),
+        (
+            (ORDER, replace(ORDER, name="far", address=0x30)),
+            {"manners": Manners(together=(("order", "far"),))},
+            "must be adjacent",
+        ),
         (SCALED_BY_TABLE, {}, "its table of scales has a factor that is not above 0, or not 1e-30 to 1e+30"),
-        ((Field("a", 1, "uint16", "a", "N", unit_in="u"), Field("b", 2, "uint16", "b", "kg", unit_in="u"),
-          Field("u", 5, "uint16", "u", choices={"N": 0, "kg": 1})), {}, "u should tell 'N' for a and 'kg' for b"),
-        ((Field("a", 1, "uint16", "a", part=(0, 8)), Field("b", 1, "uint16", "b", part=(8, 8), octets="little")), {},
-         "a and b are parts of one register, 0x1; give them the same octets, function and access"),
+        (
+            (
+                Field("a", 1, "uint16", "a", "N", unit_in="u"),
+                Field("b", 2, "uint16", "b", "kg", unit_in="u"),
+                Field("u", 5, "uint16", "u", choices={"N": 0, "kg": 1}),
+            ),
+            {},
+            "u should tell 'N' for a and 'kg' for b",
+        ),
+        (
+            (Field("a", 1, "uint16", "a", part=(0, 8)), Field("b", 1, "uint16", "b", part=(8, 8), octets="little")),
+            {},
+            "a and b are parts of one register, 0x1; give them the same octets, function and access",
+        ),
         ((ORDER,), {"marks": (Mark("order", 70000),), "known_by": "marks"}, "order = 70000 does not fit a uint16"),
         ((ORDER,), {"marks": (Mark("order", math.nan),), "known_by": "marks"}, "order = nan"),
         ((ORDER,), {"marks": (Mark("order", 1), Mark("order", 2)), "known_by": "marks"}, "several marks have the name"),
         ((SCALED, SCALE), {"marks": (Mark("value", 1),), "known_by": "marks"}, "whose scale or sign is told by scale"),
         ((TEXT,), {"marks": (Mark("text", ""),), "known_by": "marks"}, "may begin with any text"),
         ((TEXT,), {"marks": (Mark("text", "abcdef"),), "known_by": "marks"}, "takes 6 bytes of UTF-8, 4 are allowed"),
-        ((replace(SCALED, access="rw"), SCALE), {"commands": (Command("go", "value", 1),)},
-         "has a scale that scale tells"),
-        ((ORDER, replace(ORDER, name="next", address=0x21)),
-         {"commands": (Command("go", "order", 1),), "manners": Manners(together=(("order", "next"),))},
-         "command go: order cannot be written without next"),
-        ((replace(ORDER, part=(0, 8)), replace(ORDER, name="next", part=(8, 8))),
-         {"commands": (Command("go", "order", 1),)}, "command go: order cannot be written without next"),
+        (
+            (replace(SCALED, access="rw"), SCALE),
+            {"commands": (Command("go", "value", 1),)},
+            "has a scale that scale tells",
+        ),
+        (
+            (ORDER, replace(ORDER, name="next", address=0x21)),
+            {"commands": (Command("go", "order", 1),), "manners": Manners(together=(("order", "next"),))},
+            "command go: order cannot be written without next",
+        ),
+        (
+            (replace(ORDER, part=(0, 8)), replace(ORDER, name="next", part=(8, 8))),
+            {"commands": (Command("go", "order", 1),)},
+            "command go: order cannot be written without next",
+        ),
         ((ORDER,), {"commands": (Command("go", "order", 1, clear=1),)}, "clear = 1 is its value"),
         ((ORDER,), {"commands": (Command("Go", "order", 1),)}, "command 'Go': give a name"),
         ((ORDER,), {"commands": (Command("go", "order", 1, done=Condition("order", (0,), 0)),)}, "mask = 0x0 of order"),
-        ((ORDER,), {"commands": (Command("go", "order", 1, done=Condition("order", (1,), -1)),)},
-         "mask = -0x1 of order"),
-        ((ORDER, replace(ORDER, name="state", address=0x21, part=(0, 4))),
-         {"commands": (Command("go", "order", 1, done=Condition("state", (99,))),)}, "which cannot read so (mask 0xF)"),
-        ((ORDER,),
-         {"commands": (Command("go", "order", 1, (), Condition("order", (2,)), Condition("order", (2, 3))),)},
-         "is done and has failed in one state of order"),
+        (
+            (ORDER,),
+            {"commands": (Command("go", "order", 1, done=Condition("order", (1,), -1)),)},
+            "mask = -0x1 of order",
+        ),
+        (
+            (ORDER, replace(ORDER, name="state", address=0x21, part=(0, 4))),
+            {"commands": (Command("go", "order", 1, done=Condition("state", (99,))),)},
+            "which cannot read so (mask 0xF)",
+        ),
+        (
+            (ORDER,),
+            {"commands": (Command("go", "order", 1, (), Condition("order", (2,)), Condition("order", (2, 3))),)},
+            "is done and has failed in one state of order",
+        ),
         ((ORDER,), {"manners": Manners(together=((),))}, "together: [] is no run"),
-        ((replace(ORDER, function=6), replace(ORDER, name="next", address=0x21)),
-         {"manners": Manners(together=(("order", "next"),))},
-         "order is written with function 6, which writes it alone"),
+        (
+            (replace(ORDER, function=6), replace(ORDER, name="next", address=0x21)),
+            {"manners": Manners(together=(("order", "next"),))},
+            "order is written with function 6, which writes it alone",
+        ),
         ((Field("long", 0, "uint64", "long"),), {"manners": Manners(most_read=2)}, "but a reply holds 2"),
-    ],
-)  # fmt: skip
-def test_a_contract_that_does_not_hold_together_is_refused(
-    fields: tuple[Field, ...], more: Mapping[str, Any], message: str
-) -> None:
-    with pytest.raises(ConfigError, match=re.escape(message)):
-        contract(*fields, **more)
+    ]:
+        with pytest.raises(ConfigError, match=re.escape(message)):
+            contract(*fields, **more)
 
 
 @pytest.mark.parametrize(

@@ -27,12 +27,8 @@ UNEQUAL = replace(
 
 CHANGES: dict[str, dict[str, Any]] = {
     "unequal film": {"film": UNEQUAL},
-    "capped": {"interface": "capped"},
     "rigid": {"support": "rigid"},
-    "bonded": {},
     "frictionless": {"interface": "frictionless"},
-    "disc": {"outline": "round"},
-    "point load": {"load_at": (5e-3, 5e-3)},
     "incompressible": {"sensed_poisson": 0.5, "compliant_poisson": 0.5},
     "four teeth": {"rows": 2, "columns": 2},
 }

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.signals.dwell import (
@@ -13,6 +14,7 @@ from palpate.instrument.signals.dwell import (
     check_dwell,
     check_target,
     dwell_of,
+    half_width,
     ratio_noise,
     whole_steps,
 )
@@ -31,9 +33,9 @@ def record(duration: float, sigma: Floats, seed: int, rho: float = 0.0) -> SineF
 
 def test_the_dwell_is_that_of_the_formula() -> None:
     sigma = np.array([0.01, 0.02])
-    asked = dwell_of(2e-3, ratio_noise(record(40.0, sigma, 1), 0, 1), FREQUENCY).asked
+    dwell = dwell_of(4e-3, ratio_noise(record(40.0, sigma, 1), 0, 1), FREQUENCY).dwell
     density = sigma * math.sqrt(2 / RATE)
-    assert asked == pytest.approx(float(((density / AMPLITUDES) ** 2).sum()) / 2e-3**2, rel=0.2)
+    assert dwell == pytest.approx(float(((density / AMPLITUDES) ** 2).sum()) * (1.96 / 4e-3) ** 2, rel=0.2)
 
 
 def test_noise_that_is_common_shortens_the_dwell() -> None:
@@ -45,21 +47,33 @@ def test_noise_that_is_common_shortens_the_dwell() -> None:
 @pytest.mark.slow
 def test_the_dwell_reaches_its_target_and_is_not_longer_than_need_be() -> None:
     """200 repeats: each chooses its dwell by a record of its own and is measured for that long."""
-    target, sigma = 8e-3, np.array([0.02, 0.04])
+    tolerance, sigma = 16e-3, np.array([0.02, 0.04])
     found, dwells = [], []
     for seed in range(200):
-        dwell = dwell_of(target, ratio_noise(record(2.0, sigma, 2 * seed), 0, 1), FREQUENCY)
-        found.append(amplitude_ratio(record(dwell.dwell, sigma, 2 * seed + 1), 0, 1)[0])
-        dwells.append(dwell)
-    assert np.std(found) / 0.3 == pytest.approx(target, rel=0.12)
-    assert all(each.asked <= each.dwell < each.asked + 0.1 + 1e-9 for each in dwells)
+        noise = ratio_noise(record(2.0, sigma, 2 * seed), 0, 1)
+        dwell = dwell_of(tolerance, noise, FREQUENCY).dwell
+        found.append(amplitude_ratio(record(dwell, sigma, 2 * seed + 1), 0, 1)[0])
+        dwells.append((dwell, (1.96 * noise / tolerance) ** 2))
+    assert np.std(found) / 0.3 == pytest.approx(tolerance / 1.96, rel=0.12)
+    assert all(asked - 1e-3 <= dwell < asked + 0.1 + 1e-3 for dwell, asked in dwells)
 
 
 def test_what_the_floor_leaves_is_what_the_noise_may_take() -> None:
-    found = dwell_of(0.05, 0.03, FREQUENCY, (Floor("gain scatter", 0.03), Floor("coherent", 0.0)))
-    assert found.asked == pytest.approx(0.03**2 / (0.05**2 - 0.03**2))
-    assert found.dwell == 0.6
+    found = dwell_of(1.96 * 0.05, 0.03, FREQUENCY, (Floor("gain scatter", 0.03), Floor("coherent", 0.0)))
+    assert found.dwell == 0.6  # 0.03² / (0.05² − 0.03²) = 0.5625
     assert found.u == pytest.approx(math.hypot(0.03, 0.03 / math.sqrt(0.6)))
+
+
+def test_a_scatter_of_few_degrees_of_freedom_takes_a_longer_dwell_by_students_factor() -> None:
+    few = (Floor("gain scatter", 0.03, 7),)
+    assert half_width(few) == pytest.approx(t.ppf(0.975, 7) * 0.03)
+    dwell = dwell_of(0.1, 0.03, FREQUENCY, few).dwell
+
+    def half(dwell: float) -> float:
+        u = math.hypot(0.03, 0.03 / math.sqrt(dwell))
+        return float(t.ppf(0.975, 7 * (u / 0.03) ** 4) * u)  # Welch and Satterthwaite
+
+    assert half(dwell) <= 0.1 < half(dwell - 0.1)
 
 
 def test_a_quiet_point_takes_one_cycle_in_whole_steps() -> None:
@@ -75,8 +89,7 @@ def test_dwells_are_rounded_up_to_whole_tenths(dwell: float, steps: float) -> No
 @pytest.mark.parametrize(
     ("target", "part"),
     [
-        (0.04, r"0\.04 is not above the floor of 0\.041 .*gain scatter 0\.041"),
-        (0.041, "not above the floor"),
+        (0.08, r"± 8 % is not above the ± 8\.04 % that no dwell beats .*gain scatter u = 0\.041"),
         (0.0, "is not above 0"),
         (math.nan, "is not above 0"),
         (math.inf, "above the 50 %"),
@@ -89,8 +102,8 @@ def test_a_target_that_no_dwell_reaches_is_refused_with_the_floor_named(target: 
 
 
 def test_a_target_just_above_the_floor_does_not_take_for_ever() -> None:
-    with pytest.raises(RangeError, match=r"needs a dwell of .* limit of 3600 s; no dwell gets below 0\.041; ask for"):
-        dwell_of(0.041 + 1e-9, 0.1, FREQUENCY, (Floor("gain scatter", 0.041),))
+    with pytest.raises(RangeError, match=r"above the limit of 3600 s .*; no dwell gets below ± 8\.04 %; ask"):
+        dwell_of(1.96 * 0.041, 0.1, FREQUENCY, (Floor("gain scatter", 0.041),))
 
 
 def test_a_silent_film_has_no_dwell() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from random import Random
 
 import numpy as np
 import pytest
@@ -11,9 +12,6 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.estimate import Floats, SineFit, amplitude_ratio, fit_sine
 from palpate.instrument.signals.sine_columns import CONDITION_LIMIT
 from tests.shares import first_of
-
-hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
-st = hypothesis.strategies
 
 FREQUENCY = 10.0
 RATE = 1000.0
@@ -66,18 +64,12 @@ def ratios(
     return values, uncertainties
 
 
-@hypothesis.given(
-    cycles=st.floats(1.0, 20.0),
-    phase=st.floats(-math.pi, math.pi),
-    offset=st.floats(-100.0, 100.0),
-    trend=st.floats(-100.0, 100.0),
-    start=st.floats(-100.0, 100.0),
-)
-@hypothesis.settings(deadline=None, derandomize=True)
-def test_amplitude_phase_offset_and_trend_are_recovered(
-    cycles: float, phase: float, offset: float, trend: float, start: float
-) -> None:
-    time = times(cycles, start)
+@pytest.mark.parametrize("seed", range(8))
+def test_amplitude_phase_offset_and_trend_are_recovered(seed: int) -> None:
+    draw = Random(seed)
+    phase = draw.choice([-math.pi, 0.0, draw.uniform(-math.pi, math.pi)])
+    offset, trend, start = (draw.uniform(-100.0, 100.0) for _ in range(3))
+    time = times(draw.choice([1.0, 20.0, draw.uniform(1.0, 20.0)]), start)
     middle = 0.5 * (time[0] + time[-1])
     first = tone(time, 0.3, phase) + offset + trend * (time - middle)
     fit = fit_sine(time, np.stack([first, tone(time, 2.0, 1.0)]), FREQUENCY)
@@ -89,8 +81,7 @@ def test_amplitude_phase_offset_and_trend_are_recovered(
     assert fit.samples == time.size
 
 
-@hypothesis.given(factor=st.floats(1e-9, 1e9), phase=st.floats(-math.pi, math.pi))
-@hypothesis.settings(deadline=None, derandomize=True)
+@pytest.mark.parametrize(("factor", "phase"), [(1e-9, -math.pi), (0.37, 1.3), (1e9, math.pi)])
 def test_a_change_of_unit_scales_the_amplitudes_and_nothing_else(factor: float, phase: float) -> None:
     time = times(2.3)
     noise = np.random.default_rng(3).normal(scale=0.1, size=(2, time.size))
@@ -119,8 +110,7 @@ def test_eight_uneven_samples_state_the_spread_that_they_have() -> None:
     assert np.mean(fit.amplitude_u**2) == pytest.approx(fit.amplitude.var(), rel=0.15)
 
 
-@pytest.mark.parametrize("cycles", [1.0, 1.25, 10.0])
-@pytest.mark.parametrize("relative", first_of([0.3, 0.03, 0.003]))
+@pytest.mark.parametrize(("relative", "cycles"), [(0.3, 1.25), (0.03, 1.0), (0.003, 10.0)])
 def test_the_ratio_reaches_the_cramer_rao_bound_and_says_so(relative: float, cycles: float) -> None:
     time, amplitude, phase = times(cycles), np.array([0.3, 1.0]), 0.8
     sigma = relative * amplitude
@@ -151,9 +141,7 @@ def test_a_weak_numerator_is_not_taken_for_more_than_it_is() -> None:
     assert values.mean() == pytest.approx(0.03, abs=3 * values.std() / math.sqrt(REPEATS))
 
 
-@pytest.mark.parametrize(
-    ("phase", "cycles"), first_of([(0.8, 1.0), (0.0, 1.25), (0.8, 1.25), (0.8, 10.0), (math.pi, 1.25)])
-)
+@pytest.mark.parametrize(("phase", "cycles"), first_of([(0.8, 1.0), (0.0, 1.25), (0.8, 10.0)]))
 def test_noise_common_to_both_channels_cancels_as_far_as_they_move_together(phase: float, cycles: float) -> None:
     amplitude = np.array([1.0, 1.0])
     values, uncertainties = ratios(times(cycles), 0.03 * amplitude, amplitude, np.array([0.0, phase]), correlation=0.95)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import replace
+from random import Random
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pymodbus.framer import FramerRTU
 
 from palpate.instrument.config import check
@@ -141,9 +140,9 @@ def test_a_frame_that_is_none_is_refused(given: GoldenFrame, wrong: str) -> None
     assert re.search(wrong, problem), problem
 
 
-@given(st.binary(max_size=60))
-def test_the_crc_is_that_of_the_library(data: bytes) -> None:
-    assert crc(data) == FramerRTU.compute_CRC(data).to_bytes(2, "big")
+def test_the_crc_is_that_of_the_library() -> None:
+    for data in map(Random(1).randbytes, range(60)):
+        assert crc(data) == FramerRTU.compute_CRC(data).to_bytes(2, "big")
 
 
 @pytest.mark.parametrize("name", CONTRACTS)

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.sparse import diags_array
-from scipy.sparse.linalg import cg
+import scipy
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models import beam, springs
@@ -107,10 +106,10 @@ def test_thin_films_hold_up_an_iterative_solver_and_not_the_shipped_one() -> Non
     """Films of 25 µm in plates of 10 mm."""
     filmed = replace(CASE_A, compliant_poisson=0.3)
     _, _, matrix = naive.assembled(filmed, 3, 2)
-    scale = diags_array(1 / np.sqrt(matrix.diagonal()))
+    scale = scipy.sparse.diags_array(1 / np.sqrt(matrix.diagonal()))
     scaled = (scale @ matrix @ scale).tocsr()
     wanted = np.random.default_rng(0).normal(size=matrix.shape[0])
-    found, _ = cg(scaled, scaled @ wanted, rtol=1e-8, maxiter=500)
+    found, _ = scipy.sparse.linalg.cg(scaled, scaled @ wanted, rtol=1e-8, maxiter=500)
     assert np.abs(found - wanted).max() > 1e-3
     solution = solve(filmed, 1)
     assert solution.films["tooth"].force == pytest.approx(solution.tooth_force_above, abs=1e-13)

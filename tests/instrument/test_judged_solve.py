@@ -101,7 +101,7 @@ def test_the_whole_price_is_said_once_and_first(monkeypatch: pytest.MonkeyPatch)
 def test_the_cost_of_a_mesh_is_that_of_the_eliminations_that_follow(
     design: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the work of the fronts themselves; what a second does of it is measured by `tests.benchmarks solve_price`."""
+    """By the work of the fronts themselves."""
     question = RatioQuestion(design, "solid", at=AT)
     parameters = replace(solid_parameters(question.sensor(), question.load(1.0)), force=1.0)
     system = System(parameters, Resolution(layers=1, ratio=0.15, sectors=1, degree=2))

@@ -14,7 +14,6 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.mesh import (
     LEAST_COMPLIANCE,
     MIXED_POISSON,
-    NEAR,
     RUBBER_MIXED_POISSON,
     grid,
 )
@@ -41,22 +40,16 @@ def _poisson(compliance: float) -> float:
 # A parameter for each choice, and its value there.
 ROUND_CHOICES = {
     "object keeps its pressure": ("sensed_poisson", RUBBER_MIXED_POISSON),
-    "ring keeps its pressure": ("compliant_poisson", RUBBER_MIXED_POISSON),
-    "tooth keeps its pressure": ("tooth_poisson", MIXED_POISSON),
     "plates keep their pressure": ("plate_poisson", MIXED_POISSON),
     "object keeps its volume": ("sensed_poisson", _poisson(LEAST_COMPLIANCE)),
-    "ring keeps its volume": ("compliant_poisson", _poisson(LEAST_COMPLIANCE)),
     "rounding counts": ("sensed_poisson", axisymmetric.INCOMPRESSIBLE),
     "gap counts as closed": ("ring_inner_radius", CASE_A.tooth_radius * (1 + CLOSED)),
-    "gap vanishes": ("ring_inner_radius", CASE_A.tooth_radius * (1 + NEAR)),
     "object is flat": ("sensed_thickness", CASE_A.sensed_radius / axisymmetric.FLAT),
 }
 SOLID_CHOICES = {
     "object keeps its volume": ("sensed_poisson", _poisson(LEAST_SOLID_COMPLIANCE)),
-    "ring keeps its volume": ("compliant_poisson", _poisson(LEAST_SOLID_COMPLIANCE)),
     "dilatation has no stiffness": ("sensed_poisson", 0.0),
     "gap vanishes": ("ring_inner_radius", SINGLE.tooth_radius + LEAST_GAP * SINGLE.cell_length / 2),
-    "gap counts as closed": ("ring_inner_radius", SINGLE.tooth_radius * (1 + CLOSED)),
     "ring reaches the edge": ("ring_outer_radius", SINGLE.cell_length / 2 * (1 - BESIDE)),
 }
 

@@ -51,13 +51,13 @@ LIST = PriceList(
     moduli_Pa=MODULI,
     references=(
         ReferenceRatios(
-            design=ROUND.name, fingerprint=fingerprint(ROUND, LOAD), force_ratios=(0.1,) * 4, uncertainties=(0.0,) * 4,
+            design=ROUND.name, fingerprint=fingerprint(ROUND, LOAD), force_ratios=(1.0,) * 4, uncertainties=(0.0,) * 4,
             how="made up", seconds=0.0,
         ),
     ),
     prices=(
         price("column", (0.05, 0.08, 0.02), 1e-6),
-        price("experiment", (0.03, None, None), 2e-6),
+        price("column_fitted", (0.03, None, None), 2e-6),
         price("beam", (0.001, 0.001, 0.001), None),  # nobody gets it
         price("surface", (1e-5, 1e-5, 1e-6), 5e-6, estimates=(4e-4, 4e-4, 4e-4)),
         price("axisymmetric", (1e-4, 2e-4, 1e-5), 0.5, estimates=(1e-3, 2e-3, 1e-4), refinement="2"),
@@ -79,7 +79,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (2e4, 9e4, 0.1, "column", 0.05, 1e-6),
         (2e4, 9e4, 0.05, "column", 0.05, 1e-6),  # meets it exactly
-        (2e4, 9e4, 0.049, "experiment", 0.03, 2e-6),
+        (2e4, 9e4, 0.049, "column_fitted", 0.03, 2e-6),
         (2e4, 9e4, 0.02, "surface", 4e-4, 5e-6),  # the beam is nearer, but not to be had
         (2e4, 9e4, 3e-4, "axisymmetric", 1e-5, 2.0),  # by its own estimate refinement 2 does not promise it
         (2e6, 1e9, 3e-4, "axisymmetric", 1e-4, 0.5),  # there it does
@@ -111,21 +111,48 @@ def test_the_error_is_the_greatest_of_the_intervals_that_the_range_touches(
     assert LIST.choose(ROUND.name, low, high, 0.1).error == error
 
 
+def test_a_tolerance_is_relative_to_the_smallest_ratio_of_each_interval() -> None:
+    """What the column is off by is 0.05 of 0.1, 0.08 of 0.2, and 0.02 of 0.5."""
+    ratios = replace(LIST.references[0], force_ratios=(0.1, 0.2, 0.5, 1.0))
+    relative = replace(LIST, references=(ratios,), prices=LIST.prices[:1])
+    for low, high, error in ((2e4, 9e4, 0.5), (2e5, 9e5, 0.4), (2e6, 9e6, 0.04), (2e4, 9e6, 0.5)):
+        found = relative.choose(ROUND.name, low, high, 0.5)
+        assert (found.error, found.bound) == pytest.approx((error, 0.02 if low > 1e6 else 0.08 if high > 1e5 else 0.05))
+        with pytest.raises(RangeError, match="no model meets it"):
+            relative.choose(ROUND.name, low, high, 0.99 * error)
+
+
+def test_the_experiment_is_no_solution_and_never_chosen() -> None:
+    told = replace(LIST, prices=(price("experiment", (0.001, 0.001, 0.001), 1e-9), *LIST.prices))
+    assert told.choose(ROUND.name, 2e4, 9e4, 0.1).model == "column"
+
+
+def test_a_refusal_names_the_sensors_that_meet_the_tolerance() -> None:
+    other = replace(LIST.references[0], design="other"), replace(LIST.prices[5], design="other", errors=(1e-9,) * 3)
+    both = replace(
+        LIST, references=(*LIST.references, other[0]), prices=(*LIST.prices, replace(other[1], estimates=(None,) * 3))
+    )
+    with pytest.raises(RangeError, match=r"give --tolerance 0.0011%, or --design other; palpate accuracy numerics"):
+        both.choose(ROUND.name, 2e4, 9e4, 1e-6)
+
+
 def test_a_model_that_does_not_answer_everywhere_is_not_chosen_where_it_does_not() -> None:
-    assert LIST.choose(ROUND.name, 2e4, 9e4, 0.04).model == "experiment"
+    assert LIST.choose(ROUND.name, 2e4, 9e4, 0.04).model == "column_fitted"
     assert LIST.choose(ROUND.name, 2e4, 2e5, 0.04).model == "surface"
 
 
 def test_the_reason_names_model_refinement_error_time_and_range() -> None:
     why = LIST.choose(ROUND.name, 2e4, 9e4, 0.02).why
-    for part in ("surface (3)", "4.0e-04", "5 µs", "cheapest of 2", "0.02", "'single_round'", "20 kPa", "90 kPa"):
+    for part in ("surface (3)", "± 0.04 %", "5 µs", "cheapest of 2", "0.02", "'single_round'", "20 kPa", "90 kPa"):
         assert part in why
     assert "\n" not in why
     assert LIST.choose(ROUND.name, 2e4, 2e4, 0.02).why.endswith("and a modulus of 20 kPa")
 
 
 def test_a_tolerance_that_no_model_meets_is_refused_with_the_best_there_is() -> None:
-    with pytest.raises(RangeError, match=r"1e-06: no model .*the best is 'axisymmetric' with 1.0e-05") as raised:
+    with pytest.raises(
+        RangeError, match=r"1e-06: no model .*the best is 'axisymmetric', ± 0.001 % .*its mesh.*0.0011%"
+    ) as raised:
         LIST.choose(ROUND.name, 2e4, 9e4, 1e-6)
     assert "20 kPa to 90 kPa" in str(raised.value)
 
@@ -212,7 +239,8 @@ def test_an_estimate_of_the_models_own_counts_where_it_is_larger(
 
     monkeypatch.setattr(axisymmetric, "ladder", lambda _: SimpleNamespace(solve_at=solve_at))
     (given,) = answers_cheapest(ROUND, [LOAD], 2e-4)
-    assert (given.model, given.error_estimate, asked) == ("axisymmetric", 1.7e-4, [2e-4])
+    assert (given.model, asked) == ("axisymmetric", [2e-4])
+    assert given.error_estimate == pytest.approx(1.7e-4 / coarse.force_ratio)
 
 
 def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,8 +252,8 @@ def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: py
 
     monkeypatch.setattr(solid, "ladder", lambda _: SimpleNamespace(solve_at=solve_at))
     (given,) = answers_cheapest(stiffer_plate(get_design("single")), [LOAD], None)
-    assert asked == [AUTO_TOLERANCE] == [1e-2]
-    assert (given.model, given.error_estimate) == ("solid", 1e-3)
+    assert asked == [AUTO_TOLERANCE] == [2e-2]
+    assert given.model == "solid" and given.error_estimate == pytest.approx(1e-3 / given.force_ratio)
 
 
 # --- its file ------------------------------------------------------------------------------------------
@@ -241,6 +269,17 @@ def test_a_damaged_list_is_refused_with_the_remedy(
     path.write_text(content)
     monkeypatch.setattr(price_list, "STORED", path)
     with pytest.raises(
-        ConfigError, match=r"prices\.json: is missing or no price list.*palpate accuracy models --store"
+        ConfigError, match=r"prices\.json: is missing or no price list.*palpate accuracy numerics --store"
     ):
         stored.__wrapped__()
+
+
+def test_prices_of_another_machine_are_told_with_their_age() -> None:
+    here = Machine(cpu="abacus", cores=1, system="table", python="3.11", date="2026-03-01")
+    earlier = replace(here, date="2026-01-30")
+    assert earlier.told(here) == "measured on abacus, 1 cores, table, Python 3.11, 2026-01-30"
+    other = replace(earlier, cpu="slide rule")
+    assert other.told(here) == (
+        "measured on slide rule, 1 cores, table, Python 3.11, 2026-01-30, 30 days ago;"
+        " this is another machine: abacus, 1 cores, table, Python 3.11"
+    )

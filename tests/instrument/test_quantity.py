@@ -10,7 +10,7 @@ import pytest
 
 from palpate.instrument import quantity
 from palpate.instrument.errors import QuantityError
-from palpate.instrument.quantity import Typed, as_typed, parse, show, show_with_u
+from palpate.instrument.quantity import Typed, as_typed, parse, plus_minus, show, show_with_u
 
 
 @pytest.mark.parametrize(
@@ -112,3 +112,17 @@ def test_a_quantity_is_told_as_it_was_typed_unless_that_is_long() -> None:
     assert as_typed(copy.deepcopy(typed), "s") == "2 h"
     assert json.dumps(typed) == "7200.0"
     assert as_typed(Typed(0.1, "0.1" + 100 * "0" + " s"), "s") == "100 ms"
+
+
+@pytest.mark.parametrize(
+    ("half", "text"),
+    [
+        (0.0318, "± 3.2 %"),
+        (0.2, "± 20 %"),
+        (0.4055, "× 1.5"),  # e^0.4055
+        (math.log(123), "× 123"),
+        (0.0004, "± 0.04 %"),
+    ],
+)
+def test_a_half_width_is_told_in_percent_and_above_a_fifth_as_a_factor(half: float, text: str) -> None:
+    assert plus_minus(half) == text

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
-from scipy.special import ndtr
+import scipy
 
 from palpate.instrument.uncertainty import rounding
 from palpate.instrument.uncertainty.rounding import mean_u, sums_u
@@ -33,7 +32,11 @@ def test_sums_of_means_are_as_uncertain_as_what_their_rounding_shares(noise: flo
     # The mean of what a display shows of a reading: each of its steps with its probability.
     true = readings + step * np.linspace(0, 1, 200, endpoint=False)[:, np.newaxis]
     edges = np.arange(-2, 31) + 0.5
-    passed = ndtr((true[..., np.newaxis] / step - edges) / noise) if noise else true[..., np.newaxis] / step > edges
+    passed = (
+        scipy.special.ndtr((true[..., np.newaxis] / step - edges) / noise)
+        if noise
+        else true[..., np.newaxis] / step > edges
+    )
     off = step * (edges[0] - 0.5 + passed.sum(axis=-1)) - true
     spread = np.sqrt(np.mean((off @ weights) ** 2, axis=0))
     scatter = step * math.sqrt(noise**2 + 1 / 12 - rounding._bias(noise)) if noise else 0.0
@@ -42,7 +45,7 @@ def test_sums_of_means_are_as_uncertain_as_what_their_rounding_shares(noise: flo
 
 @pytest.mark.parametrize("scatter", [0.34, 0.35, 0.46, 1.0, 1e6])
 def test_the_noise_behind_a_scatter_is_the_root_that_bracketing_finds(scatter: float) -> None:
-    found = brentq(lambda noise: rounding._excess(noise, scatter), 0.0, scatter + 1.0, rtol=1e-15)
+    found = scipy.optimize.brentq(lambda noise: rounding._excess(noise, scatter), 0.0, scatter + 1.0, rtol=1e-15)
     assert rounding._noise(scatter) == pytest.approx(found, rel=1e-11)
 
 

@@ -230,7 +230,7 @@ def test_what_no_spline_can_follow_is_refused() -> None:
 def test_auto_is_one_model_over_the_priced_moduli_with_its_priced_error(monkeypatch: pytest.MonkeyPatch) -> None:
     priced = replace(price_list.stored(), moduli_Pa=(1e4, 1e5, 1e6), prices=(), references=())
     monkeypatch.setattr(price_list, "stored", lambda: priced)
-    monkeypatch.setattr(price_list, "choose", lambda *_: ModelChoice("column", 0.01, 1e-5, "cheap"))
+    monkeypatch.setattr(price_list, "choose", lambda *_: ModelChoice("column", 0.04, 1e-5, "cheap", 0.01))
     curve = ratio_curve(SINGLE, LOAD, "auto", 0.05)
     assert curve.model == "column"
     assert curve.moduli == pytest.approx((1e4, 1e6))

@@ -103,9 +103,7 @@ def test_curved_elements_have_the_area_of_the_circle(sectors: int) -> None:
         COARSE,
         SolidParameters(),
         replace(PAIR, support="elastic", separate_bases=True),
-        replace(COARSE, load="platen"),
-        replace(COARSE, sensed_modulus=1.49e4),
-        replace(COARSE, sensed_modulus=140e9),
+        replace(COARSE, load="platen", sensed_modulus=140e9),
     ],
 )
 def test_forces_balance(parameters: SolidParameters) -> None:
@@ -159,14 +157,9 @@ def test_an_array_is_symmetric_where_no_symmetry_is_made_use_of(one_layer: None)
     assert sum(teeth) < base
 
 
-@pytest.mark.parametrize("poisson", [0.4999, 0.499999, 0.5])
+@pytest.mark.parametrize("poisson", [0.499999, 0.5])
 def test_rubber_does_not_lock(poisson: float) -> None:
     assert coarse_ratio(poisson) == pytest.approx(coarse_ratio(0.498), rel=5e-3)
-
-
-def test_a_round_sensor_agrees_with_the_round_model() -> None:
-    """Reference case A: 0.4245278, by the axisymmetric model at degree 8."""
-    assert solve(SolidParameters(outline="round"), 1).force_ratio == pytest.approx(0.4245278, abs=1e-3)
 
 
 @pytest.mark.parametrize(

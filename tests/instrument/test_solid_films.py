@@ -138,7 +138,7 @@ def test_a_load_beside_the_middle_leaves_the_section_whole(one_layer: None) -> N
 
 @pytest.mark.parametrize(
     "plate_modulus, layers, limit",
-    [(70e6, 0, 0.04), *(pytest.param(modulus, 2, 0.005, marks=pytest.mark.slow) for modulus in (70e6, 3e9))],
+    [(70e6, 0, 0.04), *(pytest.param(modulus, 2, 0.005, marks=pytest.mark.slow) for modulus in (3e9,))],
 )
 def test_films_give_the_voltages_of_a_solution_with_a_field_of_its_own(
     plate_modulus: float, layers: int, limit: float

@@ -8,18 +8,20 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit  # scipy.stats takes a second to import
 
-from palpate.instrument.allocation.allocate import Allocation, allocate
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
-from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets, pooled
+from palpate.instrument.allocation.stopping import answer, enough, first_sets, pooled
+from palpate.instrument.allocation.table import FIRST, Allocation, RunOption, Table
 from palpate.instrument.errors import RangeError
 
 BENCH = Costs(start=4.0, mounting=93.0, set=1.6, person=60.0)
 LINES = [BudgetLine("gain scatter", 0.082, RepeatUnit.SET, 7), BudgetLine("noise", 0.002, RepeatUnit.SECOND)]
 MOUNTED = [*LINES, BudgetLine("mounting", 0.02, RepeatUnit.MOUNTING)]
+PRIOR = [*LINES, BudgetLine("mounting", 0.02, RepeatUnit.MOUNTING, 2)]
 
 
-def plan(tolerance: float = 0.02, lines: list[BudgetLine] = LINES) -> Allocation:
-    return allocate(lines, BENCH, tolerance, fewest=FIRST)
+def plan(tolerance: float = 0.045, lines: list[BudgetLine] = LINES) -> Allocation:
+    mountings = range(1, 61) if len(lines) > len(LINES) else (1,)
+    return Table.of([RunOption(lines, BENCH, 0.1)], mountings).for_tolerance(tolerance)
 
 
 def sets(count: int, scatter: float, seed: int = 0, about: float = 0.3) -> list[float]:
@@ -48,25 +50,27 @@ def test_a_prior_that_the_sets_refute_is_dropped() -> None:
 
 def test_the_first_sets_decide_how_many_there_are() -> None:
     planned = plan()
-    assert (planned.sets, first_sets(planned)) == (17, 10)
-    assert enough(LINES, BENCH, 0.02, planned, 2.0, [sets(9, 0.01)]).sets == 17
-    expected = {0.041: 17, 0.0205: 10, 0.082: 68}
-    for scatter, count in expected.items():
-        ratios = [sets(10, scatter)]
-        assert enough(LINES, BENCH, 0.02, planned, 2.0, ratios).sets == count
-        more = [ratios[0] + sets(count - 10, 0.2)] if count > 10 else ratios  # later sets change nothing
-        verdict = enough(LINES, BENCH, 0.02, planned, 2.0, more)
-        assert verdict.sets == count and verdict.why.endswith("reached, 2 % was asked for")
+    first = first_sets(planned)
+    assert (planned.sets, first) == (18, 10)
+    assert enough(LINES, BENCH, 0.045, planned, 2.0, [sets(9, 0.01)]).sets == 18
+    for scatter, count in {0.041: 17, 0.0205: 10, 0.082: 70}.items():  # four times the sets at twice the scatter
+        ratios = [sets(first, scatter)]
+        found = enough(LINES, BENCH, 0.045, planned, 2.0, ratios).sets
+        assert found == pytest.approx(count, rel=0.04)  # the least one of a grid with steps of 2 %
+        more = [ratios[0] + sets(found - first, 0.2)] if found > first else ratios  # later sets change nothing
+        verdict = enough(LINES, BENCH, 0.045, planned, 2.0, more)
+        assert verdict.sets == found
+        assert verdict.why.endswith("reached, ± 4.5 % was asked for")
 
 
 def test_the_interval_is_students_with_the_scatter_of_the_first_sets() -> None:
-    ratios = [sets(10, 0.041) + sets(7, 0.001)]
+    ratios = [sets(10, 0.041) + sets(8, 0.001)]
     found = answer(LINES, plan(), 2.0, ratios)
     assert found.degrees_of_freedom == pytest.approx(9)
-    assert found.budget.expanded() == pytest.approx(stdtrit(9, 0.975) * 0.082 / math.sqrt(17))
+    assert found.budget.expanded() == pytest.approx(stdtrit(9, 0.975) * 0.082 / math.sqrt(18))
     assert found.ratio == pytest.approx(math.exp(np.log(ratios[0]).mean()))
     assert math.fsum(row["share"] for row in found.budget.rows()) == pytest.approx(1)
-    assert answer(LINES, plan(), 2.0, ratios, by_time=True).degrees_of_freedom == pytest.approx(16)
+    assert answer(LINES, plan(), 2.0, ratios, by_time=True).degrees_of_freedom == pytest.approx(17)
 
 
 def test_few_sets_lean_upon_the_prior() -> None:
@@ -75,19 +79,39 @@ def test_few_sets_lean_upon_the_prior() -> None:
     assert found.degrees_of_freedom == pytest.approx(9, rel=0.01)
 
 
-def test_mountings_that_scatter_more_than_known_take_three_at_least_and_fewer_degrees_of_freedom() -> None:
-    planned = plan(0.02, MOUNTED)
+def test_mountings_that_scatter_more_than_stated_take_further_ones_and_few_degrees_of_freedom() -> None:
+    planned = plan(0.04, MOUNTED)
     each = planned.sets // planned.mountings
     near = [sets(each, 0.041, seed, about) for seed, about in enumerate((0.3, 0.301))]
     far = [sets(each, 0.041, seed, about) for seed, about in enumerate((0.3, 0.4))]
     assert planned.mountings == 2
-    assert enough(MOUNTED, BENCH, 0.02, planned, 2.0, near).why
-    verdict = enough(MOUNTED, BENCH, 0.02, planned, 2.0, far)
-    assert not verdict.why
-    assert verdict.mountings > 3
+    assert enough(MOUNTED, BENCH, 0.04, planned, 2.0, near).why
+    verdict = enough(MOUNTED, BENCH, 0.04, planned, 2.0, far)
+    assert (verdict.why, verdict.mountings) == ("", 3)
     found = answer(MOUNTED, planned, 2.0, far)
     assert (found.mountings_refuted, found.sets_refuted) == (True, False)
     assert found.degrees_of_freedom == pytest.approx(1, rel=0.1)
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.05])
+def test_a_prior_of_mountings_is_pooled_with_them_upwards_and_downwards(apart: float) -> None:
+    planned = plan(0.045, PRIOR)
+    groups = [sets(20, 0.02, seed, 0.3 * math.exp(shift)) for seed, shift in enumerate((-apart, 0.0, apart))]
+    found = answer(PRIOR, planned, 2.0, groups, by_time=True)
+    (mounted,) = [part for part in found.budget.components if part.name == "mounting"]
+    of_means = 2 * apart**2 - 2 * 0.02**2 / 20  # sum of squares, less what the sets explain
+    scatter = math.sqrt((2 * 0.01**2 + max(0.0, of_means)) / 4)
+    assert mounted.u == pytest.approx(2.0 * scatter / math.sqrt(3), rel=1e-6)
+    assert mounted.degrees_of_freedom == 4
+    assert found.budget.expanded() > 1.96 * found.u
+
+
+def test_no_run_ends_before_its_planned_number_of_mountings() -> None:
+    planned = plan(0.045, PRIOR)
+    assert planned.mountings > 2
+    groups = [sets(400, 1e-4, seed) for seed in range(planned.mountings)]
+    assert not enough(PRIOR, BENCH, 0.045, planned, 2.0, groups[:-1]).why
+    assert enough(PRIOR, BENCH, 0.045, planned, 2.0, groups).why
 
 
 def test_a_mounting_scatter_that_nobody_told_of_is_seen() -> None:
@@ -114,40 +138,39 @@ def test_what_tells_no_scatter_is_refused(wrong: Callable[[], object], why: str)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["learned scatter", "scatter x 1.5", "mounting scatter of 1 %"])
-def test_intervals_of_runs_that_stop_by_themselves_hold_the_truth(name: str) -> None:
-    from tests.benchmarks.allocation import TRUTHS, stopped
+def test_intervals_of_runs_that_stop_by_themselves_hold_the_truth() -> None:
+    """The scatter of mountings is drawn from the prior; 600 runs tell the share of intervals to 1 %."""
+    from tests.benchmarks.front import TOLERANCES, TRUTHS, ended_runs
 
-    (truth,) = (each for each in TRUTHS if each.name == name)
-    covered, achieved, *_ = stopped(truth, 0.02, 500)
-    assert covered.met, covered
-    assert achieved.met, achieved
+    ended = [each for tolerance in TOLERANCES[:3] for each in ended_runs(TRUTHS[0], tolerance, 200)]
+    assert 0.92 <= np.mean([each.held for each in ended]) <= 0.98
+    assert np.mean([each.half <= each.tolerance * (1 + 1e-9) for each in ended]) >= 0.92
 
 
 def test_sets_of_one_mounting_do_not_make_up_for_those_that_others_lack() -> None:
     """The best plan moves with the ratio: after mountings of fewer sets it may be as many mountings of more."""
     lines = [BudgetLine("gain scatter", 0.152, RepeatUnit.SET, 7), BudgetLine("mounting", 0.034, RepeatUnit.MOUNTING)]
-    planned, scatter = plan(0.02, lines), 0.152 / 3.7
-    first = enough(lines, BENCH, 0.02, planned, 3.7, [sets(first_sets(planned), scatter)])
+    planned, scatter = plan(0.045, [*lines, BudgetLine("none", 0.0, RepeatUnit.NOTHING)]), 0.152 / 3.7
+    first = enough(lines, BENCH, 0.045, planned, 3.7, [sets(first_sets(planned), scatter)])
     each = first.sets // first.mountings
     about = 0.3 * np.exp(0.034 / 3.7 * np.random.default_rng(1).standard_normal(first.mountings + 3))
-    done = [sets(each - 4, scatter, seed, ratio) for seed, ratio in enumerate(about[: first.mountings - 1])]
+    done = [sets(each - 9, scatter, seed, ratio) for seed, ratio in enumerate(about[: first.mountings - 1])]
     done[0][: first_sets(planned)] = sets(first_sets(planned), scatter)
     done.append(sets(each, scatter, 90, about[first.mountings]))
-    verdict = enough(lines, BENCH, 0.02, planned, 3.7, done)
+    verdict = enough(lines, BENCH, 0.045, planned, 3.7, done)
     assert (verdict.why, verdict.mountings) == ("", first.mountings + 1)
     done.append(sets(each, scatter, 91, about[first.mountings + 1]))
-    assert enough(lines, BENCH, 0.02, planned, 3.7, done).why
+    assert enough(lines, BENCH, 0.045, planned, 3.7, done).why
 
 
 def test_a_mounting_that_was_interrupted_counts_by_what_its_sets_tell() -> None:
     """After an interruption an object is mounted anew: two mountings share the first sets, and the later has more."""
-    made, taken = plan(0.01), sets(80, 0.041)
+    made, taken = plan(0.019), sets(80, 0.041)
     whole, cut = (answer(LINES, made, 2.0, each) for each in ([taken], [taken[:5], taken[5:]]))
     assert cut.ratio == pytest.approx(whole.ratio, rel=1e-6)  # without a scatter of mountings all sets count alike
     assert cut.u == pytest.approx(whole.u, rel=0.03)
-    first, quick = FIRST, plan(0.05)
-    assert enough(LINES, BENCH, 0.05, quick, 2.0, [taken[:5], taken[5:first]]).why
-    assert not enough(LINES, BENCH, 0.05, quick, 2.0, [taken[:5], taken[5 : first - 1]]).why
+    first, quick = FIRST, plan(0.2)
+    assert enough(LINES, BENCH, 0.2, quick, 2.0, [taken[:5], taken[5:first]]).why
+    assert not enough(LINES, BENCH, 0.2, quick, 2.0, [taken[:5], taken[5 : first - 1]]).why
     apart = [*LINES, BudgetLine("mounting", 0.1, RepeatUnit.MOUNTING)]
     assert answer(apart, made, 2.0, [taken[:5], taken[5:]]).u == pytest.approx(0.1 / math.sqrt(2), rel=0.1)

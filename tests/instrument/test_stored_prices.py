@@ -12,7 +12,7 @@ from palpate.instrument.models.axisymmetric.model import solve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.models.price_list import AUTO_TOLERANCE, choose, stored
-from palpate.instrument.models.response import response
+from palpate.instrument.models.response import response, responses
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.stored import surface
 from palpate.instrument.models.table import MODELS
@@ -31,7 +31,8 @@ def test_the_stored_list_prices_every_model_of_every_priced_design() -> None:
     prices = stored()
     assert tuple(reference.design for reference in prices.references) == PRICED
     for design in PRICED:
-        assert {price.model for price in prices.prices if price.design == design} == set(MODELS)
+        models = {price.model for price in prices.prices if price.design == design}
+        assert models | {"axisymmetric"} == set(MODELS)  # which answers for one tooth alone
     assert prices.machine.cpu and prices.machine.date
     for entry in prices.prices:
         assert len(entry.errors) == len(entry.estimates) == len(prices.moduli_Pa) - 1
@@ -62,7 +63,7 @@ def test_more_elements_have_smaller_errors_in_the_stored_list() -> None:
     """The solid model's third mesh of the round design is none of them: the second one is nearer by chance."""
     for design, model in (("single_round", "axisymmetric"), ("single", "solid")):
         errors = [p.errors[1] for p in stored().prices if (p.design, p.model) == (design, model)]
-        assert len(errors) >= 4 and None not in errors
+        assert len(errors) >= 3 and None not in errors
         assert errors == sorted(errors, key=lambda error: -float(error or 0))
 
 
@@ -81,21 +82,20 @@ def test_a_stored_error_is_met_now() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("refinement", [1, 2])
-def test_a_stored_estimate_is_the_models_own_now(refinement: int) -> None:
+def test_a_stored_estimate_is_the_models_own_now() -> None:
     """The solid model's of the round sensor, which no shipped curve has."""
     prices = stored()
     (entry,) = (
         p for p in prices.prices
-        if (p.design, p.model, p.refinement) == (ROUND.name, "solid", f"refinement {refinement}")
+        if (p.design, p.model, p.refinement) == (ROUND.name, "solid", "refinement 1")
     )  # fmt: skip
     sensor = solid_parameters(ROUND, PHYSICAL.load(prices.moduli_Pa[2]))
-    curves = [solid.curve(sensor, k).poles for k in range(refinement + 1)]
+    curves = [solid.curve(sensor, k).poles for k in range(2)]
     ratio, _ = solid.estimates(curves, sensor, np.geomspace(*prices.moduli_Pa[1:3], BETWEEN))
     assert entry.estimates[1] == pytest.approx(ratio.max(), rel=1e-6)
 
 
-@pytest.mark.parametrize("design", first_of(PRICED))
+@pytest.mark.parametrize("design", first_of(["single_round", "common_base"]))
 def test_stored_estimates_are_the_greatest_of_each_interval_that_the_models_give_now(design: str) -> None:
     """Or `auto` would promise an error below the estimate of its own answer. By the shipped curves of all meshes."""
     shipped = surface.find(get_design(design), LOAD)
@@ -122,12 +122,12 @@ def test_closed_forms_are_as_far_from_the_surface_as_their_price_says(design: st
         for model in ("column", "beam", "experiment"):
             if not checked.thesis_force_ratio and model == "experiment":
                 continue
-            (promise,) = (
-                p.promise(slice(1, 2)) for p in stored().prices
+            ((bound,),) = (
+                p.bounds(slice(1, 2)) for p in stored().prices
                 if (p.design, p.model) == (design, model) and p.answer_s is not None
             )  # fmt: skip
             apart = abs(response(checked, load, model).force_ratio - true.force_ratio)
-            assert promise is not None and apart <= promise
+            assert apart <= bound
 
 
 def test_prices_of_another_version_of_the_models_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,6 +140,20 @@ def test_prices_of_another_version_of_the_models_are_not_believed(monkeypatch: p
 def test_beyond_the_priced_moduli_auto_reads_the_shipped_curves(modulus: float) -> None:
     """A finite-element model would have to be set up: of the array in minutes."""
     given = response(get_design("array"), PHYSICAL.load(modulus), "auto")
-    assert "its own error estimate meets 0.01" in given.why
+    assert "its own error estimate meets 0.02" in given.why
     assert given.error_estimate is not None and 0 < given.error_estimate <= AUTO_TOLERANCE
     assert choose(get_design("array"), [PHYSICAL.load(modulus)], 1e-5).model == "solid"
+
+
+@pytest.mark.parametrize("tolerance", [0.5, 0.2, 0.1, 0.05, 0.01, 2e-3])
+@pytest.mark.parametrize("design", ["single_round", "single"])
+def test_auto_is_within_its_tolerance_of_the_finest_mesh(design: str, tolerance: float) -> None:
+    """Also between the moduli at which errors were priced; `python -m tests.benchmarks models` asks at 500."""
+    moduli = np.geomspace(14.9e3, 140e9, 25)
+    loads = [PHYSICAL.load(float(modulus)) for modulus in moduli]
+    finest = surface.find(get_design(design), loads[0]).force_ratios(moduli)
+    found = responses(get_design(design), loads, "auto", tolerance)
+    assert "experiment" not in {each.model for each in found}
+    for each, true in zip(found, finest, strict=True):
+        assert abs(each.force_ratio / true - 1) <= tolerance
+        assert each.error_estimate is not None and each.error_estimate <= tolerance

@@ -22,8 +22,12 @@ def raw(name: str) -> list[dict[str, str]]:
 REPAIRS = raw("repairs.csv")
 
 
-@pytest.mark.parametrize("number", TABLES)
-def test_every_repair_marks_its_cell_and_no_other_cell_is_marked(number: str) -> None:
+def test_every_repair_marks_its_cell_and_no_other_cell_is_marked() -> None:
+    for number in TABLES:
+        marks_as_repaired(number)
+
+
+def marks_as_repaired(number: str) -> None:
     table = read_table(number)
     expected = {
         (row, repair["column"])
@@ -41,8 +45,12 @@ def test_every_repair_belongs_to_a_table() -> None:
     )
 
 
-@pytest.mark.parametrize("number", TABLES)
-def test_what_is_printed_is_kept_beside_its_repair(number: str) -> None:
+def test_what_is_printed_is_kept_beside_its_repair() -> None:
+    for number in TABLES:
+        keeps_what_is_printed(number)
+
+
+def keeps_what_is_printed(number: str) -> None:
     """Where the scan is readable the CSV has the printed number; where it is not, the number that it must be."""
     table = read_table(number)
     printed = {row[table.key]: row for row in raw(f"table_{number.replace('.', '_')}.csv")}

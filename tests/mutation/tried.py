@@ -21,8 +21,7 @@ from types import CodeType
 
 LIBRARIES = (
     "numpy", "numpy.testing", "scipy.special", "scipy.linalg", "pydantic", "pymodbus.client", "pymodbus.server", "can",
-    "canopen", "serial", "pint", "click", "rich.console", "pandas", "pyarrow", "tomli_w", "hypothesis.strategies",
-    "matplotlib.figure",
+    "canopen", "serial", "pint", "click", "rich.console", "pandas", "pyarrow", "tomli_w", "matplotlib.figure",
 )  # fmt: skip
 # Rewritten assertions would make the code of modules, too, by a way of its own.
 PYTEST = ("-n0", "-x", "-q", "--no-header", "-p", "no:cacheprovider", "--assert=plain", "-m", "not slow")

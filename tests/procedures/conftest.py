@@ -9,10 +9,9 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import pytest
-from matplotlib.figure import Figure
 
 import palpate as package
 from palpate.drivers.bench import Bench
@@ -35,6 +34,9 @@ from palpate.simulators.clock import NEVER
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 HEADER = {"procedure": "sweep-loads", "simulated": True, "started": "2025-03-14T15:09:26Z"}
 
 # Nothing but the converter: what is left is the model, the chain and the arithmetic.
@@ -56,7 +58,7 @@ IDEAL_CALIBRATION = THESIS_LOAD_CELL.model_copy(
 def figures(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Figure]]:
     """The figures that are saved, drawn but not written."""
     saved: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: saved.append(figure))
     yield saved
     for figure in saved:
         figure.draw_without_rendering()
@@ -111,7 +113,7 @@ def palpate(
 
     An empty file stands for each plot: drawing one takes as long as measuring six points.
     """
-    monkeypatch.setattr(Figure, "savefig", lambda _figure, path, **_: Path(path).touch())
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _figure, path, **_: Path(path).touch())
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PALPATE_STORE", raising=False)
 

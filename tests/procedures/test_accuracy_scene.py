@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from palpate.instrument.notice import notices_to
-from palpate.simulators.planning import weights
+from palpate.simulators.planning import prices
 from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.prices import PriceLine
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.weights import DRAWS, Seen, Subset, front, leaving_out, nested, see, weigh
+from palpate.simulators.planning.weights import DRAWS, Subset, front, leaving_out, nested, priced, see, weigh
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 SCENE = IDEAL_SCENE + (
     '\n[effects.gain_scatter]\n[effects.white_noise]\ndensity = "20 µV/√Hz"\n[effects.load_cell]\n[effects.crosstalk]\n'
 )
+
+ONE = PriceLine(1.0, 0.1, 1.0, 0.1)
+
+
+@pytest.fixture(autouse=True)
+def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer rounds than a price needs: how good it is is asked elsewhere."""
+    monkeypatch.setattr(prices, "FEWEST", 2)
+    monkeypatch.setattr(prices, "SMALL", np.inf)
 
 
 @pytest.fixture
@@ -38,10 +49,8 @@ def test_each_effect_is_left_out_by_what_it_changes_and_all_are_measured_togethe
     assert [each.without[-1:] for each in tried] == [(), ("adc",), ("crosstalk",), ("white_noise",), ("gain_scatter",)]
     assert tried[0].change == tried[1].change == 0
     assert tried[-2].ratio == pytest.approx(changes["white_noise"], rel=0.2)  # it stands there almost alone
-    assert tried == [
-        Subset(each.without, each.force, each.ratio, again.seconds)
-        for each, again in zip(nested(read, Question(), weighed), tried, strict=True)
-    ]  # the same seed gives the same changes
+    again = nested(read, Question(), weighed)  # the same seed gives the same changes
+    assert [replace(each, price=ONE) for each in tried] == [replace(each, price=ONE) for each in again]
 
 
 def test_the_change_is_the_root_mean_square_over_draws_of_the_same_seeds(scene: str) -> None:
@@ -57,31 +66,35 @@ def test_the_change_is_the_root_mean_square_over_draws_of_the_same_seeds(scene: 
     assert found.ratio == pytest.approx(np.sqrt(np.mean(np.square(by_hand))), rel=1e-12)
 
 
-def test_an_effect_costs_what_it_adds_whether_it_is_in_or_put_in_and_the_price_of_all_is_told(
-    scene: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def of_its_effects(scene: Scene, *_: object) -> Seen:
-        return Seen(np.ones((DRAWS, 1)), np.ones((DRAWS, 1)), float(len(scene.effects)))
+def test_an_effect_costs_what_it_adds(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each effect takes 1 ms, on a machine that stands for the function whose time is taken, and for its clock."""
+    now = 0.0
 
-    monkeypatch.setattr(weights, "see", of_its_effects)
-    heard: list[str] = []
-    with notices_to(heard.append):
-        found = weigh(read_scene(scene), Question(dwell=2.0), ["pink_noise"])
-    assert {each.name: each.seconds for each in found} == {
-        "gain_scatter": 1, "white_noise": 1, "load_cell": None, "crosstalk": 1, "adc": 1, "pink_noise": 1,
-    }  # fmt: skip
-    assert heard == ["measuring 6 effects takes about 4 min"]  # of 6 effects, 4 draws, 5 s, and a dwell of 2 s
+    def sampled(scene: Scene, *_: object) -> None:
+        nonlocal now
+        now += 1e-3 * len(scene.effects)
+
+    monkeypatch.setattr(prices, "films_sampled", sampled)
+    monkeypatch.setattr(time, "process_time", lambda: now)
+    found = {name: round(1e3 * each.a_s, 9) for name, each in priced(read_scene(scene), Question()).items()}
+    assert found == {"": 5, "gain_scatter": 1, "white_noise": 1, "crosstalk": 1, "adc": 1}
 
 
 def test_the_front_leaves_out_what_is_neither_nearer_nor_quicker() -> None:
-    near, slow, quick = Subset((), 0.0, 0.0, 3.0), Subset(("a",), 0.1, 0.0, 4.0), Subset(("a", "b"), 0.0, 0.2, 1.0)
-    assert front([quick, slow, near]) == [near, quick]
+    """What is spent once does not count as much the longer the dwell."""
+    near = Subset((), 0.0, 0.0, PriceLine(3.0, 0.1, 0.0, 0.1))
+    other = Subset(("a",), 0.1, 0.0, PriceLine(4.0, 0.1, -0.5, 0.1))
+    quick = Subset(("a", "b"), 0.0, 0.2, PriceLine(1.0, 0.1, 0.0, 0.1))
+    assert front([quick, other, near], 1.0) == [near, quick]
+    assert front([quick, other, near], 4.0) == [near, other, quick]
 
 
 def test_the_command_shows_each_subset_and_draws_it(palpate: Palpate, scene: str) -> None:
     found = palpate("accuracy", "scene", scene, "--out", "prices", "--json").object
     assert [each["name"] for each in found["effects"]] == list(read_scene(scene).effects)
-    assert len(found["subsets"]) == 5 and found["subsets"][0]["front"] in (True, False)
+    assert len(found["subsets"]) == 5
+    assert found["subsets"][0]["front"] in (True, False)
+    assert list(found["subsets"][0]["price"]) == ["a_s", "u_a_s", "b_s_per_s", "u_b_s_per_s"]
     assert Path(found["plot"]).exists()
     spoken = palpate("accuracy", "scene", scene).out
     assert "SIMULATED" in spoken and "the films do not show what they change: load_cell" in " ".join(spoken.split())

@@ -40,7 +40,6 @@ def bench_file(description: BenchDescription) -> str:
 @pytest.mark.parametrize(
     ("form", "name", "update", "message"),
     [
-        ("link", "signal_generator", {"port": None}, "nothing answers at 127.0.0.1:"),
         ("link", "shaker_amplifier", {"port": None}, "nothing answers at 127.0.0.1:"),
         ("link", "line", {"port": "/dev/ttyNONE"}, "there is no serial port /dev/ttyNONE"),
         ("device", "strain_indicator", {"unit": 9}, "unit 9: no valid answer"),
@@ -51,7 +50,6 @@ def bench_file(description: BenchDescription) -> str:
             {"interface": "socketcan", "channel": "can_none"},
             "CAN bus socketcan:can_none cannot be opened",
         ),
-        ("device", "positioner", {"unit": 9}, "unit 9: no valid answer"),
     ],
 )
 def test_an_absent_device_is_named(

@@ -18,7 +18,7 @@ from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
 from palpate.procedures.lab.begun_bench import begun_bench
 from palpate.procedures.lab.scan import ScanPlan
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.mapped.twin import Twin
+from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import SimulatedPlace
 from palpate.simulators.wire.modbus import ServerThread
 from tests.procedures.conftest import Palpate

@@ -42,18 +42,22 @@ def writer(tmp_path: Path) -> Iterator[ChainWriter]:
     made.close()
 
 
-def watch(writer: ChainWriter, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+def file_of(handle: int) -> str:
+    """Name of an open file, as the system tells it."""
+    return Path(f"/dev/fd/{handle}").readlink().name
+
+
+def watch(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
     """Writes and syncs from now on, each with its file."""
     done = list[tuple[str, str]]()
-    files = {writer._file: "record", writer._head_file: "head"}
     pwrite, fdatasync = os.pwrite, os.fdatasync
 
     def write(handle: int, content: bytes, at: int) -> int:
-        done.append(("write", files[handle]))
+        done.append(("write", file_of(handle)))
         return pwrite(handle, content, at)
 
     def sync(handle: int) -> None:
-        done.append(("sync", files[handle]))
+        done.append(("sync", file_of(handle)))
         fdatasync(handle)
 
     monkeypatch.setattr(os, "pwrite", write)
@@ -65,7 +69,7 @@ def test_frames_are_on_disk_before_the_head_counts_them_and_the_head_before_the_
     writer: ChainWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     writer.append(FRAMES)  # writes zeros ahead as well
-    done = watch(writer, monkeypatch)
+    done = watch(monkeypatch)
     writer.append(FRAMES, points=1)
     assert done == [("write", "record"), ("sync", "record"), ("write", "head"), ("sync", "head")]
 
@@ -118,10 +122,10 @@ def test_half_a_frame_does_not_stay_behind_the_whole_ones(
 def test_nothing_is_written_behind_what_could_not_be_synced(
     failing: str, writer: ChainWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    handle, fdatasync = writer._file if failing == "record" else writer._head_file, os.fdatasync
+    fdatasync = os.fdatasync
 
     def sync(given: int) -> None:
-        if given == handle:
+        if file_of(given) == failing:
             raise OSError(errno.EIO, "Input/output error")
         fdatasync(given)
 
@@ -136,10 +140,10 @@ def test_nothing_is_written_behind_what_could_not_be_synced(
 def test_nothing_is_written_behind_a_head_that_could_not_be_written(
     writer: ChainWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pwrite, head = os.pwrite, writer._head_file
+    pwrite = os.pwrite
 
     def write(handle: int, content: bytes, at: int) -> int:
-        if handle == head:
+        if file_of(handle) == "head":
             raise OSError(errno.EIO, "Input/output error")
         return pwrite(handle, content, at)
 
@@ -215,7 +219,7 @@ def test_what_a_killed_writer_left_is_written_again_and_then_counted(
     writer.append(FRAMES)
     parts, head = packed(writer.head, FRAMES, 0, points=1)
     tail = b"".join(parts)
-    done = watch(writer, monkeypatch)
+    done = watch(monkeypatch)
     writer.confirm(tail, head)
     assert done[0] == ("write", "record")
     assert done[-3:] == [("sync", "record"), ("write", "head"), ("sync", "head")]

@@ -18,6 +18,7 @@ from palpate.procedures.console.progress import Progress
 from palpate.procedures.steps.pause import NOBODY
 from tests.examples.relaxation import Relaxation
 from tests.runs import rehash
+from tests.shares import first_of
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -25,7 +26,6 @@ CELL = palpate.LoadCellSeries(loads=(1.4, 3.3, 7.2), runs=1, creep=False)
 FILMS = palpate.FilmSeries(loads=(2.0, 3.0, 4.0), dwell=0.2)
 SWEEP = palpate.LoadSweep(samples=("2",), loads=(2.0, 3.0), dwell=0.2)
 CHAIN = (CELL, FILMS, SWEEP)
-NOISY = ("thesis_single", "everything", "long_drift")
 
 
 def copying(run: Path, into: Path, at: list[int]) -> Progress:
@@ -47,7 +47,7 @@ def interrupt_at(points: int) -> Progress:
     return stop
 
 
-@pytest.mark.parametrize("scene", ["ideal", *(pytest.param(name, marks=pytest.mark.slow) for name in NOISY)])
+@pytest.mark.parametrize("scene", first_of(["ideal", "everything"]))
 def test_each_run_of_a_chain_that_was_killed_at_any_point_ends_as_it_would_have(scene: str, tmp_path: Path) -> None:
     killed = tmp_path / "killed"
     whole, at = [], {}

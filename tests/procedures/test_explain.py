@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from palpate.procedures.virtual import explained
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.planning import plan as planning
 from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.prices import PriceLine
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.weights import Weight
 from palpate.simulators.scenes.scene import Scene
@@ -19,11 +21,18 @@ from tests.procedures.conftest import IDEAL_SCENE, Palpate
 NOISY = IDEAL_SCENE + '\n[effects.white_noise]\ndensity = "20 µV/√Hz"\n'
 PLAYED = NOISY + '\n[effects.hysteresis]\nweights = [0.1]\nradii = ["50 mN"]\n'
 
+PRICES = {
+    "": PriceLine(12.63e-3, 0.2e-3, 94.2e-6, 3e-6),
+    "hysteresis": PriceLine(7.24e-3, 0.2e-3, 13e-6, 6e-6),
+    "white_noise": PriceLine(0.1e-3, 0.11e-3, 8.2e-6, 2e-6),
+}
+
 
 @pytest.fixture
 def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bounds of what is left out take most of a plan's time."""
-    monkeypatch.setattr(planning, "_omitted", lambda *_: ([], []))
+    """Bounds of what is left out take most of a plan's time, and prices the rest."""
+    monkeypatch.setattr(planning, "omissions", lambda *_: ([], []))
+    monkeypatch.setattr(explained, "priced", lambda *_: PRICES)
 
 
 @pytest.fixture
@@ -31,7 +40,7 @@ def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
     """What effects change takes a part of the time that only some tests look at."""
 
     def unknown(scene: Scene, _question: Question, more: Sequence[str], _progress: object) -> list[Weight]:
-        return [Weight(name, None, None, None) for name in (*scene.effects, *more)]
+        return [Weight(name, None, None) for name in (*scene.effects, *more)]
 
     monkeypatch.setattr(explained, "weigh", unknown)
 
@@ -41,19 +50,19 @@ def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds(palpate: Palpate) -> None:
-    found = palpate("scene", "explain", "thesis_single", "--load", "4 N", "--json").object
+    found = palpate("scene", "explain", "thesis_single", "--load", "4 N", "--prices", "--json").object
     assert set(found) == {
-        "scene", "model", "parameter_set", "tolerance", "path", "why", "transitions", "included", "omitted", "seconds",
-        "warnings", "steady", "faults", "measured", "unmeasured",
+        "scene", "model", "parameter_set", "mark", "path", "why", "transitions", "included", "omitted", "warnings",
+        "steady", "price", "faults", "measured", "unmeasured",
     }  # fmt: skip
-    assert (found["scene"], found["model"], found["tolerance"]) == ("thesis_single", "experiment", 1e-4)
+    assert (found["scene"], found["model"], found["mark"]) == ("thesis_single", "experiment", 1e-4)
     assert (found["path"], found["transitions"]) == ("closed form", 0.0)
     assert found["why"] == "it is proven for each limit of the bench that the drive does not reach it"
     assert [each["name"] for each in found["included"]] == list(read_scene("thesis_single").effects)
     for each in found["included"]:
-        assert set(each) == {"name", "kind", "cancels_in_ratio", "why", "seconds"}
+        assert set(each) == {"name", "kind", "cancels_in_ratio", "why"}
         assert (each["kind"], each["why"]) == (effect_class(each["name"]).kind, "called for")
-    assert 0 < sum(each["seconds"] for each in found["included"]) < found["seconds"]
+    assert 0 < found["price"]["u_a_s"] < found["price"]["a_s"]
     bounds = {each["name"]: (each["force"], each["ratio"]) for each in found["omitted"]}
     assert set(bounds) == set(EFFECTS) - set(read_scene("thesis_single").effects)
     assert all(0 <= bounds[name][k] < 1 for name in ("off_axis", "glue_clamping") for k in (0, 1))
@@ -63,7 +72,7 @@ def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds
     measured = {each["name"]: each for each in found["measured"]}
     assert set(measured) == set(EFFECTS)
     assert measured["gain_scatter"]["ratio"] == pytest.approx(0.041, rel=0.5)  # the ratio's scatter, of a few draws
-    assert measured["load_cell"]["ratio"] is None  # the films do not show it
+    assert measured["load_cell"]["ratio"] is measured["load_cell"]["price"] is None  # the films do not show it
     for name, (force, ratio) in bounds.items():
         for change, most in ((measured[name]["force"], force), (measured[name]["ratio"], ratio)):
             assert change is None or most is None or change <= most + 1e-12, name
@@ -80,11 +89,11 @@ def test_faults_are_told(palpate: Palpate, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_the_text_marks_bounds_above_the_tolerance_and_no_others(palpate: Palpate) -> None:
+def test_the_text_marks_bounds_above_the_given_change_and_no_others(palpate: Palpate) -> None:
     Path("quiet.toml").write_text(NOISY)
-    for tolerance, marked in (("1e-4", True), ("0.5", False)):
-        spoken = palpate("scene", "explain", "quiet.toml", "--tolerance", tolerance).out
-        assert f"(* above {float(tolerance):g})" in " ".join(spoken.split())
+    for mark, marked in (("1e-4", True), ("0.5", False)):
+        spoken = palpate("scene", "explain", "quiet.toml", "--mark", mark).out
+        assert f"(* above {float(mark):g})" in " ".join(spoken.split())
         (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["off_axis"]]
         assert ("*" in line) is marked
         (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["end_stops"]]
@@ -107,13 +116,17 @@ def test_no_bound_is_given_of_a_dwell_that_no_sine_can_be_fitted_to(
 @pytest.mark.usefixtures("unbounded")
 def test_the_text_says_path_reason_time_and_what_is_in_with_kind_cost_and_reason(palpate: Palpate) -> None:
     Path("played.toml").write_text(PLAYED)
-    spoken = palpate("scene", "explain", "played.toml").out
+    spoken = palpate("scene", "explain", "played.toml", "--prices").out
     assert "path: transitions: play operators move" in spoken
-    assert "40 transitions a second, about 0.04" in spoken
+    assert "40 transitions a second, 12.6 ms of processor time and 94 µs for each second of bench" in " ".join(
+        spoken.split()
+    )
     lines = {line.split()[0]: line.split() for line in spoken.splitlines() if line.split()}
     assert lines["hysteresis"][1:4] == ["hysteresis", "no", "0.0e+00"] and float(lines["hysteresis"][4]) > 1e-3
     assert lines["white_noise"][1:3] == ["additive", "no"] and 0 < float(lines["white_noise"][3]) < 1e-2
-    assert lines["adc"][-2:] == ["called", "for"]
+    assert lines["hysteresis"][5:7] == ["7.2", "13"]
+    assert lines["white_noise"][5:8] == ["<", "0.3", "8"]
+    assert lines["adc"][5:] == ["-", "-", "called", "for"]
     assert "settled" not in spoken
     assert palpate("scene", "explain", "played.toml", "--quiet").out == ""
 
@@ -159,6 +172,7 @@ def test_a_signal_below_20_steps_with_little_noise_is_a_warning_and_with_strict_
 
 # --- what is refused -----------------------------------------------------------------------------------
 
+READERS = (("scene", "check"), ("scene", "explain"), ("sweep", "loads", "--scene"))
 WRONG = {
     "an unknown effect": ("[effects.mains_hun]", "effects.mains_hun: unknown effect (did you mean 'mains_hum'?)"),
     "an unknown parameter": (
@@ -179,8 +193,7 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("wrong", WRONG)
-@pytest.mark.parametrize("command", [("scene", "check"), ("scene", "explain"), ("sweep", "loads", "--scene")])
+@pytest.mark.parametrize(("wrong", "command"), [*zip(WRONG, itertools.cycle(READERS))])
 def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
     wrong: str, command: tuple[str, ...], palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -201,13 +214,13 @@ def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--tolerance", "0"), "--tolerance: '0' is not above 0"),
+        (("--mark", "0"), "--mark: '0' is not above 0"),
         (("--load", "1e-300 N"), "load 1e-300 N is outside 1e-06 to 1e+06 N; give one inside"),
         (("--frequency", "1e-300 Hz"), "1e-300 Hz is outside 1e-06 to 1e+06 Hz; give one inside"),
-        (("--tolerance", "5"), "--tolerance: '5' is 500 %, above the 50 %"),
-        (("--tolerance", "-1e-3"), "--tolerance: '-1e-3' is not above 0"),
-        (("--tolerance", "nan"), "--tolerance: 'nan' is no share; give a share such as '5 %' or 0.05"),
-        (("--tolerance", "1 N"), "--tolerance: '1 N' is no share"),
+        (("--mark", "5"), "--mark: '5' is 500 %, above the 50 %"),
+        (("--mark", "-1e-3"), "--mark: '-1e-3' is not above 0"),
+        (("--mark", "nan"), "--mark: 'nan' is no share; give a share such as '5 %' or 0.05"),
+        (("--mark", "1 N"), "--mark: '1 N' is no share"),
         (("--dwell", "0 s"), "dwell 0 s is not above 0 and finite"),
         (("--dwell", "1e5 s"), "100000 s is outside 1e-06 to 3600 s; give one inside"),
         (("--dwell", "1"), "'1' has no unit where s belongs"),

@@ -210,7 +210,7 @@ def test_a_longer_dwell_is_chosen_by_a_pilot_that_counts_where_it_is_long_enough
     signals: Signals, tmp_path: Path, asked: float, lengths: list[float]
 ) -> None:
     signals.noise = 20e-6
-    point, _ = measured(signals, Held(), tmp_path / "run", lambda fit: RequiredDwell(asked, asked, fit.amplitude_u[1]))
+    point, _ = measured(signals, Held(), tmp_path / "run", lambda fit: RequiredDwell(asked, fit.amplitude_u[1]))
     assert signals.lengths == [0.2, 0.2, *lengths]
     assert sum(lengths) == pytest.approx(recording_seconds(asked, 10.0))
     assert (point.dwell_s, point.fit.samples, point.record.voltage.shape) == (asked, asked * RATE, (2, asked * RATE))

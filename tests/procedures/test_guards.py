@@ -21,7 +21,7 @@ def test_a_tare_that_somebody_left_is_cleared(bench: Bench) -> None:
     bench.device("strain_indicator").track(0.1)
     bench.operator.place_weight(0.2)
     bench.clock.wait(1.0)
-    bench.device("strain_indicator").tare()
+    bench.device("strain_indicator").command("tare")
     bench.operator.place_weight(0.0)
     bench.clock.wait(1.0)
     assert bench.device("strain_indicator").read().reading_mV < -15

@@ -43,7 +43,7 @@ def check(run: Run, reported: int) -> None:
 
 @pytest.mark.parametrize(
     ("word", "count"),
-    [("tick", 1), ("tick", 20), ("tick", 90), ("tick", 155), ("tick", 260), ("point", 3), ("point", 9), ("point", 20)],
+    [("tick", 20), ("tick", 155), ("point", 9)],
 )
 def test_a_killed_sweep_keeps_every_point_it_reported(
     commands: Commands, palpate: Palpate, tmp_path: Path, word: str, count: int

@@ -127,7 +127,7 @@ def test_a_reading_that_is_not_valid_ends_the_calibration(
     status = 0.0 if bit is None else float(1 | 1 << bit)
 
     def sick(name: str) -> float:
-        return status if name == "status" and sim.rig._weight > 3 else read(name)
+        return status if name == "status" and sim.rig.weight > 3 else read(name)
 
     monkeypatch.setattr(sim.indicator, "read", sick)
     with Recorder.create(tmp_path / "run", HEADER) as record, pytest.raises(DeviceError, match=message):

@@ -115,8 +115,6 @@ def with_the_dad_141(procedure: str) -> Scene:
 @pytest.mark.parametrize(
     ("fault", "on", "lasts", "more", "verdicts"),
     [
-        ("silence", "cell", ONCE, (), {"right"}),
-        ("bit_error", "cell", ONCE, (), {"right"}),
         ("late_answer", "cell", ONCE, (), {"right"}),
         ("leading_glitch", "line", STAYS, (), {"right"}),
         ("power_cycle", "cell", ONCE, (), {"right"}),

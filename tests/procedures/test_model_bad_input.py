@@ -32,11 +32,11 @@ def refused(palpate: Palpate, command: str, *wrong: str) -> str:
 def surfaces(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder of stored surfaces, still empty."""
     folder = tmp_path_factory.mktemp("surfaces")
-    surface._find.cache_clear()
+    surface.read_surface.cache_clear()
     ratio_curve.cache_clear()
     monkeypatch.setattr(surface, "STORED", folder)
     yield folder
-    surface._find.cache_clear()
+    surface.read_surface.cache_clear()
     ratio_curve.cache_clear()
 
 
@@ -62,7 +62,7 @@ def test_a_value_outside_its_limits(palpate: Palpate, command: str, option: str,
 def test_a_tolerance_that_no_model_meets_names_the_best_there_is(palpate: Palpate, command: str) -> None:
     complaint = refused(palpate, command, "--tolerance", "1e-9")
     assert "tolerance 1e-09: no model meets it for design 'single'" in complaint
-    assert "the best is 'surface' with" in complaint and "give a larger tolerance" in complaint
+    assert "the best is 'surface', ± 0.0" in complaint and "; give --tolerance 0.0" in complaint
 
 
 @pytest.mark.parametrize("command", COMMANDS)

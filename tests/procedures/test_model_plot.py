@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
-from matplotlib.figure import Figure
 
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.ratio import RatioAnswer, RatioQuestion
@@ -20,6 +18,10 @@ from palpate.procedures.showing import model_picture as model_plot
 from palpate.procedures.showing.model_picture import ModelPicture
 from tests import meshes
 from tests.procedures.conftest import Palpate, changed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PLOT = ("model", "plot", "--sensed-modulus", "100 kPa")
 CLOSED = (*PLOT, "--model", "column")
@@ -45,7 +47,7 @@ def panels(picture: ModelPicture) -> list[Axes]:
     """The panels of the figure in their order: deformation, pressure, ratio."""
     saved: list[Figure] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: saved.append(figure))
         model_plot.draw(picture, Path("sensor.png"))
     (figure,) = saved
     figure.draw_without_rendering()
@@ -60,6 +62,8 @@ def labels(axes: Axes) -> list[str]:
 
 
 def test_the_section_shows_every_body_on_both_sides_of_the_axis(picture: ModelPicture, panels: list[Axes]) -> None:
+    from matplotlib.collections import QuadMesh
+
     deformed = panels[0]
     meshes = [item for item in deformed.collections if isinstance(item, QuadMesh)]
     bodies = picture.sections[0].bodies
@@ -127,7 +131,7 @@ def test_the_solid_model_shows_both_teeth_of_a_pair(monkeypatch: pytest.MonkeyPa
     meshes.give(monkeypatch, smallest)
     monkeypatch.setattr(model_picture, "SOLID_REFINEMENT", 0)
     saved: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: saved.append(figure))
     sensor, load = get_design("common_base"), PHYSICAL.load(1e6)
     section = model_picture.SECTIONS["solid"](sensor, load)
     answer = RatioAnswer(1e6, response(sensor, load, "column"), 0.0)

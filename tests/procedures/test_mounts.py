@@ -31,7 +31,7 @@ from tests.procedures.conftest import HEADER
 
 CHANGER = Mounts(5.0, changer=True)
 BY_CHANGER = Target(get_design("single"), 10.0, 1, "experiment", mounts=CHANGER)
-MODULUS = ObjectModulus(get_sample("4"), 0.05, relative_to_model=True, mountings=2)
+MODULUS = ObjectModulus(get_sample("4"), 0.1, relative_to_model=True, mountings=2, mounting_scatter=0.0)
 
 
 @pytest.fixture
@@ -54,13 +54,13 @@ def test_a_bench_file_with_a_sample_changer_tells_its_time(sim: SimulatedBench, 
     "procedure",
     [
         LoadSweep(("1", "2"), (2.0, 3.0)),
-        LoadSweep(("1", "2"), (2.0, 3.0), tolerance=0.02),
+        LoadSweep(("1", "2"), (2.0, 3.0), tolerance=0.04),
         SoftnessTest((SAMPLES["1"], SAMPLES["4"])),
         SoftnessTest((SAMPLES["1"], SAMPLES["4"]), risk=0.05),
         FrequencySweep(),
         TemperatureSweep(),
         Characterisation(),
-        Characterisation(tolerance=0.03),
+        Characterisation(tolerance=0.06),
         replace(MODULUS, mountings=1),
     ],
     ids=lambda each: each.name,
@@ -93,7 +93,7 @@ def test_a_changer_takes_the_object_off_for_each_mounting_in_the_planned_time(
         found = conduct(MODULUS, lab, record)
     assert [point.mounting for point in found.points] == 10 * [1] + 10 * [2]
     assert sim.rig.exchanges == 6  # sample 4, off and sample 1, off and sample 4 again
-    assert 1e-9 * sim.clock.now_ns() == pytest.approx(planned.seconds, rel=0.06)
+    assert 1e-9 * sim.clock.now_ns() == pytest.approx(planned.details["planned"]["as_known_s"], rel=0.06)
 
 
 def test_a_changer_with_one_sample_alone_cannot_mount_it_anew(scene: Scene, tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ from palpate.instrument.calibration.files import read_calibration, write_calibra
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import read_hashed
-from palpate.instrument.errors import RangeError, UsageError
+from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import CALIBRATION
-from palpate.instrument.quantity import LARGEST_TOLERANCE, Typed
+from palpate.instrument.quantity import Typed, parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
@@ -31,7 +31,8 @@ from tests.procedures.conftest import Palpate
 MEASURE = ("measure", "modulus")
 TARGET = Target(get_design("single"), 10.0, 1, "experiment")
 RATIO = 0.22  # of sample 4
-SCALE = {"tolerance": 0.05, "relative_to_model": True}
+STATED = ("--relative-to-model", "--mounting-scatter", "0 %")
+SCALE = {"tolerance": 0.06, "relative_to_model": True, "mounting_scatter": 0.0}
 
 
 def wanted(**settings: Any) -> ObjectModulus:
@@ -58,46 +59,66 @@ def points(*deviations: float, mounting: int = 1, seconds: float = 0.6, valid: b
 SCATTERED = (0.05, -0.02, 0.04, -0.05, 0.03, -0.03, 0.06, -0.06, 0.01, -0.03)  # as gains do: 4.4 %
 
 
+CLOSER = tuple(0.9 * each for each in SCATTERED)
+
+
 # --- the plan --------------------------------------------------------------------------------------------
 
 
 def test_the_dry_run_tells_plan_and_expected_uncertainty_and_sends_nothing(palpate: Palpate) -> None:
-    said = palpate(*MEASURE, "--sample", "4", "--tolerance", "5%", "--relative-to-model", "--dry-run")
+    said = palpate(*MEASURE, "--sample", "4", "--tolerance", "6%", *STATED, "--dry-run")
     assert said.status == 0
-    assert "wanted         5 % on the scale of 'surface'\n" in said.out
+    assert "wanted         ± 6 % on the scale of 'surface'\n" in said.out
     assert "plan           1 mounting, 10 sets, 2 N, 10 Hz, 100 ms (person 60 s)\n" in said.out
-    assert "lasts          83 s on average; ends at 84 s, which are enough for 95 % of runs\n" in said.out
-    assert "expected       2.6 %: gain scatter 2.6 %, noise 0.36 %, films not calibrated\n" in said.out
+    assert re.search(r"lasts          8\d s on average; ends at \d+ s, which are enough for 95 % of runs\n", said.out)
+    assert "expected       ± 6 %; u: gain scatter 2.6 %, noise 0.36 %, films not calibrated\n" in said.out
     assert not Path("runs").exists()
 
 
 def test_a_tighter_tolerance_takes_more_sets_and_a_longer_time_gives_a_smaller_uncertainty() -> None:
-    loose, tight = (
-        wanted(**{**SCALE, "tolerance": t}, mounting_scatter=0.0).course_on(TARGET).prospect for t in (0.02, 0.01)
-    )
+    loose, tight = (wanted(**{**SCALE, "tolerance": t}).course_on(TARGET).prospect for t in (0.04, 0.02))
     assert tight.allocation.sets > 3 * loose.allocation.sets
     assert loose.allocation.seconds < 100 < tight.allocation.seconds
-    short, long = (wanted(time=t, relative_to_model=True).course_on(TARGET).prospect for t in (90.0, 180.0))
-    assert (long.scale_u or 1) < (short.scale_u or 0) / 2
+    short, long = (
+        wanted(time=t, relative_to_model=True, mounting_scatter=0.0).course_on(TARGET).prospect for t in (90.0, 180.0)
+    )
+    assert (long.scale or 1) < (short.scale or 0) / 2
     assert short.allocation.seconds <= 90
 
 
 def test_mountings_that_scatter_are_planned_for() -> None:
-    plan = wanted(tolerance=0.02, relative_to_model=True, mounting_scatter=0.02).course_on(TARGET).prospect.allocation
+    plan = wanted(tolerance=0.04, relative_to_model=True, mounting_scatter=0.02).course_on(TARGET).prospect.allocation
     assert (plan.mountings, plan.binds) == (5, "mounting scatter")
-    given = wanted(tolerance=0.02, relative_to_model=True, mountings=3).course_on(TARGET).prospect.allocation
+    given = wanted(tolerance=0.05, relative_to_model=True, mountings=3).course_on(TARGET).prospect.allocation
     assert (given.mountings, given.sets % 3) == (3, 0)
+
+
+def test_a_scatter_that_was_never_measured_counts_by_its_prior_and_measuring_it_makes_later_runs_quicker() -> None:
+    asked = {"tolerance": 0.05, "relative_to_model": True}
+    plans = {
+        known: wanted(**asked, **settings).plan(TARGET).predicted
+        for known, settings in {
+            "never": {},
+            "assumed": {"mounting_scatter": 0.01, "mounting_freedom": 2.0},
+            "twelve": {"mounting_scatter": 0.01, "mounting_freedom": 11.0},
+            "exact": {"mounting_scatter": 0.01},
+        }.items()
+    }
+    assert plans["never"].details["planned"] == plans["assumed"].details["planned"]
+    assert plans["never"].seconds > 1.5 * plans["twelve"].seconds > 1.5 * plans["exact"].seconds
+    assert plans["never"].details["mounting_scatter_freedom"] == 2
+    assert "               the plan counts 1 %, 2 degrees of freedom" in plans["never"].lines
 
 
 def test_a_plan_tells_what_more_points_of_films_would_give() -> None:
     covariance = ((4e-4, 0.0), (0.0, 4e-4))
     target = replace(TARGET, design=replace(TARGET.design, film_covariance=covariance, film_freedom=5.0))
-    asked = wanted(tolerance=0.08, relative_to_model=True)
+    asked = wanted(tolerance=0.19, relative_to_model=True)
     planned = asked.plan(target).predicted
     (told,) = [line for line in planned.lines if line.startswith("films ")]
-    assert re.fullmatch(r"films +\d+ points would give [0-9.]+ %; \d min \d\d s, once", told)
+    assert re.fullmatch(r"films +\d+ points would give ± [0-9.]+ %; \d min \d\d s, once", told)
     (offered,) = [each for each in planned.details["alternatives"] if each["what"] == "films"]
-    assert (planned.u or 0) * 0.6 < offered["u"] < (planned.u or 0)
+    assert 0.3 < offered["U95"] / planned.details["planned"]["scale_U95"] < 0.9
     command, loads = offered["how"].split(" --loads ")
     assert (command, offered["person_s"]) == ("palpate calibrate films", 60)
     assert len(parse_loads(loads.strip("'"))) == offered["numbers"][CALIBRATION]
@@ -112,14 +133,14 @@ def test_the_command_for_film_points_takes_so_many_loads(points: int) -> None:
 
 
 def test_a_plan_tells_which_calibrations_and_which_frequency_would_pay() -> None:
-    absolute, fine = wanted(time=120.0), wanted(tolerance=0.01, relative_to_model=True, mounting_scatter=0.0)
+    absolute, fine = wanted(time=120.0), wanted(tolerance=0.02, relative_to_model=True, mounting_scatter=0.0)
     rows = {each["what"]: each for each in absolute.plan(TARGET).predicted.details["alternatives"]}
     assert rows["references"]["numbers"] == {"validation": 1}
-    assert rows["references"]["u"] < (absolute.plan(TARGET).predicted.u or 0) / 2
+    assert rows["references"]["U95"] < absolute.plan(TARGET).predicted.details["planned"]["absolute_U95"] / 2
     rows = {each["what"]: each for each in fine.plan(TARGET).predicted.details["alternatives"]}
     quicker = replace(fine, frequency=rows["frequency"]["numbers"]["frequency_Hz"]).plan(TARGET)
     assert quicker.seconds < 0.98 * fine.plan(TARGET).seconds
-    assert f"{quicker.seconds:.0f} s" in rows["frequency"]["told"]
+    assert quicker.seconds == pytest.approx(rows["frequency"]["run_s"], rel=0.02)
     slow = replace(TARGET, drivable=lambda frequency: check_frequency(frequency, None, (1.0, 10.0)))
     assert "frequency" not in {each["what"] for each in fine.plan(slow).predicted.details["alternatives"]}
 
@@ -127,15 +148,15 @@ def test_a_plan_tells_which_calibrations_and_which_frequency_would_pay() -> None
 def test_a_refusal_names_the_quickest_calibrations_that_reach_the_tolerance() -> None:
     covariance = ((9e-4, 0.0), (0.0, 9e-4))  # 8 % of the modulus
     target = replace(TARGET, design=replace(TARGET.design, film_covariance=covariance, film_freedom=5.0))
-    with pytest.raises(RangeError, match=r"as asked with 3 references \(20 min 00 s, once\), then 1 min 23 s"):
-        wanted(tolerance=0.13).course_on(TARGET)
-    with pytest.raises(RangeError, match=r"as asked with \d references and \d+ film points \(.*, once\), then"):
-        wanted(tolerance=0.13).course_on(target)
+    with pytest.raises(RangeError, match=r"as asked with \d+ references \(.*, once\), then \d min \d\d s: palpate"):
+        wanted(tolerance=0.3).course_on(TARGET)
+    with pytest.raises(RangeError, match=r"as asked with \d+ film points and \d+ references \(.*, once\), then"):
+        wanted(tolerance=0.3).course_on(target)
     with pytest.raises(
         RangeError,
         match=r"as asked with \d+ film points \(.*, once\), then .* calibrate films --loads '1.5 N:4 N:.* N'",
     ):
-        wanted(tolerance=0.05, relative_to_model=True).course_on(target)
+        wanted(tolerance=0.1, relative_to_model=True).course_on(target)
 
 
 def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated() -> None:
@@ -144,7 +165,7 @@ def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated()
         source="run", created="now", expires="2999-01-01",
     )  # fmt: skip
     target = replace(TARGET, calibrated=(1.0, 8.0), mountings=stored)
-    asked = wanted(tolerance=0.03, relative_to_model=True)
+    asked = wanted(tolerance=0.1, relative_to_model=True)
     planned = asked.plan(target).predicted
     assert planned.details["planned"]["mountings"] > 1
     assert "mountings      scatter by 1.9 % of the ratio, at most 8.8 % (95 %): run" in planned.lines
@@ -152,45 +173,42 @@ def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated()
     alike = replace(target, mountings=stored.model_copy(update={"sets_u": 0.02}))
     (told,) = [line for line in asked.plan(alike).predicted.lines if line.startswith("mountings")]
     assert told == "mountings      scatter no more than their sets let expect, at most 8.8 % of the ratio (95 %): run"
-    assert planned.u is not None
-    assert asked.course_on(target).prospect.allocation.degrees_of_freedom < 10
-    for other in (replace(asked, mounting_scatter=0.0), replace(asked, mountings=3)):
-        assert not [
-            line for line in other.plan(target).predicted.lines if "of the ratio" in line or "let expect" in line
-        ]
-    with pytest.raises(UsageError, match="was never measured"):
-        asked.plan(replace(target, mountings=None))
+    assert planned.details["planned"]["scale_U95"] > 2.1 * (planned.u or 0)
+    stated = replace(asked, mounting_scatter=0.0).plan(target).predicted.lines
+    assert not [line for line in stated if "of the ratio" in line or "let expect" in line]
+    never = asked.plan(replace(target, mountings=None)).predicted.lines
+    assert [line for line in never if "was never measured" in line]
 
 
 @pytest.mark.slow
 def test_a_dry_run_counts_the_films_calibration_that_its_run_will_use(palpate: Palpate) -> None:
-    asked = (*MEASURE, "--sample", "4", "--tolerance", "8 %", "--relative-to-model")
+    asked = (*MEASURE, "--sample", "4", "--tolerance", "19 %", "--relative-to-model")
     assert "films not calibrated" in palpate(*asked, "--dry-run").out
     assert palpate("calibrate", "films", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet").status == 0
     told, made = palpate(*asked, "--dry-run", "--json").object, palpate(*asked, "--json").object
     assert told["planned"]["shares"]["films' calibration"] > 0.1
     assert told["planned"] == made["planned"]
     assert "films       " in palpate(*asked, "--dry-run").out
-    assert "films' calibration" in palpate("accuracy", "modulus", "--model", "surface").out
+    assert "films' calibration" in palpate("accuracy", "--tolerance", "19 %").out
 
 
 @pytest.mark.slow
 def test_what_three_mountings_scatter_is_stored_for_the_sensor_and_used_by_the_next_plan(palpate: Palpate) -> None:
     asked = (*MEASURE, "--sample", "4", "--relative-to-model")
-    made = palpate(*asked, "--tolerance", "4 %", "--mountings", "3", "--json").object
+    made = palpate(*asked, "--tolerance", "8 %", "--mountings", "3", "--json").object
     stored = read_hashed(Path(made["mounting_scatter_file"]), MountingScatterCalibration)
     assert (stored.degrees_of_freedom, stored.design) == (2, "single")
     assert stored.means_u >= stored.found.u == made["mounting_scatter"]
-    following = (*asked, "--tolerance", "4.5 %", "--dry-run")
+    following = (*asked, "--tolerance", "9 %", "--dry-run")
     assert f" (95 %): {stored.source}\n               the plan counts" in palpate(*following).out
-    assert "needs the scatter" in palpate(*following, "--seed", "7").complaint
+    assert "was never measured" in palpate(*following, "--seed", "7").out
     write_calibration(Path(made["mounting_scatter_file"]), stored.model_copy(update={"expires": "2024-02-29"}))
-    assert "needs the scatter" in palpate(*following).complaint
+    assert "was never measured" in palpate(*following).out
 
 
 def test_the_bound_of_time_is_never_below_the_predicted_time() -> None:
     for scatter in (None, 0.01):
-        planned = wanted(**SCALE, mountings=3, mounting_scatter=scatter).course_on(TARGET).prospect
+        planned = wanted(**{**SCALE, "mounting_scatter": scatter}, mountings=3).course_on(TARGET).prospect
         assert planned.times.longest >= planned.times.mean >= planned.allocation.seconds - 1e-9, scatter
 
 
@@ -198,12 +216,12 @@ def test_the_bound_of_time_is_never_below_the_predicted_time() -> None:
 def test_a_plan_counts_no_references_of_another_scene_and_refuses_those_that_have_expired(palpate: Palpate) -> None:
     references = ("--reference", "2: 24 kPa ± 2 %", "--loads", "3 N", "--dwell", "0.2 s")
     made = palpate("calibrate", "model", *references, "--scene", "unknown_curve", "--json").object
-    asked = (*MEASURE, "--sample", "4", "--tolerance", "25%", "--dry-run", "--scene")
+    asked = (*MEASURE, "--sample", "4", "--tolerance", "49%", "--dry-run", "--scene")
     assert palpate(*asked, "unknown_curve").status == 0
     for other in (("unknown_curve", "--seed", "7"), ("thesis_single",)):
         assert "cannot be reached: the model binds" in palpate(*asked, *other).complaint
     told = palpate(*asked, "unknown_curve").out
-    now, then = (float(found[1]) for found in re.finditer(r"(?:expected {7}|would give )([0-9.]+) %", told))
+    now, then = (float(found[1]) for found in re.finditer(r"(?:expected {7}|would give )[±×] ([0-9.]+)", told))
     assert then < now
     assert "2 in all would give" in told
     assert "films not calibrated" not in told  # the references share the films' error
@@ -221,33 +239,33 @@ def test_its_load_sets_are_known_to_a_bench_that_leaves_out_what_they_do_not_fee
 # --- what is refused -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("tolerance", [0.0004, 0.0006])  # below the floor, and above it with 160,261 sets
+@pytest.mark.parametrize("tolerance", [0.0004, 0.0015])  # below the floor, and above it with more sets than a run has
 def test_what_no_time_reaches_and_what_takes_too_many_sets_name_the_same_best(tolerance: float) -> None:
     with pytest.raises(RangeError, match="cannot be reached") as refused:
         wanted(tolerance=tolerance, relative_to_model=True, mounting_scatter=0.0).course_on(TARGET)
-    assert str(refused.value).endswith("\n  best now  0.11 %")  # auto takes this model, a compression test gives 2 %
-    best = wanted(tolerance=0.0011, relative_to_model=True, mounting_scatter=0.0).course_on(TARGET).prospect
+    assert str(refused.value).endswith("\n  best now  --tolerance '0.2 %'")  # auto takes this model
+    best = wanted(tolerance=0.002, relative_to_model=True, mounting_scatter=0.0).course_on(TARGET).prospect
     assert MOST_SETS / 2 < best.allocation.sets <= MOST_SETS
 
 
-@pytest.mark.parametrize("model", ["surface", "beam_exact"])
-def test_the_best_that_a_refusal_names_is_none_that_it_refuses(model: str) -> None:
+@pytest.mark.parametrize(("model", "relative"), [("surface", True), ("surface", False)])
+def test_the_best_that_a_refusal_names_is_none_that_it_refuses(model: str, relative: bool) -> None:
     with pytest.raises(RangeError) as refused:
-        wanted(tolerance=0.001, model=model, mounting_scatter=0.0).course_on(TARGET)
-    best = re.search(r"best now  ([0-9]+(?:\.[0-9]+)?) %", str(refused.value))
-    assert best, str(refused.value)
-    tolerance = float(best[1]) / 100
-    if tolerance <= LARGEST_TOLERANCE:
-        assert (
-            wanted(tolerance=tolerance, model=model, mounting_scatter=0.0).course_on(TARGET).prospect.allocation.u
-            <= tolerance
-        )
+        wanted(tolerance=0.001, model=model, relative_to_model=relative).course_on(TARGET)
+    best = re.search(r"best now  --tolerance '(.+)'", str(refused.value))
+    assert (best is None) == (not relative), str(refused.value)
+    if best is None:  # the least there is is above the greatest tolerance
+        assert "best now  × " in str(refused.value)
+    else:
+        tolerance = parse_tolerance(best[1])
+        found = wanted(tolerance=tolerance, model=model, relative_to_model=relative).course_on(TARGET)
+        assert found.prospect.allocation.half <= tolerance
 
 
 def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Palpate) -> None:
     said = palpate(*MEASURE, "--sample", "4", "--tolerance", "5 %").complaint.splitlines()
     assert said[0].startswith(
-        "--tolerance 5 % absolute cannot be reached: the model binds: validation of 'surface' leaves"
+        "--tolerance 5 % absolute cannot be reached: the model binds: validation leaves × 3.3, which no time"
     )
     assert [line.split("  ")[1] for line in said[1:]] == ["best now", "or", "or", "or"]
     assert "with 6 references" in said[2]
@@ -262,8 +280,16 @@ def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Pa
     ("options", "message"),
     [
         ((), "--tolerance or --time is missing"),
-        (("--tolerance", "2 %", "--relative-to-model"), "needs the scatter of the ratio from mounting to mounting"),
-        (("--time", "1.1 min"), "set takes .* 1.1 min is too short"),
+        (("--time", "1.1 min"), "of 10 load sets, takes .* 1.1 min is too short"),
+        (
+            ("--time", "2 min", "--mounting-freedom", "3"),
+            "--mounting-freedom says how well --mounting-scatter is known",
+        ),
+        (
+            ("--time", "2 min", "--mounting-scatter", "1 %", "--mounting-freedom", "0"),
+            "--mounting-freedom 0 is below 1",
+        ),
+        (("--time", "2 min", "--mounting-scatter", "-1 %"), "--mounting-scatter -1 % is outside 0 to 50 %"),
         (
             ("--tolerance", "5 %", "--load", "1 uN"),
             "^load 1 µN .* below 2 steps .* ask for 194 mN or more",
@@ -330,8 +356,8 @@ def test_without_an_object_a_simulated_bench_has_nothing_to_touch(palpate: Palpa
 
 def test_ten_sets_are_enough_for_5_percent_and_their_own_scatter_counts() -> None:
     of = course(wanted(**SCALE))
-    assert of.verdict(points(*SCATTERED[:9])).why == ""
-    assert of.verdict(points(*SCATTERED)).why == "2.7 % reached, 5 % was asked for"
+    assert of.verdict(points(*CLOSER[:9])).why == ""
+    assert re.fullmatch(r"± 5\.\d % reached, ± 6 % was asked for", of.verdict(points(*CLOSER)).why)
     wider = points(*(2.5 * each for each in SCATTERED))
     assert of.verdict(wider).why == ""
     answer, wide = of.answer(points(*SCATTERED)), of.answer(wider)
@@ -350,8 +376,8 @@ def test_the_budgets_add_up_to_both_uncertainties() -> None:
 
 
 def test_the_time_ends_a_measurement_before_its_tolerance_and_says_so() -> None:
-    of = course(wanted(tolerance=0.01, relative_to_model=True, mounting_scatter=0.0, time=90.0))
-    first = points(0.01, seconds=77.0)
+    of = course(wanted(tolerance=0.02, relative_to_model=True, mounting_scatter=0.0, time=90.0))
+    first = points(0.01, seconds=78.0)
     assert of.verdict(first).why == ""
     assert of.verdict([*first, *points(*SCATTERED[:9])]).why == "another set would not end within 90 s"
 
@@ -368,7 +394,7 @@ def test_a_ratio_that_is_only_good_for_a_bound_is_not_measured_further() -> None
 
 
 def test_sets_that_repeat_too_well_do_not_lower_what_may_come_with_the_mounting() -> None:
-    of = course(wanted(**SCALE, time=600.0))
+    of = course(wanted(**{**SCALE, "tolerance": 0.12}, time=600.0))
     alike = points(*(each / 100 for each in SCATTERED))
     verdict = of.verdict(alike)
     assert (verdict.why, verdict.mountings > 2, of.remounts(alike)) == ("", True, True)
@@ -386,19 +412,19 @@ def test_many_sets_that_scatter_by_half_as_much_as_was_known_are_not_too_alike()
 
 def test_a_run_that_does_not_reach_its_tolerance_ends_at_its_bound_and_says_why() -> None:
     of = course(wanted(**SCALE))
-    wide = points(*(2.5 * each for each in SCATTERED), seconds=7.8)
+    wide = points(*(2.5 * each for each in SCATTERED), seconds=9.8)
     assert of.verdict(wide[:9]).why == ""  # the first sets tell the scatter
-    why = "the bound of 84 s is spent; as the first sets scatter it takes 89 s (--time)"
-    assert of.verdict(wide).why == why
+    why = r"the bound of \d+ s is spent; as the first sets scatter it takes \d+ s \(--time\)"
+    assert re.fullmatch(why, of.verdict(wide).why), of.verdict(wide).why
     assert replace(of, wanted=replace(of.wanted, time=600.0)).verdict(wide).why == ""
-    (told,) = [note for note in of.notes(wide) if note.startswith("the 84 s")]
+    (told,) = [note for note in of.notes(wide) if re.match(r"the \d+ s that", note)]
     assert told.endswith("were not: sets scatter by 11 %, and were expected to by 4.1 %")
-    assert not [note for note in of.notes(points(*SCATTERED, seconds=7.0)) if note.startswith("the 84 s")]
+    assert not [note for note in of.notes(points(*SCATTERED, seconds=7.0)) if re.match(r"the \d+ s that", note)]
 
 
 @pytest.mark.slow
 def test_a_noisy_bench_plans_by_its_own_noise_and_ends_within_its_bound(palpate: Palpate) -> None:
-    asked = ("--sample", "4", "--tolerance", "3%", "--mounting-scatter", "0%", "--relative-to-model")
+    asked = ("--sample", "4", "--tolerance", "6%", "--mounting-scatter", "0%", "--relative-to-model")
     found = palpate(*MEASURE, *asked, "--scene", "noisy_lab", "--json").object
     assert found["planned"]["dwell_s"] >= 0.2
     assert found["achieved_seconds"] <= found["planned"]["longest_s"] < 130
@@ -422,7 +448,7 @@ def test_sets_that_are_not_valid_do_not_count_and_five_in_a_row_end_the_run() ->
 
 
 def test_mountings_that_were_asked_for_are_made_and_tell_their_scatter() -> None:
-    of = course(wanted(tolerance=0.04, relative_to_model=True, mountings=3))
+    of = course(wanted(tolerance=0.08, relative_to_model=True, mountings=3))
     taken = points(*SCATTERED)
     assert of.remounts(taken)
     taken += points(*(0.06 + each for each in SCATTERED), mounting=2)
@@ -433,12 +459,13 @@ def test_mountings_that_were_asked_for_are_made_and_tell_their_scatter() -> None
     assert (found.u, found.degrees_of_freedom, found.significant) == (pytest.approx(0.06, rel=0.1), 2, True)
     answer = of.answer(taken)
     assert answer is not None
-    assert answer.row["scale_u"] > 1.9 * 0.06 / math.sqrt(3)
+    pooled = math.sqrt((2 * 0.01**2 + 2 * 0.06**2) / 4)  # of the prior and of these three
+    assert answer.row["scale_u"] > 1.9 * pooled / math.sqrt(3)
     assert of.verdict(taken).why == ""  # more mountings are needed than were asked for
 
 
 def test_the_scatter_of_the_mountings_of_a_run_counts_even_where_it_is_small() -> None:
-    of = course(wanted(tolerance=0.04, relative_to_model=True, mountings=3))
+    of = course(wanted(tolerance=0.08, relative_to_model=True, mountings=3))
     alike, apart = (
         [p for m, shift in enumerate((0.0, by, -by), 1) for p in points(*(shift + s for s in SCATTERED), mounting=m)]
         for by in (0.0, 0.02)
@@ -453,21 +480,12 @@ def test_the_scatter_of_the_mountings_of_a_run_counts_even_where_it_is_small() -
 # --- on the bench ----------------------------------------------------------------------------------------
 
 
-def test_three_mountings_that_scatter_have_the_interval_of_two_degrees_of_freedom() -> None:
-    taken = [
-        p for n, shift in enumerate((-0.05, 0.0, 0.05), 1) for p in points(*(shift + d for d in SCATTERED), mounting=n)
-    ]
-    answer = course(wanted(**SCALE, mountings=3)).answer(taken)
-    assert answer is not None
-    assert answer.ratio.degrees_of_freedom == pytest.approx(2)
-
-
-def test_5_percent_on_the_scale_take_85_s_and_the_promise_is_kept(palpate: Palpate) -> None:
-    command = (*MEASURE, "--sample", "4", "--tolerance", "5 %", "--relative-to-model")
+def test_6_percent_on_the_scale_take_85_s_and_the_promise_is_kept(palpate: Palpate) -> None:
+    command = (*MEASURE, "--sample", "4", "--tolerance", "7 %", *STATED)
     found = palpate(*command, "--json", "--out", "run").object
-    assert found["achieved_u"] <= 0.05
+    assert found["reached_U95"] <= 0.07
     assert found["achieved_seconds"] <= 85
-    assert found["achieved_seconds"] == pytest.approx(found["predicted_seconds"], rel=0.05)
+    assert found["achieved_seconds"] == pytest.approx(found["planned"]["as_known_s"], rel=0.05)
     assert found["predicted_u"] == found["planned"]["scale_u"]
     assert found["scale_low_Pa"] < found["modulus_Pa"] < found["scale_high_Pa"]
     assert found["absolute_u"] > 0.4
@@ -480,7 +498,7 @@ def test_5_percent_on_the_scale_take_85_s_and_the_promise_is_kept(palpate: Palpa
 
 @pytest.mark.slow
 def test_a_measurement_that_was_stopped_ends_as_one_that_was_not(palpate: Palpate, on_progress: Any) -> None:
-    command = (*MEASURE, "--sample", "2", "--tolerance", "4 %", "--relative-to-model", "--mountings", "3", "--quiet")
+    command = (*MEASURE, "--sample", "2", "--tolerance", "8 %", "--relative-to-model", "--mountings", "3", "--quiet")
     assert palpate(*command, "--out", "whole").status == 0
 
     def stop(done: int, _total: int, _what: str) -> None:

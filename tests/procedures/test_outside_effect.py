@@ -73,8 +73,7 @@ def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -
     assert list(scene.effects) == ["adc", "wet_glue"]
     assert scene.called["wet_glue"] == "called for, from acme 1.2"
     assert scene.effects["wet_glue"].model_dump() == {"loss": 0.2, "dried": "0.003 s"}
-    (priced,) = [each for each in plan(scene, QUESTION).included if each.name == "wet_glue"]
-    assert priced.seconds >= 0
+    assert [each.name for each in plan(scene, QUESTION).included] == ["adc", "wet_glue"]
     automatic = scene_of('[effects.wet_glue]\nwhen = "auto"\n', tmp_path)
     assert automatic.called["wet_glue"].startswith("can change force by 0.1")
     with pytest.raises(ConfigError, match=r"mine.toml: effects.wet_glue: dried: .*needs a unit"):

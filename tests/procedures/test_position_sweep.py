@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from palpate.instrument.thesis import read_table
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Benches, Palpate, refused
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SWEEP = ("sweep", "position")
 

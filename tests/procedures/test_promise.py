@@ -61,25 +61,20 @@ QUICK = [
 THOROUGH = [
     Case(LoadCellSeries(runs=2, positions=(0.0, 120.0)), (0.7, 1.3), seeds=4),
     Case(LoadSweep(("1", "5")), (0.97, 1.03), seeds=2),
-    Case(LoadSweep(("2",), (4.0,), 10.0), (0.97, 1.03), "noisy_lab", seeds=2),
     Case(SoftnessTest(tuple(get_sample(name) for name in "34"), model="auto"), (0.9, 1.1), seeds=3),
-    Case(FilmSeries(), (0.6, 1.4), seeds=8),
     Case(FilmSeries((2.0, 3.0, 4.0), (5.0, 20.0)), (0.6, 1.4), "thesis_different_base", seeds=8),
-    Case(FrequencySweep(), (0.9, 1.1), seeds=2),
     Case(FrequencySweep((0.2, 1.0, 10.0, 50.0), load=4.0), (0.85, 1.15), seeds=2),
-    Case(ModulusTest("4"), (0.95, 1.08), seeds=3),
     Case(ModulusTest("1", strain=0.2, steps=6), (0.9, 1.1), seeds=3),
     Case(Characterisation(drift_time=60.0), (0.4, 1.7), seeds=4),
     Case(PositionSweep(), (0.5, 1.7), "thesis_common_base", seeds=4),
     Case(ReferenceSeries(REFERENCES), (0.85, 1.25), seeds=3),
-    Case(TemperatureSweep(), (0.95, 1.15), "humid_body", seeds=2),
-    Case(TemperatureSweep(soak=0.0, dwell=0.2), (0.95, 1.15)),
+    Case(TemperatureSweep(), (0.95, 1.15), "humid_body"),
 ]
 TARGETED = [
-    Case(LoadSweep(("2",), (3.0, 4.0), tolerance=0.03), (0.6, 1.5)),
-    Case(FilmSeries((2.0, 3.0, 4.0), dwell=0.2, tolerance=0.015), (0.6, 1.5)),
+    Case(LoadSweep(("2",), (3.0, 4.0), tolerance=0.06), (0.6, 1.5)),
+    Case(FilmSeries((2.0, 3.0, 4.0), dwell=0.2, tolerance=0.03), (0.6, 1.5)),
     Case(SoftnessTest(tuple(get_sample(name) for name in "34"), model="auto", risk=0.05), (0.6, 1.5)),
-    Case(Characterisation(drift_time=60.0, tolerance=0.02), (0.5, 1.6), seeds=4),
+    Case(Characterisation(drift_time=60.0, tolerance=0.04), (0.5, 1.6), seeds=4),
 ]
 
 
@@ -148,8 +143,8 @@ def test_a_dry_run_tells_time_and_uncertainty_of_each_result(palpate: Palpate, c
 @pytest.mark.parametrize(
     ("command", "names"),
     [
-        ("sweep loads --samples 1,2 --tolerance '1 %'", ["force ratio of sample 1", "force ratio of sample 2"]),
-        ("calibrate films --tolerance '1 %'", ["sensitivity of film rigid", "sensitivity of film total"]),
+        ("sweep loads --samples 1,2 --tolerance '2 %'", ["force ratio of sample 1", "force ratio of sample 2"]),
+        ("calibrate films --tolerance '2 %'", ["sensitivity of film rigid", "sensitivity of film total"]),
         ("measure modulus --sample 4 --tolerance '5 %' --relative-to-model --model surface", ["modulus, scale"]),
         ("softness --samples 3,4 --risk '5 %' --model experiment", ["force ratio of 3", "force ratio of 4",
                                                                  "modulus of 3, scale", "modulus of 4, scale"]),

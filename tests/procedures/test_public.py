@@ -66,7 +66,9 @@ SIGNATURES = {
     ),
     "ModulusTest": "sample strain steps extrapolate",
     "OpenBench": "bench chosen today started wall_start log runs history",
-    "ObjectModulus": ("object tolerance time relative_to_model model load frequency mountings mounting_scatter"),
+    "ObjectModulus": (
+        "object tolerance time relative_to_model model load frequency mountings mounting_scatter mounting_freedom"
+    ),
     "Plan": "procedure steps forecast basis",
     "Predicted": "seconds u details lines",
     "PositionSweep": "positions sample load dwell frequency tolerance time extrapolate",
@@ -144,7 +146,6 @@ def public(name: str) -> Any:
 def test_the_public_names_and_their_parameters_stay() -> None:
     for module in (palpate, extend):
         assert {name for name in module.__all__ if getattr(module, name) is None} == set()
-        assert sorted(module.__all__) == sorted(" ".join(module._PLACES.values()).split())
     assert set(palpate.__all__) <= {*SIGNATURES, *ERRORS.split()}
     assert set(SIGNATURES) <= {*palpate.__all__, *extend.__all__}
     assert not set(palpate.__all__) & set(extend.__all__)

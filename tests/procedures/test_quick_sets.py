@@ -54,7 +54,7 @@ def test_a_set_made_again_is_a_new_one_and_takes_half_a_second_beside_its_dwell(
         point = first.work.again(LOAD, "again", 0.1)
         assert point.valid
         assert point.load_measured_N == pytest.approx(LOAD, abs=0.1)
-        sets.append(first.sim.rig._set_at_ns)
+        sets.append(first.sim.rig.set_at_ns)
     assert len(set(sets)) == 4
     assert first.work.servo.amplitude == amplitude
     assert first.sim.clock.now_ns() - began <= 4 * (0.5 + 0.1 + 0.1) * 1e9

@@ -78,8 +78,8 @@ def write_until(
 @pytest.mark.parametrize(
     ("lines", "points", "values"),
     [
-        *((lines, 3, 1) for lines in (1, 2, 3, 5, 6, 9, 30, 31)),
-        *((lines, 1000, 5000) for lines in (20, 60, 61, 100)),
+        *((lines, 3, 1) for lines in (1, 2, 5, 31)),
+        *((lines, 1000, 5000) for lines in (20, 61)),
     ],
 )
 def test_a_killed_run_keeps_every_point_it_reported(

@@ -10,7 +10,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
-from scipy import stats
+import scipy
 
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
@@ -237,7 +237,7 @@ def test_the_calibration_has_each_line_of_the_measured_ratios_and_its_worth_is_t
     assert line.u is not None and more is not None and more.u is not None
     assert another.modulus_u == pytest.approx(sensitivity * more.u)
     assert now.modulus_u == pytest.approx(sensitivity * line.u)
-    assert now.half_width == pytest.approx(now.modulus_u * stats.t.ppf(0.975, line.degrees_of_freedom))
+    assert now.half_width == pytest.approx(now.modulus_u * scipy.stats.t.ppf(0.975, line.degrees_of_freedom))
     constant, spread = found.budgets[-1], c.spread
     assert spread is not None and c.weight == pytest.approx(1 / 3, rel=0.05)
     assert constant.value == c.constant

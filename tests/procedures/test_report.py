@@ -9,10 +9,9 @@ from datetime import UTC, datetime
 from io import BytesIO, StringIO, TextIOWrapper
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from matplotlib.figure import Figure
 
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError
@@ -29,6 +28,9 @@ from palpate.procedures.showing.runs import print_run, print_runs
 from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all, stamped
 from tests.procedures.conftest import HEADER, Palpate
 from tests.shares import first_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DESIGN = get_design("single")
 MARKUP = "a[bold]b[/red] :bug: [/]"  # as a part of the name of a folder

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
@@ -41,7 +40,7 @@ MEANS = ratio_by("experiment")
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few trials, and an empty file for each plot."""
     monkeypatch.setattr(propagation, "TRIALS", 2000)
-    monkeypatch.setattr(Figure, "savefig", lambda _figure, path, **_: Path(path).touch())
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _figure, path, **_: Path(path).touch())
 
 
 def row(

@@ -278,7 +278,7 @@ def theories() -> Comparison:
         return np.array([measured[sample] / 2 for sample in "123456"])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(theory, "_ratios", half)
+        patch.setattr(theory, "ratios", half)
         return theory.compare(("physical", "identified"), Curves([]))
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from matplotlib.figure import Figure
 
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.reproduce.figures.chapter5 import _bench
 
 
 def test_a_benchs_mean_ratio_stands_over_its_modulus_with_bars_of_its_standard_uncertainty() -> None:
+    from matplotlib.figure import Figure
+
     axes = Figure().subplots()
     means = [("1", 0.31, 0.02), ("2", 0.14, 0.01), ("3", None, None)]  # the third has no valid point
     swept = SimpleNamespace(

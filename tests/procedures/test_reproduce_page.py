@@ -11,13 +11,10 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.container import ErrorbarContainer
-from matplotlib.figure import Figure
 
 from palpate.instrument.models import springs
 from palpate.instrument.models.evidence import REPEATS, Evidence
@@ -39,6 +36,10 @@ from palpate.procedures.reproduce.models import Reproduction
 from palpate.procedures.reproduce.page import PARTS, Everything, print_everything, write_page
 from tests.procedures.conftest import silent
 from tests.procedures.test_reproduce_all import pressed, row, swept, weighed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 pytestmark = pytest.mark.slow  # the fixture takes three seconds
 
@@ -87,7 +88,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
     arrangements = {each.design: each for each in experiments.ARRANGEMENTS}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(propagation, "TRIALS", 2000)
-        patch.setattr(Figure, "savefig", keep)
+        patch.setattr("matplotlib.figure.Figure.savefig", keep)
         patch.setattr(everything, "conduct", found)
         patch.setattr(everything, "recorded", recorded)
         done = Everything(Reproduction(folder))
@@ -383,6 +384,8 @@ def test_orders_have_the_thesis_left_ours_right_and_show_who_changes_places(whol
 
 
 def test_experiments_are_squares_circles_and_diamonds_at_the_samples_moduli(whole: Whole) -> None:
+    from matplotlib.container import ErrorbarContainer
+
     (axes,) = whole.panels("Figure 5.6")
     found = {str(each.get_marker()) for each in axes.get_lines() if str(each.get_label()).startswith("thesis")}
     assert found == {"s", "o", "D"}
@@ -404,6 +407,8 @@ def test_the_single_sensors_experiments_stand_with_2d_and_3d_the_pairs_with_3d(w
 
 
 def test_benches_that_know_nothing_of_the_experiments_stand_beside_them_as_predicted(whole: Whole) -> None:
+    from matplotlib.container import ErrorbarContainer
+
     for figure in WITH_THEORIES:
         (axes,) = whole.panels(figure.number)
         said = [str(each.get_label()) for each in axes.containers if isinstance(each, ErrorbarContainer)]

@@ -225,11 +225,13 @@ def run_of(header: dict[str, Any], name: str = "sweep-loads") -> Run:
     return Run(Path("run"), name, True, datetime.now(UTC), "stopped", header, {})
 
 
-@pytest.mark.parametrize("header", FORGERIES)
-def test_a_header_that_was_forged_is_refused(header: dict[str, Any]) -> None:
-    assert header_of(run_of(BEGUN)) == BEGUN
-    with pytest.raises(RecordError, match=r"^run: its header is not that of a procedure on a bench \(.*\); run anew$"):
-        header_of(run_of(header))
+def test_a_header_that_was_forged_is_refused() -> None:
+    for header in FORGERIES:
+        assert header_of(run_of(BEGUN)) == BEGUN
+        with pytest.raises(
+            RecordError, match=r"^run: its header is not that of a procedure on a bench \(.*\); run anew$"
+        ):
+            header_of(run_of(header))
 
 
 @pytest.mark.parametrize("settings", [{}, {"samples": None, "loads": [None]}])

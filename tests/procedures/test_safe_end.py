@@ -7,16 +7,18 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from matplotlib.figure import Figure
 
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import OFF, Benches, Palpate, outputs
 from tests.shares import first_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 pytestmark = pytest.mark.usefixtures("foreground")
 SMALL = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out", "day")
@@ -102,7 +104,7 @@ def test_a_plot_that_crashes_is_one_error_when_outputs_are_off_and_the_run_is_co
         drawn.append(outputs(benches[0]))
         raise crash
 
-    monkeypatch.setattr(Figure, "savefig", savefig)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", savefig)
     said = palpate(*SMALL)
     assert said.status == 1
     assert said.complaint.startswith(message.format(Path("day").absolute()))

@@ -6,11 +6,10 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import matplotlib.image
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
@@ -20,6 +19,9 @@ from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
 from palpate.simulators.scenes.scene import shipped
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 HEAD = {"scene", "purpose", "design", "model", "parameter_set", "seed", "nodes", "effects"}
 
@@ -136,7 +138,7 @@ def test_a_measurement_that_cannot_be_is_refused(options: tuple[str, str], messa
 def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[Design, Waveforms], Figure]:
     """Draws waveforms and keeps the figure in place of the file."""
     figures: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, _path, **_: figures.append(figure))
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, _path, **_: figures.append(figure))
 
     def draw(design: Design, seen: Waveforms) -> Figure:
         drawing.draw(design, seen, "scene try", tmp_path / "try.png")
@@ -146,11 +148,14 @@ def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[Design, 
 
 
 def test_the_picture_is_a_png_with_something_on_it(tmp_path: Path) -> None:
+    from matplotlib.figure import Figure
+    from matplotlib.image import imread
+
     save = Figure.savefig
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", lambda figure, path, **_: save(figure, path, dpi=20))
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **_: save(figure, path, dpi=20))
         drawing.draw(get_design("single"), waveforms(read_scene("ideal"), Question(), 1), "try", tmp_path / "try.png")
-    assert matplotlib.image.imread(tmp_path / "try.png").std() > 0.05
+    assert imread(tmp_path / "try.png").std() > 0.05
 
 
 def test_the_picture_holds_every_stage_of_every_film_in_millivolts(

@@ -165,9 +165,9 @@ def test_a_log_of_a_bench_with_a_sample_changer_is_shown_and_replayed(
 @pytest.mark.parametrize(
     ("line", "seen"),
     [
-        ("mount 3", lambda sim: sim.rig._mounted.sample == get_sample("3")),
-        ("lay none", lambda sim: sim.rig._mounted.on_support),
-        ("weight 240 g", lambda sim: sim.rig._weight == pytest.approx(0.24 * STANDARD_GRAVITY)),
+        ("mount 3", lambda sim: sim.rig.sample == get_sample("3")),
+        ("lay none", lambda sim: sim.rig.mounted.on_support),
+        ("weight 240 g", lambda sim: sim.rig.weight == pytest.approx(0.24 * STANDARD_GRAVITY)),
         ("turn 90", lambda sim: sim.rig.cell_position == 90.0),
     ],
 )

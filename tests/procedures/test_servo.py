@@ -46,9 +46,9 @@ def mount(bench: Bench, sample: str = "2", force: float = PRELOAD) -> LoadServo:
 def stiffen(sim: SimulatedBench, factor: float = 100.0) -> None:
     """The stack becomes much stiffer: a part has come loose and jams."""
     rig = sim.rig
-    found = rig._mounted.response
+    found = rig.mounted.response
     assert found is not None
-    rig._mounted = replace(rig._mounted, response=replace(found, stiffness=factor * found.stiffness))
+    rig.mounted = replace(rig.mounted, response=replace(found, stiffness=factor * found.stiffness))
     rig._begin()
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import GTC as gtc
 import numpy as np
 import pytest
-from scipy import integrate, optimize, stats
+import scipy
 
 from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, lower_limit_factor
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
@@ -38,7 +38,7 @@ from palpate.instrument.signals.noise import _whittle
 from palpate.instrument.signals.noise_parts import _power, _typical
 from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.thesis import read_table
-from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
+from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
 from palpate.procedures.measurements.frequency import procedure as frequency
 from palpate.procedures.measurements.loads.procedure import floor_of
@@ -59,9 +59,9 @@ INF = math.inf
 def test_coverage_factors_are_students() -> None:
     for coverage in (0.5, 0.6827, 0.95, 0.9999):
         for freedom in (0.7, 1.0, 2.5, 30.0, 1e6):
-            expected = stats.t.ppf((1 + coverage) / 2, freedom)
+            expected = scipy.stats.t.ppf((1 + coverage) / 2, freedom)
             assert coverage_factor(freedom, coverage) == pytest.approx(expected, rel=1e-9)
-        assert coverage_factor(INF, coverage) == pytest.approx(stats.norm.ppf((1 + coverage) / 2), rel=1e-12)
+        assert coverage_factor(INF, coverage) == pytest.approx(scipy.stats.norm.ppf((1 + coverage) / 2), rel=1e-12)
 
 
 # --- lines and curves ------------------------------------------------------------------------------------------
@@ -75,7 +75,7 @@ def noisy(seed: int, bend: float = 0.0) -> np.ndarray:
 
 def test_a_line_by_its_residuals_is_that_of_a_regression() -> None:
     y = noisy(1)
-    found, expected = interpolate(X, y, 0.0), stats.linregress(X, y)
+    found, expected = interpolate(X, y, 0.0), scipy.stats.linregress(X, y)
     assert found.coefficients == pytest.approx([expected.intercept, expected.slope], rel=1e-12)
     u = np.sqrt(np.diagonal(found.covariance))
     assert u == pytest.approx([expected.intercept_stderr, expected.stderr], rel=1e-10)
@@ -87,7 +87,7 @@ def test_a_curve_and_its_covariance_are_those_of_a_fit(degree: int, known: float
     """The covariance is known by the residuals, or by the uncertainty that a reading has beforehand."""
     y = noisy(2, bend=-0.1)
     found = interpolate(X, y, known, degree)
-    values, covariance = optimize.curve_fit(
+    values, covariance = scipy.optimize.curve_fit(
         lambda x, *c: np.polynomial.polynomial.polyval(x, c), X, y, np.ones(degree + 1),
         sigma=np.full(X.size, known or 1.0), absolute_sigma=known > 0,
     )  # fmt: skip
@@ -99,7 +99,7 @@ def test_a_curve_and_its_covariance_are_those_of_a_fit(degree: int, known: float
 def test_residuals_count_where_a_chi_squared_test_says_that_they_are_no_chance() -> None:
     y = noisy(3)
     squares = interpolate(X, y, 0.0).residual_sd ** 2 * (X.size - 2)
-    limit = math.sqrt(squares / stats.chi2.isf(SIGNIFICANCE, X.size - 2))
+    limit = math.sqrt(squares / scipy.stats.chi2.isf(SIGNIFICANCE, X.size - 2))
     assert interpolate(X, y, 0.999 * limit).by_scatter
     assert not interpolate(X, y, 1.001 * limit).by_scatter
 
@@ -109,7 +109,7 @@ def test_a_second_degree_is_taken_where_an_f_test_asks_for_it() -> None:
     for seed in range(30):
         y = noisy(seed, bend=0.004 * seed)
         left = [float(((y - np.polynomial.Polynomial.fit(X, y, degree)(X)) ** 2).sum()) for degree in (1, 2)]
-        chance = stats.f.sf((left[0] - left[1]) / (left[1] / (X.size - 3)), 1, X.size - 3)
+        chance = scipy.stats.f.sf((left[0] - left[1]) / (left[1] / (X.size - 3)), 1, X.size - 3)
         taken.append(best_degree(X, y, 0.0))
         assert taken[-1] == (2 if chance < SIGNIFICANCE else 1)
     assert set(taken) == {1, 2}
@@ -122,10 +122,10 @@ def test_a_load_line_is_a_regression_whose_scatter_passes_an_f_test() -> None:
         level = 40 + 2e4 * positions + random.normal(0, scatter, positions.size)
         series = DisplaySeries(positions, np.rint(level[:, None] + random.normal(0, 3.0, (positions.size, 10))))
         found = LoadLine.through("line", series, THESIS_LOAD_CELL)
-        expected = stats.linregress(positions, found.loads)
+        expected = scipy.stats.linregress(positions, found.loads)
         known, freedom = _reading_u(series.displays, THESIS_LOAD_CELL)
         sd = expected.stderr * np.linalg.norm(positions - positions.mean())
-        larger = stats.f.sf((sd / known) ** 2, positions.size - 2, freedom) <= SIGNIFICANCE
+        larger = scipy.stats.f.sf((sd / known) ** 2, positions.size - 2, freedom) <= SIGNIFICANCE
         by_residuals.append(bool(larger))
         assert found.slope == pytest.approx(expected.slope, rel=1e-9)
         assert found.slope_u == pytest.approx(expected.stderr * (1 if larger else known / sd), rel=1e-9)
@@ -139,7 +139,7 @@ def test_the_lower_limit_factor_is_that_of_a_regression_through_all_readings() -
         WeightRun(0.0, *(10 * load + random.normal(0, 0.2, (2, load.size)))) for _ in range(3)
     ]  # fmt: skip
     readings = np.concatenate([series for run in runs for series in (run.loading_mV, run.unloading_mV)])
-    expected = stats.linregress(np.tile(load, 6), readings)
+    expected = scipy.stats.linregress(np.tile(load, 6), readings)
     left = readings - expected.intercept - expected.slope * np.tile(load, 6)
     sd = math.sqrt(float(left @ left) / (readings.size - 2))
     mean = np.mean([run.mean_mV() for run in runs], axis=0)
@@ -150,7 +150,7 @@ def test_the_lower_limit_factor_is_that_of_a_regression_through_all_readings() -
 def test_the_odds_of_a_table_are_those_of_a_fit() -> None:
     table = read_table("A2.1")
     places, ratios, sound = _cells(table)
-    (start, slope), _ = optimize.curve_fit(
+    (start, slope), _ = scipy.optimize.curve_fit(
         lambda x, a, b: (a + b * x) / (1 + a + b * x), places[sound], ratios[sound], (0.2, 0.05), ftol=1e-14, xtol=1e-14
     )
     found = fitted_line(table)
@@ -175,7 +175,7 @@ def test_the_crosstalk_of_films_has_the_standard_error_of_its_mean() -> None:
         own = [r.voltage[film] / r.load for r in readings if r.tooth == film]
         heard = [r.voltage[film] / r.load for r in readings if r.tooth != film]
         assert found.crosstalk[film][1 - film] == pytest.approx(np.mean(heard) / np.mean(own))
-        assert found.crosstalk_u[film][1 - film] == pytest.approx(stats.sem(heard) / np.mean(own))
+        assert found.crosstalk_u[film][1 - film] == pytest.approx(scipy.stats.sem(heard) / np.mean(own))
 
 
 def test_amplitude_and_phase_of_a_sine_are_as_uncertain_as_a_fit_says() -> None:
@@ -183,7 +183,7 @@ def test_amplitude_and_phase_of_a_sine_are_as_uncertain_as_a_fit_says() -> None:
     y = 0.02 + 0.01 * time + 0.3 * np.cos(2 * np.pi * 10 * time + 0.4) + 0.02 * random.standard_normal(time.size)
     found = fit_sine(time, [y], 10.0)
     middle = time - time.mean()
-    values, covariance = optimize.curve_fit(
+    values, covariance = scipy.optimize.curve_fit(
         lambda t, a, p, c, d: a * np.cos(2 * np.pi * 10 * t + p) + c + d * middle, time, y, (0.2, 0.3, 0.0, 0.0),
         sigma=np.full(time.size, found.noise[0]), absolute_sigma=True,
     )  # fmt: skip
@@ -201,7 +201,7 @@ def test_white_and_falling_noise_are_told_apart_as_likelihood_does() -> None:
             density = np.exp(parts[0]) + np.exp(parts[1]) * slope
             return float(lines @ (np.log(density) + power / density))
 
-        best = optimize.minimize(unlikely, (0.0, 0.0), tol=1e-12)
+        best = scipy.optimize.minimize(unlikely, (0.0, 0.0), tol=1e-12)
         found = [float(part[0]) for part in _whittle(power[None], slope, lines)]
         assert found == pytest.approx(np.exp(best.x), rel=1e-3)
 
@@ -210,12 +210,12 @@ def test_the_power_of_noise_of_an_unknown_shape_is_a_mixture_of_inverse_chi_squa
     """Each share of 1/f noise has its own; mean, variance and so degrees of freedom are those of the mixture."""
     log, squares, count = np.log([[0.2, 0.5, 0.3]]), np.array([[30.0, 40.0, 55.0]]), 40
     mean, freedom, _ = _power(log, squares, count)
-    parts = [stats.invgamma(count / 2, scale=s / 2) for s in squares[0]]
+    parts = [scipy.stats.invgamma(count / 2, scale=s / 2) for s in squares[0]]
     weights = np.array([0.2, 0.5, 0.3])
     expected = float(weights @ [part.mean() for part in parts])
     variance = float(weights @ [part.var() + part.mean() ** 2 for part in parts]) - expected**2
     assert mean[0] == pytest.approx(expected, rel=1e-12)
-    one = stats.invgamma(freedom[0] / 2, scale=freedom[0] * _typical(mean, freedom)[0] / 2)
+    one = scipy.stats.invgamma(freedom[0] / 2, scale=freedom[0] * _typical(mean, freedom)[0] / 2)
     assert (one.mean(), one.var()) == pytest.approx((expected, variance), rel=1e-9)
 
 
@@ -228,7 +228,7 @@ def test_corner_and_resonance_are_those_of_a_fit() -> None:
     for fit, model, true in fits:
         y = model(f, *true) * (1 + 0.02 * random.standard_normal(f.size))
         u = 0.02 * y
-        values, covariance = optimize.curve_fit(
+        values, covariance = scipy.optimize.curve_fit(
             lambda f, *p, model=model: np.log(model(f, *p)), f, np.log(y), true, sigma=u / y, absolute_sigma=True
         )
         found = fit(f, y, u)
@@ -245,9 +245,9 @@ def test_corner_and_resonance_are_those_of_a_fit() -> None:
 def test_the_interval_of_a_modulus_has_students_ends() -> None:
     curve, ratio, u, freedom = ratio_curve(SINGLE, Load(2.0, get_sample("3")), "column"), 0.4, 0.01, 4.0
     found = modulus_of_ratio(curve, ratio, u, degrees_of_freedom=freedom)
-    half = stats.t.ppf(0.975, freedom) * u + curve.error
+    half = scipy.stats.t.ppf(0.975, freedom) * u + curve.error
     for end, modulus in ((ratio - half, found.low), (ratio + half, found.high)):
-        expected = optimize.brentq(
+        expected = scipy.optimize.brentq(
             lambda at, end=end: float(curve.line(at)) - end, curve.turns[0], curve.turns[-1], xtol=1e-13
         )
         assert math.log(modulus) == pytest.approx(expected, abs=1e-9)
@@ -270,7 +270,7 @@ def test_means_that_are_called_apart_are_so_by_welchs_test() -> None:
     """The fewer degrees of freedom of the two count, which is on the safe side of his."""
     for freedom in ((3, 20), (8, 8)):
         u = math.hypot(0.02, 0.03)
-        limit = float(stats.t.ppf(0.975, min(freedom))) * u
+        limit = float(scipy.stats.t.ppf(0.975, min(freedom))) * u
         for times in (0.999, 1.001):
             one, other = (
                 Budget("ratio", value, "", (Component("noise", each, 1.0, nu),))
@@ -278,7 +278,7 @@ def test_means_that_are_called_apart_are_so_by_welchs_test() -> None:
             )
             sizes = [nu + 1 for nu in freedom]
             sds = [budget.u * math.sqrt(n) for budget, n in zip((one, other), sizes, strict=True)]
-            welch = stats.ttest_ind_from_stats(one.value, sds[0], sizes[0], other.value, sds[1], sizes[1], False)
+            welch = scipy.stats.ttest_ind_from_stats(one.value, sds[0], sizes[0], other.value, sds[1], sizes[1], False)
             assert apart(one, other) == (times > 1)
             assert not apart(one, other) or welch.pvalue < 0.05
 
@@ -288,9 +288,10 @@ def test_a_place_is_where_its_likelihood_says() -> None:
     shares, noise, scatter = (0.32, 0.09), (0.004, 0.003), np.array([[25e-4, -6e-4], [-6e-4, 16e-4]])
     x = np.linspace(0, design.plate.length, round(design.plate.length / 1e-5) + 1)
     expected = shares_along(design, sample, x)
-    alone = np.diag(np.square(noise) + stats.uniform(-ERROR, 2 * ERROR).var())
+    alone = np.diag(np.square(noise) + scipy.stats.uniform(-ERROR, 2 * ERROR).var())
+    normal = scipy.stats.multivariate_normal
     log = np.array([
-        stats.multivariate_normal(told, alone + scatter * np.outer(told, told)).logpdf(shares) for told in expected.T
+        normal(told, alone + scatter * np.outer(told, told)).logpdf(shares) for told in expected.T
     ])  # fmt: skip
     weight = np.exp(log - log.max()) / np.exp(log - log.max()).sum()
     found = locate(design, sample, shares, noise, scatter)
@@ -311,7 +312,7 @@ def test_two_forces_differ_where_students_factor_of_their_difference_ends() -> N
     noise_u, total_u = forces.force_total_noise_u, forces.force_total_u
     films = gtc.ureal(0, noise_u, forces.degrees_of_freedom) + gtc.ureal(0, math.sqrt(total_u**2 - noise_u**2))
     difference = films - gtc.ureal(0, load_u, known)
-    chance = stats.t.isf(FALSE_ALARMS / 2, difference.df) * difference.u
+    chance = scipy.stats.t.isf(FALSE_ALARMS / 2, difference.df) * difference.u
     lost = 1 - abs(1 / (1 + 1 / (2j * math.pi * at * CHARGE_AMPLIFIER)))
     agrees, differs = forces.force_total_N, 3 * forces.force_total_N
     for _ in range(60):
@@ -343,7 +344,7 @@ def test_figures_of_a_sensor_have_the_uncertainty_of_their_equations() -> None:
     ]
     found, up = rows(points), [p for p in points if p.direction == "loading"]
     loads, volts = np.array(LOADS), np.array([p.voltages_V[1] for p in up])
-    line = stats.linregress(loads, volts)
+    line = scipy.stats.linregress(loads, volts)
     slope = gtc.ureal(line.slope, line.stderr)
     slope *= gtc.ureal(1, THESIS_LOAD_CELL.sensitivity_u / THESIS_LOAD_CELL.sensitivity_mV_per_N)
     top = up[-1]
@@ -354,7 +355,7 @@ def test_figures_of_a_sensor_have_the_uncertainty_of_their_equations() -> None:
     ratio = 20 * gtc.log10(amplitude * gain / math.sqrt(8) / noise)
     held = [p for p in points if p.direction == "holding"]
     volts_held = np.array([p.voltages_V[1] for p in held])
-    drift = stats.linregress([p.time_s / 60 for p in held], volts_held / volts_held.mean())
+    drift = scipy.stats.linregress([p.time_s / 60 for p in held], volts_held / volts_held.mean())
     for name, value, u in (
         ("force sensitivity", slope.x, slope.u),
         ("signal-to-noise ratio", ratio.x, ratio.u),
@@ -367,9 +368,9 @@ def test_figures_of_a_sensor_have_the_uncertainty_of_their_equations() -> None:
 def test_the_greatest_of_normal_noise_scatters_as_its_order_statistics_say(samples: int) -> None:
     """The greatest of n is below x with the probability of one to the power n; palpate takes the limit of that."""
     x = np.linspace(0, 8, 20_001)
-    density = np.gradient(stats.halfnorm.cdf(x) ** samples, x)
-    mean = integrate.trapezoid(x * density, x)
-    sd = math.sqrt(integrate.trapezoid((x - mean) ** 2 * density, x))
+    density = np.gradient(scipy.stats.halfnorm.cdf(x) ** samples, x)
+    mean = scipy.integrate.trapezoid(x * density, x)
+    sd = math.sqrt(scipy.integrate.trapezoid((x - mean) ** 2 * density, x))
     assert of_greatest(samples) == pytest.approx(sd / mean, rel=0.06)
 
 
@@ -403,12 +404,13 @@ def test_a_plan_counts_the_pick_up_of_two_cables_in_a_ratio() -> None:
     assert (scatter.u, cables.u) == pytest.approx((SINGLE.ratio_scatter, (top / bottom).u / ratio), rel=1e-9)
 
 
-def test_a_dwell_leaves_noise_what_the_floor_leaves_of_the_target() -> None:
+def test_a_dwell_leaves_noise_what_the_floor_leaves_of_the_tolerance() -> None:
     floor = (Floor("scatter", 0.02), Floor("pick-up", 0.01))
-    found = dwell_of(0.03, 0.05, 10.0, floor)
+    found = dwell_of(NORMAL_FACTOR * 0.03, 0.05, 10.0, floor)
     parts = gtc.ureal(0, 0.02) + gtc.ureal(0, 0.01)
     assert floor_u(floor) == pytest.approx(parts.u, rel=1e-12)
-    assert (parts + gtc.ureal(0, 0.05 / math.sqrt(found.asked))).u == pytest.approx(0.03, rel=1e-9)
+    shorter = parts + gtc.ureal(0, 0.05 / math.sqrt(found.dwell - 0.1))
+    assert found.u <= 0.03 < shorter.u
     assert found.u == pytest.approx((parts + gtc.ureal(0, 0.05 / math.sqrt(found.dwell))).u, rel=1e-9)
 
 
@@ -417,7 +419,7 @@ def test_a_dwell_leaves_noise_what_the_floor_leaves_of_the_target() -> None:
 
 @pytest.mark.parametrize("count", [1, 7, 40])
 def test_the_farthest_of_several_means_has_sidaks_limit(count: int) -> None:
-    beyond = 2 * stats.norm.sf(bias.limit(count))
+    beyond = 2 * scipy.stats.norm.sf(bias.limit(count))
     assert (1 - beyond) ** count == pytest.approx(1 - bias.BY_CHANCE, rel=1e-9)
 
 

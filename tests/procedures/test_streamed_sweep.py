@@ -51,10 +51,11 @@ def test_a_drive_that_follows_set_points_finds_the_ratio_that_generator_and_ampl
 
 # of the ratio, relative: 16 bits round a recording that is repeated, which moves it by 0.1 % with our own devices, too
 ROUNDING = 2e-3
-FAULTS = {
-    "can": ["lost_frame", "bus_off", "bus_overload"],
-    "drive": ["lost_frame", "delayed_frame", "duplicated_frame", "emergency", "no_heartbeat"],
-}
+FAULTS = [  # at rest, and in the middle of a recording
+    ("can", "lost_frame", 20.0), ("can", "bus_off", 91.0), ("can", "bus_overload", 20.0), ("drive", "lost_frame", 91.0),
+    ("drive", "delayed_frame", 20.0), ("drive", "duplicated_frame", 91.0), ("drive", "emergency", 20.0),
+    ("drive", "no_heartbeat", 91.0),
+]  # fmt: skip
 
 
 def recorded(folder: Path, devices: dict[str, dict[str, Any]], fault: str = "", log: Path | None = None) -> SweepResult:
@@ -78,8 +79,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("place", "kind"), [(place, kind) for place, kinds in FAULTS.items() for kind in kinds])
-@pytest.mark.parametrize("at", [20.0, 91.0])
+@pytest.mark.parametrize(("place", "kind", "at"), FAULTS)
 def test_a_sweep_outlives_the_faults_of_its_bus_with_the_same_ratio(
     place: str, kind: str, at: float, usual: float, store: Path
 ) -> None:

@@ -17,7 +17,7 @@ import pytest
 
 import palpate
 from palpate.instrument import errors
-from palpate.instrument.allocation.allocate import BelowFloor
+from palpate.instrument.allocation.table import Allocation, OutOfReach
 from palpate.procedures.virtual.executors import executor_of
 
 PALPATE = str(Path(sys.executable).with_name("palpate"))
@@ -208,7 +208,8 @@ class Own(errors.DeviceError):
 
 def test_every_error_survives_pickling_with_its_message_its_notes_and_its_values() -> None:
     unusual: list[errors.PalpateError] = [
-        errors.UnknownName("sample", "x", ["y", "z"]), BelowFloor(0.1, 0.2, "noise"), Own(number=4),
+        errors.UnknownName("sample", "x", ["y", "z"]), Own(number=4),
+        OutOfReach(0.1, Allocation(1, 10, 0.1, 20.0, 0.1, 0.2, {}, "noise"), 0.15, "films"),
     ]  # fmt: skip
     usual = [kind("it failed") for kind in _kinds(errors.PalpateError) if kind not in map(type, unusual)]
     assert len(usual) > 15

@@ -125,7 +125,7 @@ def test_a_link_that_fails_for_want_of_files_says_so(monkeypatch: pytest.MonkeyP
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
     link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=9))
-    monkeypatch.setattr(link._client, "connect", lambda: False)
+    monkeypatch.setattr(link.client, "connect", lambda: False)
     monkeypatch.setattr(os, "open", full)
     with pytest.raises(LinkError, match=r"cannot be opened: Too many open files in this program; .* ulimit -n"):
         link.open()

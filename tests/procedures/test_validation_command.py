@@ -1,4 +1,4 @@
-"""`palpate accuracy validation`, and the page that shows what it prints."""
+"""`palpate model validation`, and the page that shows what it prints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "validation.md"
 
 
 def test_every_model_stands_beside_the_experiments_of_each_arrangement(palpate: Palpate) -> None:
-    found = palpate("accuracy", "validation", "--json").object
+    found = palpate("model", "validation", "--json").object
     assert found.keys() == {"sign", "models"}
     assert found["sign"] == "model less measured mean, in percent of the measured mean"
     assert {(m["design"], m["model"]) for m in found["models"]} == {
@@ -33,7 +33,7 @@ def test_every_model_stands_beside_the_experiments_of_each_arrangement(palpate: 
 
 
 def test_people_read_the_distance_sample_by_sample_and_why_there_is_none(palpate: Palpate) -> None:
-    said = palpate("accuracy", "validation", "--design", "common_base").out
+    said = palpate("model", "validation", "--design", "common_base").out
     assert "model less measured mean" in said and "worst" in said
     assert "experiment, physical: input: the model is given the measured means" in said
     assert "axisymmetric, physical: none: design 'common_base' has 2 teeth" in said
@@ -48,7 +48,7 @@ def test_people_read_the_distance_sample_by_sample_and_why_there_is_none(palpate
     ],
 )
 def test_what_has_no_answer_is_refused(palpate: Palpate, options: tuple[str, ...], part: str) -> None:
-    said = palpate("accuracy", "validation", *options)
+    said = palpate("model", "validation", *options)
     assert said.status == 2 and part in said.err and said.out == ""
 
 
@@ -67,14 +67,6 @@ def test_a_ratio_comes_with_the_distance_of_its_model_from_the_experiments(palpa
     assert "that of the set as it stands, without --sensed-thickness" in inverse
     none = palpate(*ratio, "--design", "single_round", "--model", "column").out
     assert " none " in none and "nothing was measured with design 'single_round'" in none
-
-
-def test_prices_come_with_the_distance_of_each_model_from_the_experiments(palpate: Palpate) -> None:
-    found = palpate("accuracy", "models", "--json").object
-    priced = {(price["design"], price["model"]) for price in found["prices"]}
-    assert {(each["design"], each["model"]) for each in found["validation"]} == priced
-    said = palpate("accuracy", "models", "--design", "single").out
-    assert re.search(r"surface +\d+ poles of solid .* 28 % ", said) and re.search(r"experiment .* input ", said)
 
 
 # --- the document --------------------------------------------------------------------------------------
@@ -101,7 +93,7 @@ def test_what_is_solved_anew_replaces_what_is_kept(
 ) -> None:
     monkeypatch.setattr(validation, "solve", lambda *_: dict.fromkeys(SAMPLES, 0.5))
     monkeypatch.setattr(validation, "STORED", tmp_path / "validation.json")
-    said = palpate("accuracy", "validation", "--store", "--json")
+    said = palpate("model", "validation", "--store", "--json")
     assert said.err.startswith("palpate: note: solving the stored finite elements anew takes about 50 s\n")
     found = said.object
     validation.stored.cache_clear()

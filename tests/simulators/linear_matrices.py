@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from random import Random
 from typing import Any
 
-import mpmath
 import numpy as np
-from hypothesis import strategies as st
 
 from palpate.simulators.linear.lti import Floats
 
@@ -14,42 +13,44 @@ APART = [0.0, 1e-16, 3e-16, 1e-15, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-5, 1e-4, 
 DIGITS = 50
 
 
-@st.composite
-def questions(draw: st.DrawFn, most: int = 12) -> tuple[Floats, int]:
+def question(draw: Random, most: int = 12) -> tuple[Floats, int]:
     """A matrix, and a time [ns] in which one of its poles is at work: long after it exp(|A| t) bounds nothing."""
-    a = draw(chains(most=most))
-    rate = abs(a.diagonal()[draw(st.integers(0, len(a) - 1))]) or 1.0
-    return a, max(1, int(1e9 / rate * 10.0 ** draw(st.floats(-2, 1))))
+    a = chain(draw, most)
+    rate = abs(draw.choice(a.diagonal())) or 1.0
+    return a, max(1, int(1e9 / rate * 10.0 ** draw.uniform(-2, 1)))
 
 
-@st.composite
-def chains(draw: st.DrawFn, least: int = 2, most: int = 12) -> Floats:
+def chain(draw: Random, most: int = 12) -> Floats:
     """Stages in series, of which some have nearly the same pole, some feed back, and one or two may swing."""
-    order = draw(st.integers(least, most))
+    order = draw.randint(2, most)
     rates: list[float] = []
     while len(rates) < order:
-        if rates and draw(st.booleans()):
-            rates.append(draw(st.sampled_from(rates)) * (1 + draw(st.sampled_from(APART))))
+        if rates and draw.random() < 0.5:
+            rates.append(draw.choice(rates) * (1 + draw.choice(APART)))
         else:
-            rates.append(10.0 ** draw(st.floats(-3, 6)))
-    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+            rates.append(10.0 ** draw.uniform(-3, 6))
+    random = np.random.default_rng(draw.randrange(2**32))
     a = np.tril(random.normal(size=(order, order)) * 10.0 ** random.uniform(-3, 3, (order, order)), -1)
-    a[random.random(a.shape) < draw(st.sampled_from([0.0, 0.5]))] = 0.0
+    a[random.random(a.shape) < draw.choice([0.0, 0.5])] = 0.0
     a -= np.diag(rates)
-    for _ in range(draw(st.sampled_from([0, 0, 1, 2]))):  # an armature: x' = v, v' = -w^2 x - d v
-        at, w = draw(st.integers(0, order - 2)), 10.0 ** draw(st.floats(0, 3))
-        a[at : at + 2, at : at + 2] = [[0.0, 1.0], [-w * w, -w * draw(st.sampled_from([0.1, 2.0]))]]
+    for _ in range(draw.choice([0, 0, 1, 2])):  # an armature: x' = v, v' = -w^2 x - d v
+        at, w = draw.randint(0, order - 2), 10.0 ** draw.uniform(0, 3)
+        a[at : at + 2, at : at + 2] = [[0.0, 1.0], [-w * w, -w * draw.choice([0.1, 2.0])]]
     return a
 
 
 def exponential(a: Floats, elapsed_ns: int) -> Any:
     """exp(a t) by mpmath."""
+    import mpmath
+
     with mpmath.workdps(DIGITS + 30):
         return mpmath.expm(mpmath.matrix(a.tolist()) * mpmath.mpf(elapsed_ns) / 10**9, method="taylor")
 
 
 def worst(found: Floats, exact: Any, bound: Any) -> float:
     """The greatest error of an element of `found` over the same element of `bound`."""
+    import mpmath
+
     order, errors = len(found), [0.0]
     with mpmath.workdps(DIGITS):
         for i in range(order):

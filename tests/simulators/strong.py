@@ -35,7 +35,7 @@ STRONG: dict[str, Effect] = {
     "amplifier_clip": AmplifierClip(rail="1 V"),
     "current_limit": CurrentLimit(limit="0.3 A"),
     "end_stops": EndStops(travel="1 mm"),
-    "shaker_dynamics": ShakerDynamics(mass="300 g"),
+    "shaker_dynamics": ShakerDynamics(mass="0.3 kg"),
     "curve_error": CurveError(),
     "mounting_scatter": MountingScatter(scatter=0.1),
     "viscoelastic": Viscoelastic(material="soft_tissue"),

@@ -17,6 +17,7 @@ from palpate.procedures.testing.wire import frames, impatient_node, payloads
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import CanSegment
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
@@ -40,10 +41,11 @@ def sync(listener: can.BusABC) -> None:
 
 def test_a_node_boots_up_when_it_is_switched_on(scene: Scene) -> None:
     clock = VirtualClock()
-    with (
-        can.Bus(interface="virtual", channel="boot-up") as listener,
-        CanSegment(clock, Rig(scene, clock), [5, 9], "virtual", "boot-up"),
-    ):
+    rig = Rig(scene, clock)
+    segment = CanSegment(clock, rig, "virtual", "boot-up")
+    for node_id in (5, 9):
+        segment.add(SimulatedSensorNode(clock, node_id, 1, rig))
+    with can.Bus(interface="virtual", channel="boot-up") as listener, segment:
         started = frames(listener)
     assert payloads(started, HEARTBEAT + 5) == payloads(started, HEARTBEAT + 9) == [BOOT_UP]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.linear import path as path_module
@@ -101,13 +101,12 @@ def test_without_inertia_the_chain_is_in_balance_at_every_moment(name: str) -> N
     x, force = balance(setting, 1e-9 * times)
     found = path.outputs(times, slice(0, None))
     assert np.abs(found[chain.force] - force).max() < 1e-11 * force.max()
-    assert np.abs(found[chain._displacement] - x).max() < 1e-11 * np.abs(x).max()
+    assert np.abs(found[chain.displacement] - x).max() < 1e-11 * np.abs(x).max()
     assert np.abs(found[1] - force).max() < 1e-11 * force.max()
     assert len(path.modes_until(250 * MS)) >= 5
 
 
-@pytest.mark.parametrize("ring", [False, True])
-@pytest.mark.parametrize(("advance", "volts"), [(4e-3, 2.0), (1e-3, 3.0)])
+@pytest.mark.parametrize(("ring", "advance", "volts"), [(False, 4e-3, 2.0), (True, 1e-3, 3.0)])
 def test_play_operators_follow_their_rule_on_a_fine_grid(ring: bool, advance: float, volts: float) -> None:
     """z <- max(x - r, min(x + r, z)), exact at any step: with loss of contact, and on both paths."""
     plays = Plays(ring, (0.01, 0.05, 0.2), (0.3, 0.2, 0.1))
@@ -135,7 +134,7 @@ def test_zero_drive_on_plays_and_limits_is_no_endless_story() -> None:
     chain, path = Setting(2e-3, 0.0, Limits(rail=1.0, current=1.0, stop=1e-3), plays).path()
     force = path.outputs(np.array([0, SECOND, 30 * 86_400 * SECOND]), slice(chain.force, chain.force + 1))[0]
     assert force == pytest.approx((TOOTH + RING) * 2e-3 * SUSPENSION / (SUSPENSION + TOOTH + RING), rel=1e-12)
-    assert len(path._stretches) < 6
+    assert len(path.stretches) < 6
 
 
 def test_a_creeping_sample_is_followed_until_each_period_is_the_last_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,11 +142,11 @@ def test_a_creeping_sample_is_followed_until_each_period_is_the_last_again(monke
     setting, times = Setting(1e-3, 3.0, creeping=True), 9 * SECOND + np.arange(0, 300) * MS
     _, path = setting.path()
     recurring = path.outputs(times, slice(0, 2))
-    assert path._cycle is not None and path._cycle.start_ns > SECOND
+    assert path.cycle is not None and path.cycle.start_ns > SECOND
     monkeypatch.setattr(path_module, "recurrence", lambda *_: None)
     _, path = setting.path()
     followed = path.outputs(times, slice(0, 2))
-    assert path._cycle is None
+    assert path.cycle is None
     # Followed, transitions are of whole nanoseconds: that is 3e-11, in every later period alike.
     assert np.abs(recurring - followed).max() < 1e-10 * np.abs(followed).max()
 
@@ -196,7 +195,7 @@ def lived(setting: Setting, until: float) -> tuple[list[float], Callable[[Floats
 
             event.terminal, event.direction = True, -1.0 if here[k] else 1.0  # type: ignore[attr-defined]
             events.append(event)
-        done = solve_ivp(
+        done = scipy.integrate.solve_ivp(
             slope, (t, until), z, method="DOP853", rtol=1e-11, atol=1e-13, max_step=2e-4, events=events,
             dense_output=True,
         )  # fmt: skip
@@ -237,9 +236,9 @@ def test_with_inertia_the_chain_meets_and_leaves_its_limits_when_the_integrator_
     grid = np.arange(1, round(1e3 * until)) * MS
     found = path.outputs(grid, slice(0, None))
     i, x, _ = at(1e-9 * grid)
-    assert np.abs(found[chain._displacement] - x).max() < 1e-8 * np.abs(x).max()
-    assert np.abs(found[chain._current] - i).max() < 1e-8 * np.abs(i).max()
-    stays = path._between(0, round(until * 1e9))
+    assert np.abs(found[chain.displacement] - x).max() < 1e-8 * np.abs(x).max()
+    assert np.abs(found[chain.current] - i).max() < 1e-8 * np.abs(i).max()
+    stays = path.between(0, round(until * 1e9))
     starts = [after.start_ns for before, after in itertools.pairwise(stays) if after.mode is not before.mode]
     assert len(starts) == len(times) >= 2
     assert np.abs(np.array(starts) - 1e9 * np.array(times)).max() < 2

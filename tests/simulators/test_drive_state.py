@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.simulators.mapped.positioner import (
+from palpate.simulators.devices.positioner import (
     DISABLED,
     ENABLED,
     FAULT,

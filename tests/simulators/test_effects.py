@@ -16,11 +16,11 @@ import numpy.typing as npt
 import pytest
 
 from palpate.instrument.errors import ConfigError, UnknownName
-from palpate.instrument.sensor.designs import DESIGNS, get_design
+from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
-from palpate.simulators.devices.strain_indicator import SimulatedStrainIndicator
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
@@ -90,8 +90,12 @@ def test_an_effect_whose_class_has_another_name_is_refused(monkeypatch: pytest.M
         effect_class("glue_loss")
 
 
-@pytest.mark.parametrize("name", EFFECTS)
-def test_every_effect_has_a_kind_defaults_for_all_and_cannot_be_changed(name: str) -> None:
+def test_every_effect_has_a_kind_defaults_for_all_and_cannot_be_changed() -> None:
+    for name in EFFECTS:
+        is_described(name)
+
+
+def is_described(name: str) -> None:
     effect = effect_class(name)()
     assert effect.kind in get_args(Kind)
     assert isinstance(effect.cancels_in_ratio, bool)
@@ -178,7 +182,7 @@ def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name
         times = clock.now_ns() + np.arange(1, 501) * MS
         samples = node.sample(times, node.film_channels @ rig.film_voltages(times), MS)
         reading = SimulatedStrainIndicator(clock, "SIM-SI-0001", rig).read("reading_float")
-        return samples.counts.astype(float), reading, rig._film_signals().d[:, 0]
+        return samples.counts.astype(float), reading, rig.film_system().d[:, 0]
 
     base = {each: STRONG[each] for each in ("white_noise", "gain_scatter", "load_cell") if each != name}
     own, added = {name: STRONG[name]}, {**base, name: STRONG[name]}
@@ -225,7 +229,7 @@ def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -
 DRAWS = 20_000  # a standard deviation of them is known to 0.5 %
 
 
-@pytest.mark.parametrize("design", first_of(sorted(DESIGNS, key=lambda name: name != "common_base")))
+@pytest.mark.parametrize("design", first_of(["common_base", "array"]))
 def test_gains_of_20_000_sets_scatter_as_films_teeth_and_sensor_are_stated_to(design: str) -> None:
     chosen, stream, effect = get_design(design), Stream(1, "gain_scatter"), GainScatter()
     gains = np.array([effect.matrix(chosen, stream, 1000 * number).diagonal() for number in range(DRAWS)])
@@ -268,13 +272,13 @@ def test_gains_are_drawn_anew_with_each_amplitude_and_held_until_then() -> None:
     clock = VirtualClock()
     rig = Rig(scene("gain_scatter"), clock)
     pressed(rig, "2", BALANCE + 7e-3, 1.0)
-    first = rig._film_signals().d[:, 0]
+    first = rig.film_system().d[:, 0]
     clock.wait(1.0)
     rig.set_position(BALANCE + 8e-3)
-    assert rig._film_signals().d[:, 0].tobytes() == first.tobytes()
+    assert rig.film_system().d[:, 0].tobytes() == first.tobytes()
     clock.wait(1.0)
     pressed(rig, "2", BALANCE + 7e-3, 1.1)
-    assert (rig._film_signals().d[:, 0] != first).all()
+    assert (rig.film_system().d[:, 0] != first).all()
 
 
 # --- noise, converter, indicator -----------------------------------------------------------------------
@@ -297,7 +301,8 @@ def test_white_noise_is_independent_between_channels_and_nodes() -> None:
         data, _ = seen({"white_noise": WhiteNoise(density="1 mV/√Hz")}, node_id=node_id)
         quiet, _ = seen({}, node_id=node_id)
         difference = np.frombuffer(data[:8000], "<i2").astype(float) - np.frombuffer(quiet[:8000], "<i2")
-        counts |= {(node_id, channel): column for channel, column in enumerate(difference.reshape(-1, 4).T)}
+        with_films = difference.reshape(-1, 4)[:, :2]
+        counts |= {(node_id, channel): column for channel, column in enumerate(with_films.T)}
     for one, other in itertools.combinations(counts.values(), 2):
         assert abs(np.corrcoef(one, other)[0, 1]) < 4.5 / np.sqrt(1000)
     assert all(column.std() > 10 for column in counts.values())

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import humidity_leak
@@ -39,7 +39,9 @@ def network(capacitance: float, conductance: Callable[[float], float], end: floa
         return (capacitance * 20 * math.pi * math.cos(20 * math.pi * t) - conductance(t) * volts) / total
 
     start = capacitance / total
-    solved = solve_ivp(slope, (0, end), [start], method="DOP853", rtol=1e-11, atol=1e-14, dense_output=True)
+    solved = scipy.integrate.solve_ivp(
+        slope, (0, end), [start], method="DOP853", rtol=1e-11, atol=1e-14, dense_output=True
+    )
     return lambda time: np.asarray(solved.sol(time)[0])
 
 
@@ -84,7 +86,7 @@ def test_a_leak_across_a_voltage_amplifier_drains_as_the_changing_network_does(m
     amplitudes, preload = unit(bare)
     # Preload and sine by superposition: the network is linear in both.
     exact = network(DISC, lambda t: 1e-9 + leak.conductance(t), 2.0)
-    step = solve_ivp(
+    step = scipy.integrate.solve_ivp(
         lambda t, v: -(1e-9 + leak.conductance(t)) / (DISC + CABLE) * v, (0, 2.0), [DISC / (DISC + CABLE)],
         method="DOP853", rtol=1e-10, atol=1e-16, dense_output=True,
     )  # fmt: skip
@@ -123,17 +125,17 @@ def test_a_leak_that_has_ended_changes_nothing_any_more_in_30_days(monkeypatch: 
     monkeypatch.setattr(humidity_leak, "EPOCHS", 50)
     clock, rig = driven({"charge_amplifier": ChargeAmplifier(), "humidity_leak": HumidityLeak(over="1 s")})
     clock.wait(2.0)
-    begun = rig._paths[-1]
+    begun = rig.path
     clock.wait(30 * 86_400.0)
-    assert rig._paths[-1] is begun
+    assert rig.path is begun
 
 
 def test_a_leak_without_an_amplifier_that_loads_the_film_never_begins_anything_anew() -> None:
     clock, rig = driven({"humidity_leak": HumidityLeak(wet="1 Mohm", over="1 s")})
-    begun = rig._paths[-1]
+    begun = rig.path
     assert rig.next_event_ns() == NEVER
     clock.wait(0.5)
-    assert rig._paths[-1] is begun
+    assert rig.path is begun
     times = 400 * MS + np.arange(0, 100 * MS, MS)
     assert rig.film_voltages(times).tobytes() == driven({})[1].film_voltages(times).tobytes()
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.signals.estimate import fit_sine
+from palpate.simulators import randomness
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.bounds.fits import fitted
 from palpate.simulators.clock import VirtualClock
@@ -19,18 +20,21 @@ from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects import pink_noise
 from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
+from palpate.simulators.effects.curve_error import CurveError
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.effects.glue_clamping import GlueClamping
 from palpate.simulators.effects.jitter import Jitter
+from palpate.simulators.effects.load_cell import LoadCell
 from palpate.simulators.effects.mains_hum import MainsHum
+from palpate.simulators.effects.mounting_scatter import MountingScatter
 from palpate.simulators.effects.pink_noise import PinkNoise
 from palpate.simulators.effects.white_noise import WhiteNoise
 from palpate.simulators.linear.lti import Times
 from palpate.simulators.physics.effect import Bound, Case, Effect, Floats
 from palpate.simulators.physics.stages import InputEffect
-from palpate.simulators.planning.plan import Question, case_of, driven
+from palpate.simulators.planning.plan import Question, case_of, driven, sampled
 from palpate.simulators.randomness import BLOCK, Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig.rig import Rig, RigLoadCell
 from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
@@ -52,11 +56,62 @@ def volts(effect: InputEffect, time_ns: Times, period_ns: int = MS, name: object
     return effect.volts(Stream(1, name), time_ns, period_ns, lambda: rates(time_ns))
 
 
+# --- how much is drawn ---------------------------------------------------------------------------------
+
+NOTHING: dict[str, Effect] = {
+    "curve_error": CurveError(spread=0.0),
+    "mounting_scatter": MountingScatter(scatter=0.0),
+    "gain_scatter": GainScatter(strength=0.0),
+    "pink_noise": PinkNoise(density="0 V/√Hz"),
+    "white_noise": WhiteNoise(density="0 V/√Hz"),
+    "jitter": Jitter(delay="0 s"),
+    "load_cell": LoadCell(noise="0 V"),
+}
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many random numbers each call of the generator gave."""
+    found: list[int] = []
+
+    class Counting(np.random.Generator):
+        def standard_normal(self, size: int) -> Floats:  # type: ignore[override]
+            found.append(size)
+            return np.asarray(super().standard_normal(size))
+
+    monkeypatch.setattr(randomness, "Generator", Counting)
+    return found
+
+
+def sampled_with(effects: dict[str, Effect]) -> Floats:
+    """Samples of both films of the single sensor, whose node has four channels; and readings of the load cell."""
+    chosen = replace(scene(), effects=effects)
+    rig = driven(chosen, Question())
+    cell = RigLoadCell(rig)
+    assert cell.shown(1.0, 3) >= 1.0
+    return sampled(chosen, rig, 4 * MS * np.arange(500, 750), 4 * MS)[0]
+
+
+@pytest.mark.parametrize("name", ["pink_noise", "white_noise", "jitter"])
+def test_numbers_are_drawn_for_channels_with_a_film_alone(name: str, drawn: list[int]) -> None:
+    volts(STRONG[name], 4 * MS * np.arange(500, 750), 4 * MS)
+    of_a_channel = sum(drawn)
+    drawn.clear()
+    sampled_with({name: STRONG[name]})
+    assert sum(drawn) == 2 * of_a_channel > 0
+
+
+def test_at_strength_0_nothing_is_drawn_and_nothing_changes(drawn: list[int]) -> None:
+    found = sampled_with(NOTHING)
+    assert drawn == []
+    error = {"curve_error": NOTHING["curve_error"]}  # its constant part stays
+    assert np.array_equal(found, sampled_with(error))
+
+
 # --- at any time, in any blocks ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("start_ns", [0, MONTH])
-@pytest.mark.parametrize("name", STRONG)
+@pytest.mark.parametrize(("name", "start_ns"), [*zip(STRONG, itertools.cycle([MONTH, 0]))])
 def test_blocks_of_any_size_join_to_the_same_bytes_from_the_start_and_after_30_days(name: str, start_ns: int) -> None:
     times = start_ns + MS * np.arange(2500)
     whole = volts(STRONG[name], times).tobytes()

@@ -12,8 +12,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.signal import butter, lfilter
+import scipy
 
 from palpate.instrument.contracts import sensor_node, strain_indicator
 from palpate.instrument.errors import EstimateError, RangeError
@@ -23,7 +22,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.crosstalk import Crosstalk
 from palpate.simulators.linear import bouc_wen
-from palpate.simulators.linear.integrators import _first_order_hold
+from palpate.simulators.linear.integrators import first_order_hold
 from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
@@ -87,8 +86,8 @@ def test_a_slow_pole_in_single_precision_settles_short_where_the_closed_form_set
 
 def test_a_butterworth_filter_as_one_polynomial_explodes_where_its_poles_one_by_one_hold() -> None:
     """Fourth order, 0.1 Hz at 10 kHz: the step settles at 1."""
-    numerator, denominator = butter(4, 0.1, fs=10_000)
-    naive = lfilter(numerator, denominator, np.ones(600_000))
+    numerator, denominator = scipy.signal.butter(4, 0.1, fs=10_000)
+    naive = scipy.signal.lfilter(numerator, denominator, np.ones(600_000))
     assert abs(naive[-1] - 1) > 0.5
     w = 2 * math.pi * 0.1
     pairs = []
@@ -116,7 +115,7 @@ def test_differences_of_exponentials_of_nearly_nothing_keep_their_digits() -> No
     z = -1e-8
     assert np.float32(1) - np.exp(np.float32(z)) == 0
     assert abs((math.exp(z) - 1 - z) / z**2 / 0.5 - 1) > 0.1
-    _, before, after = _first_order_hold(np.array([z], complex))
+    _, before, after = first_order_hold(np.array([z], complex))
     assert after[0].real == pytest.approx(0.5 + z / 6, rel=1e-14)
     assert before[0].real == pytest.approx(0.5 + z / 3, rel=1e-14)
 
@@ -148,7 +147,7 @@ def test_a_phase_that_starts_anew_in_each_block_jumps_where_ours_goes_on() -> No
 def test_what_is_not_finite_is_refused_where_comparisons_let_it_pass(wrong: float) -> None:
     assert not math.nan > 5.0  # "over the limit?" - "no"
     with np.errstate(invalid="ignore"):
-        assert np.isnan(lfilter([0.1], [1, -0.9], [1.0, math.nan, *np.ones(500)])[-1])  # for ever
+        assert np.isnan(scipy.signal.lfilter([0.1], [1, -0.9], [1.0, math.nan, *np.ones(500)])[-1])  # for ever
     with pytest.raises(ValueError, match="is not a quantity"):
         ChargeAmplifier.model_validate({"time_constant": f"{wrong} s"})
     with pytest.raises(RangeError):
@@ -201,7 +200,7 @@ def test_a_stop_of_1e6_newtons_a_metre_throws_a_fixed_step_out_of_the_room_and_t
             z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope((n + 1) * h, z + h * k3))
     assert not abs(z[1]) < 1.0  # m
     chain, path = chain_path(Plays(False, (), ()), Limits(stop=1e-3), 3.0, moving=True)
-    x = path.outputs(np.arange(0, 200) * MS, slice(chain._displacement, chain._displacement + 1))[0]
+    x = path.outputs(np.arange(0, 200) * MS, slice(chain.displacement, chain.displacement + 1))[0]
     assert np.abs(x).max() < 1.05e-3
 
 
@@ -239,7 +238,7 @@ def test_a_bouc_wen_operator_follows_its_equation_at_any_step_where_euler_runs_a
     solved = [0.0]
     for start, end in itertools.pairwise((0.0, 0.025, 0.075, 0.1)):  # where the sine turns
         inside = times[(times > start + 1e-9) & (times < end + 1e-9)]
-        part = solve_ivp(
+        part = scipy.integrate.solve_ivp(
             slope, (start, end + 1e-9), [solved[-1]], "DOP853", inside, rtol=1e-10, atol=1e-12, max_step=5e-4
         )
         solved += list(part.y[0])

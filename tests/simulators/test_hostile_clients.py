@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.drivers.devices.source import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import TcpLink
 from palpate.instrument.contracts.contract import PROBE

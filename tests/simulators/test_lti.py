@@ -7,8 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.linalg import expm
+import scipy
 
 from palpate.simulators.linear.lti import Floats, StateSpace, Times, first_order_high_pass, first_order_low_pass
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
@@ -44,7 +43,7 @@ def stepped(system: StateSpace, drive: Periodic, x0: Floats, step_ns: int, count
         augmented[at : at + 2, at : at + 2] = [[0, -w], [w, 0]]
         augmented[:s, at] = system.b[:, 0]
         z0[at : at + 2] = start[i].real, start[i].imag
-    propagator = expm(augmented * 1e-9 * step_ns)
+    propagator = scipy.linalg.expm(augmented * 1e-9 * step_ns)
     outputs = np.empty(count)
     for n in range(count):
         z0 = propagator @ z0
@@ -104,7 +103,9 @@ def test_a_held_input_is_not_exact_where_the_closed_form_is() -> None:
 
 def integrated(slope: Callable[[float, Floats], Floats], x0: Floats, times: Times) -> Floats:
     """States (s, n) at times in ns from an integrator that knows no matrices."""
-    done = solve_ivp(slope, (0, 1e-9 * times[-1]), x0, method="DOP853", t_eval=1e-9 * times, rtol=1e-11, atol=1e-12)
+    done = scipy.integrate.solve_ivp(
+        slope, (0, 1e-9 * times[-1]), x0, method="DOP853", t_eval=1e-9 * times, rtol=1e-11, atol=1e-12
+    )
     return np.asarray(done.y)
 
 

@@ -29,7 +29,7 @@ from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.planning.plan import Question, case_of, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
-from tests.benchmarks.bounds import _sources, rows, tried
+from tests.benchmarks.bounds import rows, sources, tried
 from tests.simulators.measured import changes, followed, force_and_ratio
 from tests.simulators.omitted import beside, bounded
 from tests.simulators.random_scenes import drawn
@@ -86,7 +86,7 @@ def test_bounds_hold_in_many_random_scenes_and_nine_in_ten_are_at_most_ten_times
 @pytest.mark.slow
 def test_a_campaign_goes_on_while_code_changes_that_no_trial_imports() -> None:
     root = Path(__file__).parents[2]
-    files = {str(path.relative_to(root)) for path in _sources()}
+    files = {str(path.relative_to(root)) for path in sources()}
     effects = {f"simulators/effects/{name}.py" for name in EFFECTS}
     assert effects | {"simulators/linear/crossing.py", "tests/simulators/measured.py"} <= files
     assert not files & {
@@ -168,7 +168,7 @@ def test_small_plays_beside_fast_creep_recur(monkeypatch: pytest.MonkeyPatch) ->
     question, times = Question("3", 3.8, 51.2005), SECOND + np.arange(0, 100_000_000, 999_983)
     recurring = driven(scene, question).path
     films = recurring.outputs(times, slice(0, 2))
-    assert recurring._cycle is not None
+    assert recurring.cycle is not None
     monkeypatch.setattr(path_module, "recurrence", lambda *_: None)
     followed = driven(scene, question).path.outputs(times, slice(0, 2))
     assert np.abs(films - followed).max() < 1e-9 * np.abs(followed).max()

@@ -17,15 +17,15 @@ def exact_phase(drive: Periodic, time_ns: int) -> int:
     return (drive.start_phase + drive.frequency * (time_ns - drive.start_ns)) % CYCLE
 
 
-@pytest.mark.parametrize("frequency", [0, 1, 333, 9_965_244_293, 10 * HERTZ, 1_234_567_890_123, 20_000 * HERTZ])
-@pytest.mark.parametrize("start", [0, 17, 86_399 * SECOND + 1])
-def test_the_phase_is_exact_for_30_days_at_any_frequency_of_the_generator(frequency: int, start: int) -> None:
-    drive = Periodic(0.0, frequency, start, CYCLE - 1, np.array([1]), np.ones(1, complex))
-    near = np.arange(-3, 4)
-    times = np.concatenate([start + near, start + SECOND + near, start + 30 * DAY + near])
-    assert drive.phase(times).tolist() == [exact_phase(drive, int(t)) for t in times]
-    grid = start + 30 * DAY + 999_999 * np.arange(2500)
-    assert drive.phase(grid, 999_999).tolist() == [exact_phase(drive, int(t)) for t in grid]
+def test_the_phase_is_exact_for_30_days_at_any_frequency_of_the_generator() -> None:
+    for start in [0, 17, 86_399 * SECOND + 1]:
+        for frequency in [0, 1, 333, 9_965_244_293, 10 * HERTZ, 1_234_567_890_123, 20_000 * HERTZ]:
+            drive = Periodic(0.0, frequency, start, CYCLE - 1, np.array([1]), np.ones(1, complex))
+            near = np.arange(-3, 4)
+            times = np.concatenate([start + near, start + SECOND + near, start + 30 * DAY + near])
+            assert drive.phase(times).tolist() == [exact_phase(drive, int(t)) for t in times]
+            grid = start + 30 * DAY + 999_999 * np.arange(2500)
+            assert drive.phase(grid, 999_999).tolist() == [exact_phase(drive, int(t)) for t in grid]
 
 
 def summed(step: np.floating, count: int) -> float:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from palpate.simulators.effects import EFFECTS
-from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.current_limit import CurrentLimit
@@ -41,7 +40,7 @@ def planned(question: Question | None = None, **effects: Effect) -> AnswerPlan:
 @pytest.fixture
 def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bounds of what is left out take most of a plan's time."""
-    monkeypatch.setattr(planning, "_omitted", lambda *_: ([], []))
+    monkeypatch.setattr(planning, "omissions", lambda *_: ([], []))
 
 
 # --- the path ------------------------------------------------------------------------------------------
@@ -137,35 +136,6 @@ def test_an_effect_that_another_excludes_could_change_nothing_and_one_without_li
     assert (alone["voltage_amplifier"].ratio or 0.0) > 0.5
     clipped = {each.name: each for each in planned(amplifier_clip=CLIPPED).omitted}
     assert (clipped["mains_hum"].force, clipped["mains_hum"].ratio) == (None, None)
-
-
-# --- what it costs -------------------------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("unbounded")
-def test_an_effect_costs_by_what_it_adds_and_the_sum_is_that_of_the_answer() -> None:
-    effects: dict[str, Effect] = {
-        "shaker_dynamics": ShakerDynamics(), "hysteresis": PLAYS, "charge_amplifier": ChargeAmplifier(),
-        "mains_hum": MainsHum(), "adc": Adc(),
-    }  # fmt: skip
-    short, long = planned(**effects), planned(Question(dwell=10.0), **effects)
-    costs = {each.name: each.seconds for each in short.included}
-    assert costs["hysteresis"] == max(costs.values())
-    assert costs["shaker_dynamics"] == pytest.approx(1.5 * costs["charge_amplifier"], rel=1e-9)  # three states and two
-    assert costs["mains_hum"] > costs["adc"] > 0
-    bare = planned()
-    assert short.seconds == pytest.approx(sum(costs.values()) + bare.seconds, rel=1e-9)
-    for each in long.included:  # plays of ten times as many periods recur from the same period on
-        times = each.seconds / costs[each.name]
-        assert 1 <= times < 2 if each.name == "hysteresis" else times == pytest.approx(10, rel=1e-9)
-
-
-@pytest.mark.usefixtures("unbounded")
-def test_a_settled_state_costs_the_same_whatever_is_in_and_far_less_than_going_there() -> None:
-    settled = Question(steady=True)
-    linear = planned(settled, charge_amplifier=ChargeAmplifier())
-    assert linear.seconds == planned(settled).seconds == planned(settled, hysteresis=PLAYS).seconds
-    assert planned(settled, amplifier_clip=CLIPPED).seconds > 100 * linear.seconds
 
 
 # --- what a measurement will suffer from ----------------------------------------------------------------

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 from palpate.instrument.models import experiment
 from palpate.instrument.sensor.sample import SAMPLES
@@ -70,7 +70,7 @@ class Story:
     def live(self, duration: float, times: int = 200) -> float:
         """Integrate over `duration`, wait, and give the largest difference to the rig in V."""
         grid = np.round(np.linspace(0, duration, times) * 1e9).astype(np.int64)
-        solved = solve_ivp(
+        solved = scipy.integrate.solve_ivp(
             lambda t, x: (self.charge(t)[:, 0] - x) / self.tau,
             (0, 1e-9 * grid[-1]),
             self.drained,
@@ -161,7 +161,9 @@ def test_the_bridge_filter_equals_stepping_when_load_and_filter_change() -> None
             rig.place_weight(0.44)
             static += 0.44 * 9.80665
         span = (number * 0.33, (number + 1) * 0.33)
-        x = float(solve_ivp(slope, span, [x], method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.02).y[0, -1])
+        x = float(
+            scipy.integrate.solve_ivp(slope, span, [x], method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.02).y[0, -1]
+        )
         clock.wait(0.33)
         assert rig.filtered_cell_force(clock.now_ns()) == pytest.approx(x, abs=1e-9)
 
@@ -214,7 +216,7 @@ def test_a_second_change_at_the_same_moment_replaces_the_first() -> None:
             rig.set_voltage(waveform("sine", amplitude))
     times = np.arange(0, SECOND, 7 * MS)
     assert rigs[0].film_voltages(times).tobytes() == rigs[1].film_voltages(times).tobytes()
-    assert len(rigs[1]._paths) == 1
+    assert len(rigs[1].paths) == 1
 
 
 def test_the_cell_remembers_the_last_ten_seconds_across_changes() -> None:
@@ -230,7 +232,7 @@ def test_the_cell_remembers_the_last_ten_seconds_across_changes() -> None:
     times = np.concatenate([t for t, _ in written[-40:]])
     force = np.concatenate([f for _, f in written[-40:]])
     assert rig.cell_force(times).tobytes() == force.tobytes()
-    assert len(rig._paths) < 52  # and no more than it has to
+    assert len(rig.paths) < 52  # and no more than it has to
 
 
 def test_after_30_days_the_films_are_as_good_as_on_the_first() -> None:
@@ -250,7 +252,7 @@ def test_what_was_before_a_change_is_freed_without_the_garbage_collector() -> No
     rig = Rig(scene("charge_amplifier"), clock)
     clock.add(rig)
     pressed(rig, "2", BALANCE + 8e-3, 0.5)
-    chain, path = weakref.ref(rig._last), weakref.ref(rig._paths[-1])
+    chain, path = weakref.ref(rig.chain), weakref.ref(rig.path)
     gc.disable()
     try:
         for number in (1, 2):

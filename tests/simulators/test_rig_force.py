@@ -9,7 +9,7 @@ import pytest
 
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.strain_indicator import SimulatedStrainIndicator
+from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.rig.rig import IDEAL_SENSITIVITY, Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene, share, waveform
@@ -64,8 +64,7 @@ def test_without_a_sample_nothing_presses_but_the_weights() -> None:
     assert (rig.film_voltages(times) == 0).all()
 
 
-@pytest.mark.parametrize("kind", ["sine", "triangle", "square"])
-@pytest.mark.parametrize("sample", ["1", "2"])
+@pytest.mark.parametrize(("kind", "sample"), [("sine", "1"), ("triangle", "2"), ("square", "1")])
 def test_where_contact_is_lost_the_force_is_clipped_at_zero(kind: str, sample: str) -> None:
     lost = 0
     for position in np.linspace(BALANCE - 6e-3, BALANCE + 7e-3, 14):

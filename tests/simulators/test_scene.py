@@ -79,12 +79,12 @@ def test_every_key_and_parameter_of_the_file_arrives_in_si_units(tmp_path: Path)
     }
 
 
-@pytest.mark.parametrize("name", shipped())
-def test_every_shipped_scene_is_read_by_its_file_name_and_says_what_it_is_for(name: str) -> None:
-    scene = read_scene(name)
-    assert scene.name == name
-    assert len(scene.purpose) > 20
-    assert scene.file.name == name
+def test_every_shipped_scene_is_read_by_its_file_name_and_says_what_it_is_for() -> None:
+    for name in shipped():
+        scene = read_scene(name)
+        assert scene.name == name
+        assert len(scene.purpose) > 20
+        assert scene.file.name == name
 
 
 def test_the_thesis_scene_has_the_rig_parameters_of_the_thesis() -> None:
@@ -142,7 +142,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set[float], float]]:
 @pytest.mark.parametrize(
     "text, model, tolerance, given",
     [
-        ("", "column", 1e-2, None),
+        ("", "column", 2e-2, None),
         ("tolerance = 0.05\n", "column", 0.05, None),  # a closed form takes none
         ("tolerance = 1e-3\n", "axisymmetric", 1e-3, 1e-3),
     ],

@@ -48,7 +48,7 @@ def gains(rig: Rig, sample: str, sets: int = 1) -> Floats:
     found = []
     for number in range(sets):
         rig.set_voltage(waveform("sine", 1.0 + 0.1 * number))
-        rig._clock.wait(SETTLING)
+        rig.clock.wait(SETTLING)
         found.append(np.abs(rig.transfer(FREQUENCY)))
     return np.array(found)
 

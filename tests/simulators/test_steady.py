@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+import scipy
 
 from palpate.instrument.sensor.designs import get_design
 from palpate.simulators.effects import EFFECTS
@@ -56,7 +56,7 @@ def a_cycle(rig: Rig, start: Floats | None) -> tuple[Floats, Floats, float]:
     a[s, s + 1], a[s + 1, s] = -w, w
     rows = np.hstack([system.c, system.d @ inputs])
     turn = np.array([1.0, 0.0, 1.0])
-    once = expm(a * step)
+    once = scipy.linalg.expm(a * step)
     if start is None:
         cycle = np.linalg.matrix_power(once, STEPS)
         start = np.linalg.solve(np.eye(s) - cycle[:s, :s], cycle[:s, s:] @ turn)
@@ -90,9 +90,9 @@ def integral(rig: Rig, first_ns: int) -> Complexes:
     """Fundamentals of the films over a period, by Gauss' rule between the transitions."""
     period = SECOND * HERTZ // rig.coil_voltage().frequency
     rig.film_voltages(np.array([first_ns]))
-    cycle = rig._paths[-1]._cycle
-    assert cycle is not None and cycle._cycles(first_ns) == 0
-    cuts = [first_ns, *(first_ns + math.ceil(begin * period) for begin in cycle._begins[1:]), first_ns + period]
+    cycle = rig.path.cycle
+    assert cycle is not None and cycle.cycles(first_ns) == 0
+    cuts = [first_ns, *(first_ns + math.ceil(begin * period) for begin in cycle.begins[1:]), first_ns + period]
     total = np.zeros(len(rig.scene.design.films), complex)
     nodes, weights = np.polynomial.legendre.leggauss(24)
     for start, end in itertools.pairwise(cuts):

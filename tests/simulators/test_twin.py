@@ -10,7 +10,7 @@ import pytest
 
 from palpate.instrument.contracts.contract import Command, Condition, Field, Mark
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.mapped.twin import Twin
+from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import Refused, SimulatedPlace
 from tests.contracts import modbus_contract
 
@@ -78,7 +78,6 @@ def test_a_command_that_is_refused_changes_nothing(thing: Thing) -> None:
 
 def test_a_condition_on_the_whole_register_replaces_it(thing: Thing) -> None:
     thing.contract = replace(CONTRACT, commands=(Command("start", "order", 1, done=Condition("status", (8,))),))
-    thing._orders = type(thing._orders)(thing.contract)
     thing.settings["status"] = 1.0
     thing.write({"order": 1.0})
     assert thing.settings["status"] == 8

@@ -24,8 +24,8 @@ class BiasMap(RoleMap):
         no_sine: why it cannot be the exciter.
     """
 
-    generic_driver: ClassVar[str] = "palpate.drivers.mapped.bias:MappedBias"
-    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.bias:SimulatedMappedBias"
+    generic_driver: ClassVar[str] = "palpate.drivers.devices.bias:MappedBias"
+    generic_simulator: ClassVar[str | None] = "palpate.simulators.devices.bias:SimulatedMappedBias"
 
     level: str
     actual: str = ""

@@ -43,8 +43,8 @@ class ExciterMap(RoleMap):
         lost: that number, if the fault is that this program was no longer heard.
     """
 
-    generic_driver: ClassVar[str] = "palpate.drivers.mapped.exciter:StreamedExciter"
-    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.exciter:SimulatedStreamedExciter"
+    generic_driver: ClassVar[str] = "palpate.drivers.devices.exciter:StreamedExciter"
+    generic_simulator: ClassVar[str | None] = "palpate.simulators.devices.exciter:SimulatedStreamedExciter"
     settings: ClassVar[type[Config] | None] = ExciterSettings
 
     stream: str

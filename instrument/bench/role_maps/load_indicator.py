@@ -92,8 +92,8 @@ class LoadIndicatorMap(RoleMap):
         rate: readings in a second [1/s].
     """
 
-    generic_driver: ClassVar[str] = "palpate.drivers.mapped.load_indicator:MappedLoadIndicator"
-    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.load_indicator:SimulatedMappedLoadIndicator"
+    generic_driver: ClassVar[str] = "palpate.drivers.devices.load_indicator:MappedLoadIndicator"
+    generic_simulator: ClassVar[str | None] = "palpate.simulators.devices.load_indicator:SimulatedMappedLoadIndicator"
     settings: ClassVar[type[Config] | None] = LoadIndicatorSettings
 
     reading: str

@@ -89,8 +89,8 @@ class PositionerMap(RoleMap):
         heartbeat: field of the node whose heartbeat it waits for and of the time after which it stops (1016h).
     """
 
-    generic_driver: ClassVar[str] = "palpate.drivers.mapped.positioner:MappedPositioner"
-    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.positioner:SimulatedMappedPositioner"
+    generic_driver: ClassVar[str] = "palpate.drivers.devices.positioner:MappedPositioner"
+    generic_simulator: ClassVar[str | None] = "palpate.simulators.devices.positioner:SimulatedMappedPositioner"
     settings: ClassVar[type[Config] | None] = PositionerSettings
 
     position: str

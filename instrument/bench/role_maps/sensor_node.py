@@ -41,8 +41,8 @@ class SensorNodeMap(RoleMap):
         status: a field with choices of which `ok` says that readings are good; None: there is none.
     """
 
-    generic_driver: ClassVar[str] = "palpate.drivers.mapped.sensor_node:MappedNode"
-    generic_simulator: ClassVar[str | None] = "palpate.simulators.mapped.sensor_node:SimulatedMappedNode"
+    generic_driver: ClassVar[str] = "palpate.drivers.devices.sensor_node:MappedNode"
+    generic_simulator: ClassVar[str | None] = "palpate.simulators.devices.sensor_node:SimulatedMappedNode"
     settings: ClassVar[type[Config] | None] = NodeSettings
 
     channels: Annotated[tuple[str, ...], Field(min_length=1, max_length=64)]

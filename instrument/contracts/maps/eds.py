@@ -259,7 +259,7 @@ def imported(
     found = {direction: pdos(sheet, first) for direction, first in FIRST.items()}
     fields, left_out = _fields(sheet, asked, [pdo for several, _ in found.values() for pdo in several])
     left_out += [note for _, notes in found.values() for note in notes]
-    bitrate = sheet.bitrate if sheet.bitrate in BITRATES else None
+    bitrate = sheet.bitrate if sheet.bitrate and sheet.bitrate in BITRATES else None  # a range is searched for None
     notes = [
         *(f"Left out: {each}" for each in left_out),
         *([] if bitrate == sheet.bitrate else [f"Left out: Baudrate: {sheet.bitrate} bit/s is no bit rate of CAN"]),

@@ -38,7 +38,7 @@ Kept = TypeVar("Kept")
 # The folder of kept curves; without it, that of the user's caches.
 VARIABLE = "PALPATE_CURVES"
 FORMAT = "palpate curve 1"
-BUILD_AGAIN = "build it again: palpate accuracy surfaces --store"  # kept curves are built again without a word
+BUILD_AGAIN = "build it again: palpate model surfaces --store"  # kept curves are built again without a word
 SUFFIX, PART = ".curve", ".part"
 # Names of kept files: of whole ones, and of those that are being written.
 NAMES = re.compile(r"[0-9a-f]{64}(\.curve|\.[0-9a-f]{16}\.part)")

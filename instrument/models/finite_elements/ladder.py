@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.quantity import check_tolerance
+from palpate.instrument.quantity import check_tolerance, plus_minus
 
 Array = NDArray[np.float64]
 M = TypeVar("M")  # what is known of a mesh over the modulus of the object
@@ -57,7 +57,7 @@ class Ladder(Generic[M, S]):
 
         Args:
             moduli: moduli of the object [Pa]. All together cost hardly more than one.
-            tolerance: greatest error of the force ratio.
+            tolerance: greatest error of the force ratio, relative to it.
 
         Raises:
             RangeError: the tolerance is not above 0 or is above 0.5, or no mesh meets it.
@@ -68,10 +68,11 @@ class Ladder(Generic[M, S]):
         left, best = np.arange(len(moduli)), np.full(len(moduli), np.inf)
         for mesh, curves in self._refined(tolerance):
             ratio, voltage = self.estimates(curves, moduli[left])
-            good = ratio <= tolerance
+            relative = ratio / _ratios(curves[-1], moduli[left])
+            good = relative <= tolerance
             answers = self.read(mesh, moduli[left[good]], voltage[good])
             found.update(zip(left[good].tolist(), zip(answers, ratio[good].tolist(), strict=True), strict=True))
-            left, best = left[~good], np.minimum(best[~good], ratio[~good])
+            left, best = left[~good], np.minimum(best[~good], relative[~good])
             if not len(left):
                 return [found[place] for place in range(len(moduli))]
         raise self._out_of_reach(tolerance, float(best.max()))
@@ -83,10 +84,11 @@ class Ladder(Generic[M, S]):
         """
         best = np.inf
         for _, curves in self._refined(tolerance):
-            greatest = float(self.estimates(curves, moduli)[0].max())
-            if greatest <= tolerance:
-                return curves[-1], greatest
-            best = min(best, greatest)
+            errors, _ = self.estimates(curves, moduli)
+            relative = float((errors / _ratios(curves[-1], moduli)).max())
+            if relative <= tolerance:
+                return curves[-1], float(errors.max())
+            best = min(best, relative)
         raise self._out_of_reach(tolerance, best)
 
     def _refined(self, tolerance: float) -> Iterator[tuple[M, Sequence[Curve]]]:
@@ -107,9 +109,14 @@ class Ladder(Generic[M, S]):
 
     def _out_of_reach(self, tolerance: float, best: float) -> RangeError:
         return RangeError(
-            f"model {self.model!r} cannot meet tolerance {tolerance:g}: its least error here is {best:.1e}; give a"
-            " larger tolerance"
+            f"model {self.model!r} cannot meet tolerance {tolerance:g}: its least error here is {plus_minus(best)} of"
+            " the force ratio; give a larger tolerance"
         )
+
+
+def _ratios(curve: Curve, moduli: Array) -> Array:
+    found: Array = np.abs(curve.force_ratios(moduli)).min(axis=1)
+    return found
 
 
 # --- bounds on the errors of a mesh, from its curve and those of coarser meshes --------------------------

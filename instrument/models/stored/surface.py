@@ -121,6 +121,11 @@ class Surface:
         known = None if self.beside is None else [mesh.poles for mesh in self.beside]
         return solid.estimates(curves, self.parameters, moduli, known)
 
+    def relative(self, moduli: Array) -> Array:
+        """Bounds on the errors of force ratios, relative to these, at moduli of the object [Pa]."""
+        found: Array = self.estimates(moduli)[0] / self.force_ratios(moduli)
+        return found
+
     def solve_at(self, moduli: Array) -> list[tuple[Solution, float]]:
         """Solutions under 1 N and their error estimates, at moduli of the object [Pa]."""
         ratio, voltage = self.estimates(moduli)
@@ -150,11 +155,13 @@ def find(design: Design, load: Load) -> Surface:
         RangeError: there are none for that design, object or load.
         ConfigError: a file is damaged, or one of the sensor's files is missing.
     """
-    return _find(design, replace(load, force=1.0, sensed=replace(load.sensed, modulus=design.ring.material.modulus)))
+    return read_surface(
+        design, replace(load, force=1.0, sensed=replace(load.sensed, modulus=design.ring.material.modulus))
+    )
 
 
 @functools.lru_cache(maxsize=64)
-def _find(design: Design, load: Load) -> Surface:
+def read_surface(design: Design, load: Load) -> Surface:
     """`find` with its results kept: a surface answers faster than its files are looked up."""
     parameters = surface_parameters(design, load)
     files = {refinement: (path, key) for refinement, path, key in places(design.name, parameters)}
@@ -216,7 +223,7 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
             yield path
     for old in set(STORED.glob(f"{design}.*{SUFFIX}")).difference(written):
         old.unlink()
-    _find.cache_clear()
+    read_surface.cache_clear()
 
 
 def model_of(parameters: Parameters) -> str:

@@ -40,7 +40,7 @@ from palpate.procedures.measurements.settings import (
     PeakLoads,
     SampleName,
     bench_time,
-    share_setting,
+    tolerance_setting,
 )
 from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import gathered
@@ -84,10 +84,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
     )
     tolerance: Annotated[
         float | None,
-        share_setting(
-            "Relative standard uncertainty of each film's force sensitivity: the loads up are repeated until all have"
-            " it."
-        ),
+        tolerance_setting("of each film's force sensitivity; the loads up are repeated until all have it."),
     ] = None
     time: Annotated[
         float | None, bench_time("Bench time, which is filled with repeated loads up and not exceeded.")

@@ -15,17 +15,17 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, merged
-from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
+from palpate.instrument.allocation.stopping import answer, enough, first_sets
+from palpate.instrument.allocation.table import FIRST, MOST_SETS, ROUNDING, Allocation, RunOption, allocation
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM, SCATTER
-from palpate.instrument.quantity import as_typed, counted, show
+from palpate.instrument.quantity import as_typed, counted, plus_minus, show
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.signals.rapid_noise import of_greatest
-from palpate.instrument.uncertainty.budget import Component
+from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import Predicted, noise_of
 from palpate.procedures.engine.promise import RELATIVE, RESULTS, Expected
 from palpate.procedures.lab.lab import BY_HAND, Mounts
@@ -42,14 +42,15 @@ from palpate.procedures.measurements.characterise.result import (
     noise_component,
 )
 from palpate.procedures.measurements.prospects import (
-    MOST_SETS,
+    binding,
     film_noise,
-    in_rounds,
     load_on,
     most_sets,
-    reachable,
+    planned_for,
     reading_u,
+    refusal,
     share,
+    too_long,
 )
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import preload_for
@@ -189,7 +190,6 @@ def _sources(of: Conditions, film: Film, rounds: int, times: Sequence[float], fo
 READING = "reading of the loads"
 LOAD_CELL = "load cell"
 RESERVE = 1.0  # s, for a round that takes longer than usual
-ROUNDING = 1e-9  # of a tolerance
 
 Set = tuple[float, float]  # a load [N], and a film's voltage under it [V]
 
@@ -202,7 +202,7 @@ class SlopeRepeats:
         of: the conditions; the loads are those of one round.
         costs: bench times of a load set on the way up, and in `start` of all that is beside these sets.
         after: of that, the time after the last round [s].
-        tolerance: relative standard uncertainty of each film's sensitivity; None: as good as the time allows.
+        tolerance: half-width of the 95 % interval of each sensitivity, relative; None: as good as the time allows.
         time: bench time of the run [s]; None: as long as the tolerance takes.
         mounts: who mounts the sample, and how long that takes.
     """
@@ -219,10 +219,14 @@ class SlopeRepeats:
         """The plan in whole rounds, by the film that needs most of them.
 
         Raises:
-            RangeError: the load cell alone is not below the tolerance, it takes too many sets, or not one round fits
-                into the time; the message says what would do.
+            RangeError: no number of rounds reaches the tolerance, or not one fits into the time; the message says what
+                would do.
         """
-        return _allocation(self)
+        if self.tolerance is not None:
+            plan = _for_tolerance(self, self.tolerance)
+            if self.time is None or plan.seconds <= self.time:
+                return plan
+        return _for_time(self, self.time or 0.0)
 
     def lines(self, film: Film) -> tuple[BudgetLine, ...]:
         """Lines of a film's sensitivity."""
@@ -245,7 +249,7 @@ class SlopeRepeats:
     def most(self) -> int:
         """The most rounds of a run."""
         loads = len(self.of.loads)
-        return min(most_sets(self.allocation, loads), MOST_SETS) // loads
+        return most_sets(self.allocation, loads) // loads
 
     def has_enough(self, points: Sequence[FilmsPoint]) -> bool:
         """Whether no further round is needed, by all points so far."""
@@ -261,14 +265,15 @@ class SlopeRepeats:
         return [self._line(number, each) for number, each in enumerate(sets) if each]
 
     def stopped(self, sensitivities: Sequence[tuple[str, float]]) -> str:
-        """Why the run ended, for people; `sensitivities`: each film with the relative uncertainty that it reached."""
+        """Why the run ended, for people; `sensitivities`: each film with the half-width that it reached."""
         if self.tolerance is None:
             return f"another round of loads would not have ended within {show(self.time or 0.0, 's')}"
         within = "" if self.time is None else f" within {show(self.time, 's')}"
-        missed = [f"{share(u, 3)} of film {film}" for film, u in sensitivities if u > self.tolerance * (1 + ROUNDING)]
+        most = self.tolerance * (1 + ROUNDING)
+        missed = [f"{plus_minus(half, 3)} of film {film}" for film, half in sensitivities if half > most]
         if not missed:
-            return f"{share(self.tolerance, 3)} reached{within}"
-        return f"{share(self.tolerance, 3)} NOT REACHED{within}: {', '.join(missed)}"
+            return f"{plus_minus(self.tolerance, 3)} reached{within}"
+        return f"{plus_minus(self.tolerance, 3)} NOT REACHED{within}: {', '.join(missed)}"
 
     def _known(self, sets: Sequence[Sequence[Set]]) -> bool:
         """Whether the valid sets of all films reach the tolerance, or no time would."""
@@ -282,8 +287,8 @@ class SlopeRepeats:
             verdict = enough(self.lines(film), self.costs, tolerance, plan, 1.0, [self._apart(film, sets)])
         except RangeError:  # by the scatter that was found no time is enough
             return True
-        cell = cell_component(self.of.cell).u
-        return bool(verdict.why) and math.hypot(self._line(number, sets).u, cell) <= tolerance * (1 + ROUNDING)
+        parts = self._line(number, sets), cell_component(self.of.cell)
+        return bool(verdict.why) and Budget("slope", 1.0, "", parts).expanded() <= tolerance * (1 + ROUNDING)
 
     def _line(self, number: int, sets: Sequence[Set]) -> Component:
         film, plan = self.of.design.films[number], self.allocation
@@ -341,14 +346,15 @@ class SlopeRepeats:
             f"wanted         {self._wanted()}",
             f"plan           {counted(rounds, 'round')} of {loads} loads up, of {dwell}; then down and held",
             f"time           {duration(plan.seconds)} ({self.mounts.described(1)})",
-            f"expected       {share(plan.u, 3)} of each sensitivity at most, {resolution} of each resolution,",
-            f"               {most(SNR):.2g} dB of each {SNR}",
-            f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
+            f"expected       {plus_minus(plan.half, 3)} of each sensitivity at most; u of each resolution "
+            f"{resolution},",
+            f"               of each {SNR} {most(SNR):.2g} dB",
+            binding(plan),
         ]
         told = {
             RESULTS: [asdict(each) for each in figures],
             "planned": {"rounds": rounds, "sets": plan.sets, "seconds": plan.seconds, "u": plan.u,
-                        "binds": plan.binds, "shares": plan.shares},
+                        "half": plan.half, "binds": plan.binds, "shares": plan.shares},
         }  # fmt: skip
         return Predicted(plan.seconds, plan.u, told, lines)
 
@@ -363,20 +369,7 @@ class SlopeRepeats:
         time = "" if self.time is None else show(self.time, "s")
         if self.tolerance is None:
             return f"the force sensitivity of each film as good as {time} allow"
-        return f"{share(self.tolerance, 3)} of the force sensitivity of each film{time and f', within {time}'}"
-
-    def below_floor(self, error: BelowFloor) -> RangeError:
-        """The refusal of a tolerance that the load cell alone exceeds."""
-        asked, best = self.tolerance or 0.0, _worst(self, MOST_SETS - MOST_SETS % len(self.of.loads))
-        lines = [
-            f"--tolerance {share(asked, 3)} cannot be reached: the calibration of the {error.line} leaves "
-            f"{share(error.floor, 3)} of each force sensitivity, which no round of loads lowers",
-            f"best now  {share(1.01 * best.u, 3)}, by the most load sets of a run",
-            "or        a better calibration of it:"
-            f" palpate calibrate load-cell --tolerance '{share(asked / math.sqrt(2), 3)}'",
-            "note      signal-to-noise ratios and force ratios do not feel the load cell",
-        ]
-        return RangeError("\n  ".join(lines))
+        return f"{plus_minus(self.tolerance, 3)} of the force sensitivity of each film{time and f', within {time}'}"
 
 
 def _sets(points: Sequence[FilmsPoint], number: int) -> tuple[Set, ...]:
@@ -385,14 +378,6 @@ def _sets(points: Sequence[FilmsPoint], number: int) -> tuple[Set, ...]:
     if len({p.load_N for p in up}) < LEAST_LOADS:
         return ()
     return tuple((p.load_measured_N, p.voltages_V[number]) for p in up)
-
-
-def _allocation(asked: SlopeRepeats) -> Allocation:
-    if asked.tolerance is not None:
-        plan = _for_tolerance(asked, asked.tolerance)
-        if asked.time is None or plan.seconds <= asked.time:
-            return plan
-    return _for_time(asked, asked.time or 0.0)
 
 
 def _for_time(asked: SlopeRepeats, time: float) -> Allocation:
@@ -406,33 +391,20 @@ def _for_time(asked: SlopeRepeats, time: float) -> Allocation:
         )
     rounds = max(1, math.floor((time - RESERVE - asked.costs.start) / each))
     if rounds * loads > MOST_SETS:
-        raise RangeError(
-            f"--time {as_typed(time, 's')} holds {rounds * loads} load sets on the way up, above the limit of "
-            f"{MOST_SETS}; give less time"
-        )
-    return _worst(asked, rounds * loads)
+        raise too_long(time, "on the way up")
+    plans = [allocation(asked.lines(film), asked.costs, 1, rounds * loads, dwell) for film in asked.of.design.films]
+    return max(plans, key=lambda plan: plan.half)
 
 
 def _for_tolerance(asked: SlopeRepeats, tolerance: float) -> Allocation:
-    dwell, sets = asked.of.dwell, 0
-    for film in asked.of.design.films:
-        try:
-            found = allocate(merged(asked.lines(film), dwell), asked.costs, tolerance, dwell, FIRST)
-        except BelowFloor as error:
-            raise asked.below_floor(error) from None
-        sets = max(sets, found.sets)
-    if sets > MOST_SETS:
-        raise RangeError(
-            f"--tolerance {share(tolerance, 3)} takes {sets} load sets on the way up, above the limit of {MOST_SETS}; "
-            f"give --tolerance '{reachable(_worst(asked, MOST_SETS).u)}' or more"
-        )
-    return _worst(asked, sets)
-
-
-def _worst(asked: SlopeRepeats, sets: int) -> Allocation:
-    """The plan with so many sets or a few more, as it is for the film that it tells least of."""
-    each = (
-        in_rounds(asked.lines(film), asked.costs, sets, asked.of.dwell, len(asked.of.loads))
-        for film in asked.of.design.films
-    )
-    return max(each, key=lambda plan: plan.u)
+    ways = {film.name: [RunOption(asked.lines(film), asked.costs, asked.of.dwell)] for film in asked.of.design.films}
+    plans, refused = planned_for(ways, tolerance, len(asked.of.loads))
+    if refused:
+        better = share(tolerance / math.sqrt(2), 3)
+        remedies = [
+            f"or        a better calibration of the load cell: palpate calibrate load-cell --tolerance '{better}'",
+            "note      signal-to-noise ratios and force ratios do not feel the load cell",
+        ]
+        worst = max(refused.values(), key=lambda error: error.best)
+        raise refusal(tolerance, "each force sensitivity", worst, {LOAD_CELL: remedies})
+    return max(plans.values(), key=lambda plan: (plan.sets, plan.half))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.quantity import counted
+from palpate.instrument.quantity import counted, plus_minus
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
 from palpate.procedures.measurements.characterise.result import (
@@ -38,9 +38,10 @@ def print_characteristics(result: CharacteriseResult, outcome: Outcome, plot: Pa
     if result.stopped:
         sets = counted(sum(point.direction == LOADING for point in result.points), "load set")
         predicted, achieved = outcome["predicted_u"], result.achieved_u
+        half = max(half for _, half in result.sensitivities)
         said = [
-            f"uncertainty    {percent(achieved)} % of a force sensitivity at most, standard"
-            f"{'' if predicted is None else f' (predicted {percent(predicted)} %)'}",
+            f"uncertainty    {plus_minus(half)} of a force sensitivity at most;"
+            f" u {percent(achieved)} %{'' if predicted is None else f' (predicted {percent(predicted)} %)'}",
             f"stopped        {result.stopped}; {sets} up, {taken(outcome)}",
         ]
     print_all(table, _definitions(result), *said, *where(outcome, plot))

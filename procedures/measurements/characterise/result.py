@@ -250,8 +250,9 @@ class CharacteriseResult:
 
     @property
     def sensitivities(self) -> list[tuple[str, float]]:
-        """Each film and the relative uncertainty of its force sensitivity."""
-        return [(row.film, row.u / abs(row.value)) for row in self.rows if row.quantity == named.SENSITIVITY]
+        """Each film and the half-width of the 95 % interval of its force sensitivity, relative."""
+        each = zip(self.rows, self.budgets, strict=True)
+        return [(row.film, of.expanded() / abs(of.value)) for row, of in each if row.quantity == named.SENSITIVITY]
 
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""

@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.allocation.stopping import FIRST, enough
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
+from palpate.instrument.allocation.stopping import enough
+from palpate.instrument.allocation.table import Allocation, OutOfReach, allocate
 from palpate.instrument.calibration.films import FEWEST, LOAD_CELL, REPEATS, FilmReading, calibrate_films
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM
-from palpate.instrument.quantity import check_tolerance, counted, show
+from palpate.instrument.quantity import check_tolerance, counted, plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
@@ -35,16 +35,14 @@ from palpate.procedures.lab.session import CalibrationKeys
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.prospects import (
-    MOST_SETS,
+    binding,
     film_noise,
-    in_rounds,
     load_cell_of,
     most_sets,
-    reachable,
     reading_u,
-    share,
+    refusal,
 )
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, share_setting
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, tolerance_setting
 from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
@@ -91,6 +89,14 @@ def expected_sensitivities(
 # films' gains scatter, and that tells how many there are in all, as `instrument.allocation.stopping` has it. The
 # error of the load cell's curve is common to all of them.
 
+REMEDIES = {
+    LOAD_CELL: [
+        "or        calibrate the load cell with more weights and runs: palpate calibrate load-cell --runs 3",
+        "or        greater --loads, at which its zero counts for less",
+        "note      a force ratio does not feel the load cell: it cancels in tooth and base",
+    ]
+}
+
 
 @dataclass(frozen=True)
 class FilmRepeats:
@@ -102,7 +108,7 @@ class FilmRepeats:
         loads: loads of one round, peak to peak [N].
         frequencies: frequencies of the load [Hz], each of which has as many rounds.
         dwell: dwell of a set [s].
-        tolerance: relative standard uncertainty of each film's sensitivity.
+        tolerance: half-width of the 95 % interval of each film's sensitivity, relative.
     """
 
     design: Design
@@ -117,25 +123,24 @@ class FilmRepeats:
         """The plan for a tooth at one frequency, in whole rounds.
 
         Raises:
-            RangeError: the load cell's calibration alone is not below the tolerance, or it takes too many sets.
+            RangeError: no number of sets reaches the tolerance; the message says what binds and what would do.
         """
-        return _allocation(self)
+        try:
+            return allocate(self.lines(), self.costs, self.tolerance, [self.dwell], rounds=len(self.loads))
+        except OutOfReach as error:
+            raise refusal(self.tolerance, "each film's sensitivity", error, REMEDIES) from None
 
     def lines(self) -> list[BudgetLine]:
         """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
         worst = max(film.scatter for film in self.design.films)
         weakest = min(film.sensitivity for film in self.design.films) * min(self.loads)
         share = 1 / math.sqrt(len(self.frequencies))
+        cell_u = self.cell.mean_curve_u(np.asarray(self.loads, dtype=np.float64))
         return [
             BudgetLine(REPEATS, share * worst, RepeatUnit.SET, PRIOR_FREEDOM),
             BudgetLine(NOISE, share * 2 * noise_of(self.design) / weakest, RepeatUnit.SECOND),
-            BudgetLine(LOAD_CELL, self.cell_u, RepeatUnit.NOTHING, self.cell.degrees_of_freedom or math.inf),
+            BudgetLine(LOAD_CELL, cell_u, RepeatUnit.NOTHING, self.cell.degrees_of_freedom or math.inf),
         ]
-
-    @property
-    def cell_u(self) -> float:
-        """Relative standard uncertainty of a sensitivity by the load cell's curve."""
-        return self.cell.mean_curve_u(np.asarray(self.loads, dtype=np.float64))
 
     @property
     def costs(self) -> Costs:
@@ -167,42 +172,20 @@ class FilmRepeats:
         plan, teeth = self.allocation, len(self.design.teeth)
         sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
         lines = [
-            f"wanted         {share(self.tolerance, 3)} of the sensitivity of each film",
+            f"wanted         {plus_minus(self.tolerance, 3)} of the sensitivity of each film",
             f"plan           {sets} load sets on each tooth, of {show(self.dwell, 's')}: {duration(seconds)} "
             f"(person {MOUNTING * teeth:g} s)",
-            f"expected       {share(plan.u, 3)}, of which the load cell's calibration has {share(self.cell_u, 3)}",
-            f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
+            f"expected       {plus_minus(plan.half, 3)}",
+            binding(plan),
         ]
         loads = self.loads * (plan.sets // len(self.loads))
         results = expected_sensitivities(self.design, loads, len(self.frequencies), self.dwell, self.cell)
         told = {
             RESULTS: [asdict(each) for each in results],
-            "planned": {"sets": sets, "seconds": seconds, "u": plan.u, "binds": plan.binds, "shares": plan.shares},
-        }
+            "planned": {"sets": sets, "seconds": seconds, "u": plan.u, "half": plan.half,
+                        "binds": plan.binds, "shares": plan.shares},
+        }  # fmt: skip
         return Predicted(seconds, plan.u, told, lines)
-
-
-def _allocation(asked: FilmRepeats) -> Allocation:
-    lines = asked.lines()
-    try:
-        found = allocate(lines, asked.costs, asked.tolerance, asked.dwell, FIRST)
-    except BelowFloor as error:
-        told = [
-            f"--tolerance {share(asked.tolerance, 3)} cannot be reached: the calibration of the {error.line} leaves "
-            f"{share(error.floor, 3)} of each sensitivity, which no load set lowers",
-            f"best now  {share(error.floor, 3)}",
-            "or        calibrate the load cell with more weights and runs: palpate calibrate load-cell --runs 3",
-            "or        greater --loads, at which its zero counts for less",
-            "note      a force ratio does not feel the load cell: it cancels in tooth and base",
-        ]
-        raise RangeError("\n  ".join(told)) from None
-    if found.sets > MOST_SETS:
-        best = reachable(budget(lines, 1, MOST_SETS, asked.dwell).u)
-        raise RangeError(
-            f"--tolerance {share(asked.tolerance, 3)} takes {found.sets} load sets on each tooth, above the limit of "
-            f"{MOST_SETS}; give --tolerance '{best}' or more"
-        )
-    return in_rounds(lines, asked.costs, found.sets, asked.dwell, len(asked.loads))
 
 
 # --- the procedure -------------------------------------------------------------------------------------
@@ -234,9 +217,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
     extrapolate: Extrapolate = False
     tolerance: Annotated[
         float | None,
-        share_setting(
-            "Relative standard uncertainty of each film's sensitivity: --loads are repeated until it is reached."
-        ),
+        tolerance_setting("of each film's sensitivity; --loads are repeated until it is reached."),
     ] = None
 
     def check(self, target: Target) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from palpate.instrument.quantity import counted
+from palpate.instrument.quantity import counted, plus_minus
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.films.result import FilmResult
@@ -46,7 +46,8 @@ def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path
     print_all(
         *tables,
         *([f"extrapolated   {counted(outside, 'point')} outside the load cell's calibrated range"] if outside else []),
-        f"uncertainty    {percent(result.achieved_u)} % of a sensitivity at most, standard{_predicted(outcome)}",
+        f"uncertainty    {plus_minus(result.reached)} of a sensitivity at most; u {percent(result.achieved_u)} %"
+        f"{_predicted(outcome)}",
         f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
         f"stored in      {outcome['film_calibration_file']}",
         *where({**outcome, "film_calibration": None}, plot),

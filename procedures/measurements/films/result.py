@@ -42,6 +42,11 @@ class FilmResult:
         return max(film.sensitivity_u / film.sensitivity_mV_per_N for film in self.calibration.films)
 
     @property
+    def reached(self) -> float:
+        """Greatest half-width of the 95 % interval of a sensitivity, relative."""
+        return max(budget.expanded() / budget.value for budget in self.budgets)
+
+    @property
     def budgets(self) -> Sequence[Budget]:
         """The budget of each film's sensitivity."""
         return self.calibration.budgets()

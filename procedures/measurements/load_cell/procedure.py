@@ -42,7 +42,7 @@ from palpate.procedures.measurements.load_cell.result import (
     LoadCellResult,
     runs_of,
 )
-from palpate.procedures.measurements.settings import ValidDays, share_setting
+from palpate.procedures.measurements.settings import ValidDays, tolerance_setting
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.policy import carry_out
@@ -220,10 +220,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
         ),
     ] = None
     tolerance: Annotated[
-        float | None,
-        share_setting(
-            "Relative standard uncertainty of the sensitivity: the series is planned for it, of --loads at hand."
-        ),
+        float | None, tolerance_setting("of the sensitivity; the series is planned for it, of --loads at hand.")
     ] = None
     loads_u: Annotated[
         float,

@@ -15,9 +15,8 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.allocation.stopping import FIRST
+from palpate.instrument.allocation.table import FIRST, Allocation, OutOfReach, allocate, allocation
 from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.displayed import displayed_curve, rounding_u
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -30,14 +29,15 @@ from palpate.instrument.calibration.load_cell_curve import (
     slope_u,
 )
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import counted, show
+from palpate.instrument.quantity import counted, plus_minus, show
+from palpate.instrument.uncertainty.budget import NORMAL_FACTOR
 from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
 from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import Predicted
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.lab.lab import MOUNTING
 from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SETTLING
-from palpate.procedures.measurements.prospects import display_scatter, share
+from palpate.procedures.measurements.prospects import binding, display_scatter, reachable, share
 from palpate.procedures.showing.plan import duration
 
 # --- What a calibration of the load cell is expected to give: the uncertainty of its sensitivity -------
@@ -66,11 +66,6 @@ def expected_sensitivity(
     curve = displayed_curve(load, straight, display_scatter(cell), cell.resolution_mV, readings, degree or 1)
     u = math.sqrt(curve.covariance[1, 1]) / cell.sensitivity_mV_per_N
     return [Expected(SENSITIVITY, math.hypot(u, loads_u))]
-
-
-def share3(u: float) -> str:
-    """A share in percent, with three digits: near what the steps leave, time rises fast."""
-    return share(u, 3)
 
 
 # --- the repeated runs ---------------------------------------------------------------------------------
@@ -106,12 +101,12 @@ class Learned:
     """What the runs so far tell.
 
     Attributes:
-        u: relative standard uncertainty of the sensitivity that they give.
+        half: half-width of the 95 % interval of the sensitivity that they give, relative.
         runs: number of runs in each position that reach the tolerance, at least those that are done.
         why_not: why no further run reaches it; empty: the runs do.
     """
 
-    u: float
+    half: float
     runs: int
     why_not: str
 
@@ -121,7 +116,7 @@ class CellRepeats:
     """The runs that give the sensitivity of a load cell a tolerance.
 
     Attributes:
-        tolerance: relative standard uncertainty of the sensitivity.
+        tolerance: half-width of the 95 % interval of the sensitivity, relative.
         weights: loads at hand, increasing [N].
         runs: least number of runs in each position.
         positions: number of positions of the cell.
@@ -143,8 +138,7 @@ class CellRepeats:
         """The quickest runs.
 
         Raises:
-            RangeError: no number of runs reaches the tolerance, or it takes too many; the message says what binds, the
-                best there is, and what would do.
+            RangeError: no number of runs reaches the tolerance; the message says what binds and what would do.
         """
         return _quickest(self)
 
@@ -160,7 +154,7 @@ class CellRepeats:
         load, done = np.asarray(loads, dtype=np.float64), math.ceil(len(runs) / self.positions)
         fitted = load_cell_curve(load, runs, step, self.degree, self.loads_u)
         found, curve = fitted.sensitivity, fitted.curve
-        u = found.u / found.value
+        half = found.expanded() / found.value
         degree, scatter = curve.coefficients.size - 1, fitted.scatter_mV or step / math.sqrt(12)
         parts = {part.name: part for part in found.components}
         fixed = (
@@ -176,40 +170,41 @@ class CellRepeats:
             fixed.append(BudgetLine(DEVIATION, off, RepeatUnit.NOTHING))
         least = done
         if differing := parts.get(REPEATABILITY):
-            fixed.append(BudgetLine("runs", differing.u / found.value * math.sqrt(len(runs)), RepeatUnit.SET))
+            of_run, known = differing.u / found.value * math.sqrt(len(runs)), differing.degrees_of_freedom
+            fixed.append(BudgetLine("runs", of_run, RepeatUnit.SET, known))
             least = max(done, FIRST)  # the scatter of the runs themselves decides: few of them tell little of it
-        if u <= self.tolerance and len(runs) >= least * self.positions:
-            return Learned(u, done, "")
+        if half <= self.tolerance and len(runs) >= least * self.positions:
+            return Learned(half, done, "")
         try:
             plan = self.by_lines(tuple(loads), lambda number: lines_by(number) + fixed)
-        except BelowFloor as error:
-            return Learned(u, done, f"{error.line} leaves {share3(error.floor)}, which no further run lowers")
-        except RangeError:  # by the scatter that was found no time is enough
-            return Learned(u, done, "by the scatter that was found no number of runs is enough")
-        return Learned(u, max(plan.runs, least), "")
+        except OutOfReach as error:
+            why = "by the scatter that was found no number of runs is enough"
+            if error.floor >= self.tolerance:
+                why = f"{error.binds} leaves {plus_minus(error.floor, 3)}, which no further run lowers"
+            return Learned(half, done, why)
+        return Learned(half, max(plan.runs, least), "")
 
     def stopped(self, found: Learned) -> str:
         """Why the series ended, for people."""
         why = found.why_not
-        if not why and found.u > self.tolerance:
+        if not why and found.half > self.tolerance:
             why = "the most runs that were planned are done"
-        return f"{share3(found.u)} reached, {share3(self.tolerance)} was asked for{f'; {why}' if why else ''}"
+        told = f"{plus_minus(found.half, 3)} reached, {plus_minus(self.tolerance, 3)} was asked for"
+        return f"{told}; {why}" if why else told
 
     def by_lines(self, loads: tuple[float, ...], lines_by: Callable[[int], list[BudgetLine]]) -> PlannedRuns:
         """The plan with some loads; `lines_by`: lines of the sensitivity by a number of runs in all positions.
 
-        Raises BelowFloor, or RangeError: no number of runs is enough.
+        Raises OutOfReach.
         """
         places, dwell = self.positions, weighing_seconds()
         # The runs are the sets; turning the cell is paid once.
         costs = Costs(MOUNTING * places if places > 1 else 0.0, 0.0, run_seconds(len(loads)) - dwell)
         fewest = self.runs * places
-        runs = math.ceil(allocate(lines_by(fewest), costs, self.tolerance, dwell, fewest).sets / places)
-        reached = budget(lines_by(runs * places), 1, runs * places, 1.0)
-        shares = {row["name"]: row["share"] for row in reached.rows()}
-        binds = max(shares, key=lambda name: shares[name])
-        seconds = costs.seconds(1, runs * places, dwell)
-        return PlannedRuns(loads, runs, Allocation(1, runs * places, dwell, seconds, reached.u, shares, binds))
+        runs = allocate(
+            lines_by(fewest), costs, self.tolerance, [dwell], rounds=places, fewest=fewest, most=max(MOST_RUNS, fewest)
+        ).sets
+        return PlannedRuns(loads, runs // places, allocation(lines_by(runs), costs, 1, runs, dwell))
 
     def predicted(self) -> Predicted:
         """What the series is predicted to take and to give; a plan for people."""
@@ -217,15 +212,17 @@ class CellRepeats:
         plan, count = planned.allocation, len(planned.loads)
         each = "" if self.positions == 1 else f" in each of {counted(self.positions, 'position')}"
         lines = [
-            f"wanted         {share3(self.tolerance)} of the sensitivity",
+            f"wanted         {plus_minus(self.tolerance, 3)} of the sensitivity",
             f"plan           {counted(planned.runs, 'run')} up and down{each} with {counted(count, 'weight')}:"
             f" {duration(plan.seconds)}",
             f"weights        {', '.join(f'{load:.4g}' for load in planned.loads)} N",
-            f"expected       {share3(plan.u)}; {f'loads count with {share3(self.loads_u)}' if self.loads_u else EXACT}",
-            f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance",
+            f"expected       {plus_minus(plan.half, 3)}; "
+            f"{f'loads count with u = {share(self.loads_u, 3)}' if self.loads_u else EXACT}",
+            binding(plan),
         ]
         of_series = {"loads_N": list(planned.loads), "runs": planned.runs, "positions": self.positions,
-                   "seconds": plan.seconds, "u": plan.u, "binds": plan.binds, "shares": plan.shares}  # fmt: skip
+                   "seconds": plan.seconds, "u": plan.u, "half": plan.half, "binds": plan.binds,
+                   "shares": plan.shares}  # fmt: skip
         results = [{"name": SENSITIVITY, "u": plan.u, "unit": "relative"}]
         said = {"tolerance": self.tolerance, "planned": of_series, RESULTS: results}
         return Predicted(plan.seconds, plan.u, said, lines)
@@ -276,51 +273,49 @@ def spread(weights: Sequence[float], count: int) -> tuple[float, ...]:
 def _quickest(asked: CellRepeats) -> PlannedRuns:
     least = min(len(asked.weights), max(FEWEST_LOADS, (asked.degree or 1) + 2))
     found: list[PlannedRuns] = []
-    refused: list[tuple[BelowFloor, tuple[float, ...]]] = []
+    refused: list[tuple[OutOfReach, tuple[float, ...]]] = []
     for count in range(least, len(asked.weights) + 1):
         loads = spread(asked.weights, count)
         try:
             found.append(asked.by_lines(loads, partial(asked.lines_before, loads)))
-        except BelowFloor as error:
+        except OutOfReach as error:
             refused.append((error, loads))
     if not found:
-        raise _below_floor(asked, *min(refused, key=lambda each: each[0].floor))
-    best = min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
-    if best.allocation.sets > MOST_RUNS:
-        raise RangeError(
-            f"--tolerance {share3(asked.tolerance)} takes {counted(best.allocation.sets, 'run')} up and down, "
-            f"{duration(best.allocation.seconds)}, above the limit of {MOST_RUNS} runs; give a greater --tolerance"
-        )
-    return best
+        raise _refusal(asked, *min(refused, key=lambda each: each[0].best))
+    return min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
 
 
-def _below_floor(asked: CellRepeats, error: BelowFloor, loads: Sequence[float]) -> RangeError:
-    """The refusal of a tolerance below what weights and display leave, by the loads that leave the least [N]."""
-    tolerance, loads_u, cell = asked.tolerance, asked.loads_u, asked.cell
-    best = f"best now  {share3(1.01 * error.floor)}"
-    if tolerance <= loads_u:
+def _refusal(asked: CellRepeats, error: OutOfReach, loads: Sequence[float]) -> RangeError:
+    """The refusal of a tolerance that no number of runs reaches, by the loads that come nearest to it [N]."""
+    loads_u, cell = asked.loads_u, asked.cell
+    whole, wanted = error.floor / NORMAL_FACTOR, asked.tolerance / NORMAL_FACTOR
+    told = f"--tolerance {share(asked.tolerance, 3)} cannot be reached: "
+    best = f"best now  --tolerance '{reachable(error.best)}'"
+    if wanted <= loads_u:
         lines = [
-            f"--tolerance {share3(tolerance)} cannot be reached: --loads-u says {share3(loads_u)}, which no run lowers",
+            f"{told}--loads-u {share(loads_u, 3)} leaves {plus_minus(NORMAL_FACTOR * loads_u, 3)}, which no run lowers",
             best,
             "or        weights of a better class, or the local gravity, and a smaller --loads-u",
         ]
         return RangeError("\n  ".join(lines))
+    if error.floor < asked.tolerance:
+        return RangeError(f"{told}{error.binds} binds, and a series has {MOST_RUNS} runs at most\n  {best}")
     rounded = mean_u(display_scatter(cell), cell.resolution_mV, math.inf)
-    slope = slope_u(np.asarray(loads, dtype=np.float64), asked.degree or 1)
-    apart = rounded * slope / cell.sensitivity_mV_per_N
-    left, wanted = (math.sqrt(u**2 - loads_u**2) for u in (error.floor, tolerance))  # by the display alone
-    heavier = (loads[-1] - loads[0]) * left / wanted + loads[0]
+    apart = rounded * slope_u(np.asarray(loads, dtype=np.float64), asked.degree or 1) / cell.sensitivity_mV_per_N
+    left, free = (math.sqrt(u**2 - loads_u**2) for u in (whole, wanted))  # by the display alone
+    heavier = (loads[-1] - loads[0]) * left / free + loads[0]
+    alone = NORMAL_FACTOR * math.hypot(apart, loads_u)
     lines = [
-        f"--tolerance {share3(tolerance)} cannot be reached: resolution leaves {share3(left)}"
-        f"{f', and --loads-u {share3(loads_u)}' if loads_u else ''}: the display of "
+        f"{told}resolution leaves {plus_minus(NORMAL_FACTOR * left, 3)}"
+        f"{f', and --loads-u {share(loads_u, 3)}' if loads_u else ''}: the display of "
         f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
         best,
         f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",
         "or        an indicator with finer steps",
     ]
-    if error.floor > ALIKE * math.hypot(apart, loads_u):
+    if error.floor > ALIKE * alone:
         lines.append(
-            f"or        {share3(math.hypot(apart, loads_u))} by weights that are rounded independently: these are"
+            f"or        {plus_minus(alone, 3)} by weights that are rounded independently: these are"
             " nearly whole steps of the display apart, and rounded alike"
         )
     lines.append(f"note      by {cell.source}; a calibration without --tolerance tells the steps of this indicator")

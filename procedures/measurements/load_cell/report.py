@@ -61,7 +61,7 @@ def print_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome
 
 def _predicted(outcome: Outcome) -> str:
     u, seconds = outcome["predicted_u"], outcome["predicted_seconds"]
-    return "" if u is None or seconds is None else f" (predicted {100 * u:.3g} % in {duration(seconds)})"
+    return "" if u is None or seconds is None else f" (predicted u {100 * u:.3g} % in {duration(seconds)})"
 
 
 def _place(point: LoadCellPoint) -> tuple[float, int, float]:

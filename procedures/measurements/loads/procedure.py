@@ -8,17 +8,17 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated
 
-from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.allocation.stopping import FIRST, RunRatio, answer, enough
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
+from palpate.instrument.allocation.stopping import RunRatio, answer, enough
+from palpate.instrument.allocation.table import Allocation, RunOption, dwells
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.findings.film_forces import calibration_u, film_forces, pickup_u
 from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
-from palpate.instrument.quantity import check_tolerance, counted, show
+from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import THESIS_LOADS, Design
 from palpate.instrument.sensor.sample import get_sample, parse_samples
-from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_of, floor_u, whole_steps
+from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_of, floor_u, half_width, whole_steps
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads, until_full
@@ -27,15 +27,15 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, ratio_of, valid_ratios
 from palpate.procedures.measurements.prospects import (
-    MOST_SETS,
+    binding,
     expected_mean,
     expected_ratio,
-    in_rounds,
     most_sets,
-    reachable,
+    planned_for,
+    refusal,
     share,
 )
-from palpate.procedures.measurements.settings import DwellTime, Frequency, share_setting
+from palpate.procedures.measurements.settings import DwellTime, Frequency, tolerance_setting
 from palpate.procedures.measurements.sweep import Sweep, SweepWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
@@ -53,8 +53,8 @@ from palpate.procedures.steps.films import check_nodes
 # tells how many there are in all, as `instrument.allocation.stopping` has it.
 
 REMEDIES = {
-    CALIBRATION: "calibrate the films with more load sets: palpate calibrate films",
-    PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
+    CALIBRATION: ["or        calibrate the films with more load sets: palpate calibrate films"],
+    PICKUP: ["or        tie the films' cables down, and give the smaller pick-up in the bench file"],
 }
 
 
@@ -67,7 +67,7 @@ class Repeats:
         samples: names of the samples.
         loads: loads of one round, peak to peak [N].
         frequency: frequency of the load [Hz].
-        tolerance: relative standard uncertainty of the mean ratio of each sample.
+        tolerance: half-width of the 95 % interval of the mean ratio of each sample, relative.
         mounts: who mounts the samples, and how long that takes.
     """
 
@@ -83,9 +83,17 @@ class Repeats:
         """The plan for each sample, in whole rounds and whole steps of dwell.
 
         Raises:
-            RangeError: what no set lowers is not below the tolerance; the message says what would.
+            RangeError: no number of sets reaches the tolerance; the message says what binds and what would do.
         """
-        return {sample: _allocation(self, sample) for sample in self.samples}
+        shortest, ways = whole_steps(max(STEP, 1 / self.frequency)), {}
+        for sample in self.samples:
+            lines = self.lines(sample)
+            ways[sample] = [RunOption(lines, self.costs, dwell) for dwell in dwells(lines, shortest, whole_steps)]
+        plans, refused = planned_for(ways, self.tolerance, len(self.loads))
+        if refused:
+            sample, error = max(refused.items(), key=lambda each: each[1].best)
+            raise refusal(self.tolerance, f"the mean ratio of sample {sample}", error, REMEDIES)
+        return plans
 
     def lines(self, sample: str) -> list[BudgetLine]:
         """Lines of the mean ratio of a sample."""
@@ -93,18 +101,12 @@ class Repeats:
         noise = math.sqrt(
             math.fsum(expected_noise(self.design, load, ratio) ** 2 for load in self.loads) / len(self.loads)
         )
-        lines = [
-            BudgetLine(SCATTER, self.design.ratio_scatter, RepeatUnit.SET, PRIOR_FREEDOM),
+        scatter, *fixed = floor_of(self.design, ratio)
+        return [
+            BudgetLine(scatter.name, scatter.u, RepeatUnit.SET, scatter.degrees_of_freedom),
             BudgetLine(NOISE, noise, RepeatUnit.SECOND),
+            *(BudgetLine(part.name, part.u, RepeatUnit.NOTHING, part.degrees_of_freedom) for part in fixed),
         ]
-        if films := calibration_u(self.design):
-            lines.append(BudgetLine(CALIBRATION, films, RepeatUnit.NOTHING, self.design.film_freedom or math.inf))
-        lines += [
-            BudgetLine(PICKUP, part.u, RepeatUnit.NOTHING)
-            for part in floor_of(self.design, ratio)
-            if part.name == PICKUP
-        ]
-        return lines
 
     @property
     def costs(self) -> Costs:
@@ -134,63 +136,41 @@ class Repeats:
         """What the run is predicted to take and to give; a plan for people."""
         plans = self.allocations
         seconds = math.fsum(plan.seconds for plan in plans.values())
-        worst = max(plans.values(), key=lambda plan: plan.u)
+        worst = max(plans.values(), key=lambda plan: plan.half)
         sets = ", ".join(f"{sample}: {plan.sets}" for sample, plan in plans.items())
         dwell = max(plan.dwell for plan in plans.values())
         lines = [
-            f"wanted         {share(self.tolerance, 3)} of the mean ratio of each sample, below the "
-            f"{share(self.design.ratio_scatter, 3)} that one load set scatters",
+            f"wanted         {plus_minus(self.tolerance, 3)} of the mean ratio of each sample; one load set scatters "
+            f"by u = {share(self.design.ratio_scatter, 3)}",
             f"plan           load sets of each sample: {sets}, of {show(dwell, 's')} at most: {duration(seconds)} "
             f"({self.mounts.described(len(plans))})",
-            f"expected       {share(worst.u, 3)} at most",
-            f"binds          {worst.binds}, {worst.shares[worst.binds]:.0%} of the variance",
+            f"expected       {plus_minus(worst.half, 3)} at most",
+            binding(worst),
         ]
         results = [Expected(ratio_of(sample), plan.u) for sample, plan in plans.items()]
         told = {
             RESULTS: [asdict(each) for each in results],
-            "tolerance_of": "mean",
+            "tolerance_for": "mean",
             "planned": {
-                sample: {"sets": p.sets, "dwell_s": p.dwell, "seconds": p.seconds, "u": p.u, "binds": p.binds,
-                         "shares": p.shares}
+                sample: {"sets": p.sets, "dwell_s": p.dwell, "seconds": p.seconds, "u": p.u, "half": p.half,
+                         "binds": p.binds, "shares": p.shares}
                 for sample, p in plans.items()
             },
         }  # fmt: skip
-        return Predicted(seconds, worst.u, told, lines)
-
-
-def _allocation(asked: Repeats, sample: str) -> Allocation:
-    lines = asked.lines(sample)
-    shortest = whole_steps(max(STEP, 1 / asked.frequency))
-    try:
-        found = allocate(lines, asked.costs, asked.tolerance, shortest, FIRST)
-    except BelowFloor as error:
-        told = [
-            f"--tolerance {share(asked.tolerance, 3)} cannot be reached for sample {sample}: {error.line} leaves "
-            f"{share(error.floor, 3)} of its mean ratio, which no load set lowers",
-            f"best now  {share(error.floor, 3)}",
-            f"or        {REMEDIES[error.line]}",
-        ]
-        raise RangeError("\n  ".join(told)) from None
-    if found.sets > MOST_SETS:
-        best = reachable(budget(lines, 1, MOST_SETS, found.dwell).u)
-        raise RangeError(
-            f"--tolerance {share(asked.tolerance, 3)} takes {counted(found.sets, 'load set')} of sample {sample}, "
-            f"{duration(found.seconds)}, above the limit of {MOST_SETS} sets; give --tolerance '{best}' or more"
-        )
-    dwell = whole_steps(max(found.dwell, shortest))
-    return in_rounds(lines, asked.costs, found.sets, dwell, len(asked.loads))
+        return Predicted(seconds, max(plan.u for plan in plans.values()), told, lines)
 
 
 def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
-    """Relative uncertainties of a force ratio that no dwell lowers, for one tooth and its base."""
-    scatter = Floor(SCATTER, design.ratio_scatter)
-    pickup = pickup_u(design) * math.hypot(1.0, 1 / ratio)
-    return (scatter, Floor(PICKUP, pickup)) if pickup else (scatter,)
+    """Relative uncertainties of a force ratio that no dwell lowers, for one tooth and its base; the scatter first."""
+    scatter = Floor(SCATTER, design.ratio_scatter, PRIOR_FREEDOM)
+    films = Floor(CALIBRATION, calibration_u(design), design.film_freedom or math.inf)
+    pickup = Floor(PICKUP, pickup_u(design) * math.hypot(1.0, 1 / ratio))
+    return (scatter, *(part for part in (films, pickup) if part.u))
 
 
 def one_set_suffices(design: Design, samples: Sequence[str], tolerance: float) -> bool:
     """Whether one load set of each sample can have a tolerance; if not, it is one of the mean."""
-    return all(tolerance > floor_u(floor_of(design, expected_ratio(design, sample))) for sample in samples)
+    return all(tolerance > half_width(floor_of(design, expected_ratio(design, sample))) for sample in samples)
 
 
 # --- the procedure -------------------------------------------------------------------------------------
@@ -227,9 +207,9 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
     frequency: Frequency = 10.0
     tolerance: Annotated[
         float | None,
-        share_setting(
-            "Instead of --dwell: relative standard uncertainty of each point; where no load set can have it, of the"
-            " mean of each sample: its loads are then repeated.",
+        tolerance_setting(
+            "of each point, in place of --dwell; where no load set can have it, of the mean of each sample, whose loads"
+            " are then repeated.",
             determines="dwell",
         ),
     ] = None
@@ -289,7 +269,7 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         likely = predicted(steps, [self._expected(target.design, name) for name in self.samples])
         if self.tolerance is not None:
             worst = max(step.ratio_u_expected or 0.0 for step in steps)
-            likely = replace(likely, u=worst, details={**likely.details, "tolerance_of": "point"})
+            likely = replace(likely, u=worst, details={**likely.details, "tolerance_for": "point"})
         return Plan(self.name, steps, likely)
 
     def _repeated(self, repeats: Repeats) -> Plan[LoadStep, Repeats | None]:
@@ -374,7 +354,7 @@ class LoadSweepWork(SweepWork):
 
 
 def _chosen(design: Design, target: float) -> DwellChoice:
-    """How a dwell is chosen from the noise of a short record, for a relative standard uncertainty of the ratio."""
+    """How a dwell is chosen from the noise of a short record, for a tolerance of the ratio."""
 
     def choose(short: SineFit) -> RequiredDwell:
         forces = film_forces(design, short)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.instrument.models.evidence import Evidence
+from palpate.instrument.quantity import plus_minus
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.loads.result import LoadPoint, SampleMean, SweepResult
@@ -45,7 +46,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Pat
         *([_worth(worth, outcome["model"])] if worth else []),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}{compared}",
         *legend(points, means),
-        *([] if result.tolerance is None else [_tolerance(result.tolerance, result, outcome)]),
+        *([] if result.tolerance is None else [_tolerance(result.tolerance, result)]),
         _forces(result.points),
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),
@@ -64,14 +65,13 @@ def _evidence(worth: str, mean: SampleMean) -> str:
     return NOTHING if mean.force_ratio is None else worth
 
 
-def _tolerance(tolerance: float, result: SweepResult, outcome: Outcome) -> str:
-    """A line that says of what the tolerance is, and what was predicted and reached."""
-    of = "the mean of each sample, whose load sets are repeated" if result.tolerance_of == "mean" else "each point"
-    u, predicted = result.achieved_u, outcome["predicted_u"]
-    reached = f"{percent(u)} % reached" if u is not None else "not known what was reached"
-    foreseen = "" if predicted is None else f" (predicted {percent(predicted)} %)"
-    missed = ", NOT REACHED" if u is not None and u > tolerance * (1 + ROUNDING) else ""
-    return f"tolerance      {percent(tolerance)} % of {of}: {reached} at most{foreseen}{missed}"
+def _tolerance(tolerance: float, result: SweepResult) -> str:
+    """A line that says of what the tolerance is, and what was reached."""
+    of = "the mean of each sample" if result.tolerance_for == "mean" else "each point"
+    half = result.reached
+    reached = f"{plus_minus(half, 3)} reached at most" if half is not None else "not known what was reached"
+    missed = ", NOT REACHED" if half is not None and half > tolerance * (1 + ROUNDING) else ""
+    return f"tolerance      {plus_minus(tolerance, 3)} of {of}: {reached}{missed}"
 
 
 def _worth(evidence: str, model: str | None) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Protocol
 
 from palpate.instrument.allocation.stopping import RunRatio
 from palpate.instrument.findings.film_forces import ToothPoint
-from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM, SCATTER, mean_ratio
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.measurements import columns
@@ -94,31 +94,40 @@ class SweepResult:
         samples: mean force ratio of each sample.
         softness_order: names of the samples with a valid point, from hard to soft.
         budgets: uncertainty budget of each mean.
-        tolerance: relative standard uncertainty that was asked for; None: none was.
-        tolerance_of: "point", or "mean" of each sample; None: there is no tolerance.
+        halves: half-width of the 95 % interval of each valid point, relative.
+        tolerance: half-width that was asked for; None: none was.
+        tolerance_for: "point", or "mean" of each sample; None: there is no tolerance.
     """
 
     points: list[LoadPoint]
     samples: list[SampleMean]
     softness_order: list[str]
     budgets: tuple[Budget, ...]
+    halves: tuple[float, ...] = ()
     tolerance: float | None = None
-    tolerance_of: str | None = None
+    tolerance_for: str | None = None
 
     @property
     def achieved_u(self) -> float | None:
         """Greatest relative standard uncertainty of what the tolerance is of, else of the means; None: one lacks."""
         of = {"point": [p.relative_u for p in self.points], "mean": [s.relative_u for s in self.samples]}
-        found = of[self.tolerance_of or "mean"]
+        found = of[self.tolerance_for or "mean"]
         known = [u for u in found if u is not None]
         return max(known) if known and len(known) == len(found) else None
+
+    @property
+    def reached(self) -> float | None:
+        """Greatest half-width of a 95 % interval, relative, of what the tolerance is of; None: one is not known."""
+        means = [budget.expanded() / budget.value for budget in self.budgets]
+        found, of = (self.halves, self.points) if self.tolerance_for == "point" else (means, self.samples)
+        return max(found) if found and len(found) == len(of) else None
 
     def summary(self) -> dict[str, Any]:
         """The result without its points, under public names."""
         return {
             "samples": [asdict(s) for s in self.samples],
             "softness_order": self.softness_order,
-            **({} if self.tolerance is None else {"tolerance_of": self.tolerance_of}),
+            **({} if self.tolerance is None else {"tolerance_for": self.tolerance_for}),
             "budgets": [budget.summary() for budget in self.budgets],
         }
 
@@ -174,8 +183,16 @@ def evaluate(
         )
     known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
     order = [sample for _, sample in sorted(known, reverse=True)]
-    of = None if tolerance is None else "point" if repeated is None else "mean"
-    return SweepResult(list(points), means, order, tuple(budgets), tolerance, of)
+    halves = tuple(_half(point, design) for point in points if point.valid and point.force_ratio > 0)
+    wanted = None if tolerance is None else "point" if repeated is None else "mean"
+    return SweepResult(list(points), means, order, tuple(budgets), halves, tolerance, wanted)
+
+
+def _half(point: LoadPoint, design: Design) -> float:
+    """Half-width of the 95 % interval of a point's ratio, relative."""
+    parts = mean_ratio("", [point], design.film_freedom).components
+    known = (replace(part, degrees_of_freedom=PRIOR_FREEDOM) if part.name == SCATTER else part for part in parts)
+    return Budget("", point.force_ratio, "", tuple(known)).expanded() / point.force_ratio
 
 
 def _by_scatter(quantity: str, found: RunRatio) -> Budget:

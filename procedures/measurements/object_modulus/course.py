@@ -7,11 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-from palpate.instrument.allocation.allocate import BelowFloor
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
+from palpate.instrument.allocation.lines import MOST_FREEDOM, BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import (
-    FIRST,
-    SETS,
     Ratios,
     StoppingVerdict,
     answer,
@@ -19,19 +16,18 @@ from palpate.instrument.allocation.stopping import (
     first_sets,
     pooled,
 )
-from palpate.instrument.allocation.times import MOST_FREEDOM
-from palpate.instrument.errors import RangeError
+from palpate.instrument.allocation.table import FIRST, OutOfReach
 from palpate.instrument.findings.mean_ratio import CALIBRATION, PRIOR_FREEDOM
 from palpate.instrument.findings.object_modulus import COVERAGE, estimate
 from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Between, Budget, Component, between_groups
 from palpate.procedures.engine.plan import expected_noise, noise_of
 from palpate.procedures.measurements import columns
-from palpate.procedures.measurements.object_modulus.prospect import (
+from palpate.procedures.measurements.object_modulus.planning import (
     BOUND_SETS,
     CURVE,
     EDGE,
@@ -121,7 +117,7 @@ class ObjectModulusAnswer:
             error, freedom = self.validation.u or 0.0, self.validation.degrees_of_freedom
             parts.append(Component(VALIDATION, error, change, freedom))
         quantity = f"modulus, {'absolute' if absolute else 'scale'}"
-        return Budget(quantity, modulus, "Pa", tuple(parts), self.ratio.correlations)
+        return Budget(quantity, modulus, "Pa", tuple(parts), self.ratio.correlations, self.ratio.prior)
 
 
 def answered(mean: float, relative: Budget, question: RatioQuestion, found: ExpectedRatio) -> ObjectModulusAnswer:
@@ -135,7 +131,7 @@ def answered(mean: float, relative: Budget, question: RatioQuestion, found: Expe
     """
     ratio, references = min(mean, 1 - EDGE), found.references
     parts = tuple(replace(part, sensitivity=ratio) for part in relative.components)
-    budget = Budget("force ratio", ratio, "", parts, relative.correlations)
+    budget = Budget("force ratio", ratio, "", parts, relative.correlations, relative.prior)
     if references is not None and references.same_films:
         shared = math.fsum(part.u * ratio for part in parts if part.name == CALIBRATION)
         references = replace(references, shared_u=shared)
@@ -174,6 +170,12 @@ class ObjectModulusResult:
         return found
 
     @property
+    def reached(self) -> float | None:
+        """Half-width of the 95 % interval that the tolerance is about, relative; None: only a bound is known."""
+        found = None if self.answer is None else self.answer.budget(absolute=not self.wanted.relative)
+        return None if found is None else found.expanded() / found.value
+
+    @property
     def budgets(self) -> list[Budget]:
         """Uncertainty budgets of the mean ratio and of the modulus, on the model's scale and absolute."""
         if self.answer is None:
@@ -197,6 +199,7 @@ class ObjectModulusResult:
         shares = self.shares
         return {
             "tolerance": self.wanted.tolerance,
+            "reached_U95": self.reached,
             "time_s": self.wanted.time,
             "relative_to_model": self.wanted.relative,
             "planned": self.prospect.summary(),
@@ -276,14 +279,11 @@ class Course:
         lines = self._lines(ratios, slope, absolute=not self.wanted.relative)
         try:
             found = enough(lines, self.costs, tolerance, plan, slope, ratios)
-        except BelowFloor as error:
-            return StoppingVerdict(
-                plan.mountings, plan.sets, f"{error.line} leaves {error.floor:.2%}, which no set lowers"
-            )
-        except RangeError:
-            return StoppingVerdict(
-                plan.mountings, plan.sets, "by the scatter that was found no time on the bench is enough"
-            )
+        except OutOfReach as error:
+            why = "by the scatter that was found no time on the bench is enough"
+            if error.floor >= tolerance:
+                why = f"{error.binds} leaves {plus_minus(error.floor)}, which no set lowers"
+            return StoppingVerdict(plan.mountings, plan.sets, why)
         asked, each = plan.mountings, plan.sets // plan.mountings
         missing = asked - sum(len(sets) >= each for sets in ratios)  # one that was interrupted does not count
         if self.wanted.mountings is None or missing <= 0:
@@ -347,11 +347,6 @@ class Course:
             found.append(
                 f"the ratio is at an end of what model {self.prospect.found.model!r} tells ({low} to {high}): a sensor "
                 "with a ring more like the object, or palpate test modulus, would do better"
-            )
-        if self.wanted.mounted is None and slope is not None and len(ratios) < LEAST_MOUNTINGS:
-            found.append(
-                "the scatter of mountings was never measured and counts as none; each 1 % of it would add "
-                f"{100 * 0.01 * slope / math.sqrt(len(ratios)):.2g} %; --mountings 3 measures it"
             )
         if ratios and (late := self._late(points, ratios)):
             found.append(late)
@@ -433,25 +428,14 @@ class Course:
         return sensitivity_at(self.curve, _mean(ratios))
 
     def _lines(self, ratios: Ratios, slope: float, *, absolute: bool) -> list[BudgetLine]:
-        """The lines of the plan at the measured ratio, with what the mountings of this run tell of their scatter.
-
-        A scatter that sets do not show counts for mountings. The scatter that a few mountings showed is found from
-        their means, and the sets' part is taken away from it: the two are one estimate, and have the fewer degrees of
-        freedom. As independent ones (Welch and Satterthwaite) their interval holds 90 % where it says 95 %.
-        """
+        """The lines of the plan at the measured ratio; a scatter that sets do not show counts for mountings."""
         found = replace(self.prospect.found, ratio=_mean(ratios), sensitivity=slope)
         lines = lines_of(self.design, found, self.prospect.load, self.wanted, absolute, self._cycles)
         if self.too_alike(ratios):
-            scatter = math.hypot(self.design.ratio_scatter, self.wanted.mounted or 0.0)
+            scatter = math.hypot(self.design.ratio_scatter, self.wanted.mounted)
             mounted = BudgetLine(MOUNTED, slope * scatter, RepeatUnit.MOUNTING, PRIOR_FREEDOM)
-        elif self.wanted.mounted is None and (own := mounting_scatter(ratios)) is not None and own.u > 0:
-            mounted = BudgetLine(
-                MOUNTED, slope * own.u, RepeatUnit.MOUNTING, float(own.degrees_of_freedom), estimate=SETS
-            )
-        else:
-            return list(lines)
-        kept = [line for line in lines if line.name != MOUNTED]
-        return [*kept, mounted]
+            return [*(line for line in lines if line.name != MOUNTED), mounted]
+        return list(lines)
 
 
 def _remounts(points: Sequence[ModulusPoint], verdict: StoppingVerdict) -> bool:

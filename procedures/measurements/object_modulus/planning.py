@@ -1,55 +1,373 @@
-"""The plan of a measurement of a modulus, or why there is none."""
+"""The plan for the modulus of an object: the best load, mountings, load sets and dwell, or why there is none.
+
+    prospect_of(question, 48e3, design, loads=(2.0, 3.0, 4.0), references=None, wanted=wanted).allocation
+
+All plans are rows of one table (`instrument.allocation.table`): what is planned, offered beside it and refused is
+looked up there.
+"""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from palpate.instrument.allocation.allocate import BelowFloor
-from palpate.instrument.allocation.preparations import Prepared, prepare
-from palpate.instrument.allocation.purchase import Preparation, RunOption
-from palpate.instrument.calibration.films import FEWEST
-from palpate.instrument.errors import PalpateError, RangeError, UsageError
-from palpate.instrument.findings.film_forces import calibration_u
-from palpate.instrument.findings.mean_ratio import CALIBRATION, PICKUP
-from palpate.instrument.findings.object_modulus import ByReferences, answering
-from palpate.instrument.models.ratio import RatioQuestion
-from palpate.instrument.models.validation import validate
-from palpate.instrument.quantity import LARGEST_TOLERANCE, counted, show
-from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.plan import APPROACH, point_seconds
-from palpate.procedures.lab.lab import MOUNTING, Target
-from palpate.procedures.measurements.object_modulus.prospect import (
-    CURVE,
-    MOUNTED,
-    SHORT,
-    VALIDATION,
-    ExpectedRatio,
-    Prospect,
-    Wanted,
-    best_of,
-    expected,
-    fewest_of,
-    for_bound,
-    sets_of,
-    way_of,
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
+from palpate.instrument.allocation.preparations import Preparation, Prepared, prepared
+from palpate.instrument.allocation.stopping import RunTimes, run_times
+from palpate.instrument.allocation.table import (
+    MOST_MOUNTINGS,
+    MOST_SETS,
+    ROUNDING,
+    Allocation,
+    OutOfReach,
+    RunOption,
+    Table,
+    dwells,
+    half_of,
 )
-from palpate.procedures.measurements.object_modulus.telling import LEAST_SHARE
-from palpate.procedures.measurements.prospects import MOST_SETS, reachable, share
-from palpate.procedures.measurements.prospects import share as percent
+from palpate.instrument.calibration.films import FEWEST
+from palpate.instrument.errors import PalpateError, RangeError
+from palpate.instrument.findings.film_forces import calibration_u, pickup_u
+from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
+from palpate.instrument.findings.object_modulus import (
+    MOST_SENSITIVE,
+    ByReferences,
+    answering,
+    estimate,
+    modulus_of_ratio,
+    validation_of,
+)
+from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
+from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.validation import Validation, ValidationLine, validate
+from palpate.instrument.quantity import LARGEST_TOLERANCE, as_typed, counted, plus_minus, show
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
+from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
+from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target
+from palpate.procedures.measurements.prospects import reachable, share
 from palpate.procedures.showing.plan import duration
-from palpate.procedures.steps.checks import check_frequency
+from palpate.procedures.steps.checks import check_frequency, preload_for
+from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, settling_length
+from palpate.procedures.steps.servo import READING_INTERVAL, READINGS, RELEASED, window
+
+# --- Bench times of the measurement of a modulus: a mounting, a set, the beginning and the end ---------
+
+ZERO = 1.2  # s, the load cell's zero at the start [M]
+END, END_PER_NEWTON = 4.7, 0.6  # s, and s/N of the load: the probe home and the zero again at the end [M]
+FIRST_TOUCH, PER_NEWTON = 3.7, 2.2  # s, and s/N of the preload: the quick approach [M]
+WITHDRAWAL = 2.1  # s, before each mounting but the first [M]
+SERVO_STEPS = 4  # to the load, after each mounting [M]
+
+
+def costs_of(load: float, frequency: float, mounts: Mounts = BY_HAND) -> Costs:
+    """Bench times of the measurement under a load [N, peak to peak] of a frequency [Hz].
+
+    Each mounting is one of an object that lies there already; the first one, where none does, may be quicker.
+    """
+    reading = (READINGS - 1) * READING_INTERVAL
+    servo = SERVO_STEPS * (window(frequency) + READING_INTERVAL + reading) + reading
+    approach = FIRST_TOUCH + PER_NEWTON * preload_for((load,))
+    again = RELEASED / frequency + 2 * settling_length(frequency, shortest(frequency))
+    mounting = mounts.again + approach + servo + WITHDRAWAL
+    start = ZERO + end_seconds(load) - WITHDRAWAL - (mounts.again - mounts.seconds)
+    return Costs(max(start, 0.0), mounting, again, mounts.person)
+
+
+def end_seconds(load: float) -> float:
+    """Bench time of the end of the measurement under a load [N, peak to peak] [s]."""
+    return END + END_PER_NEWTON * load
+
+
+def shortest(frequency: float) -> float:
+    """Least dwell of a set [s]: whole periods of a frequency [Hz], and not below 0.1 s."""
+    return max(1.0, math.ceil(0.1 * frequency - 1e-9)) / frequency
+
+
+# -------------------------------------------------------------------------------------------------------
+# What is wanted of an object's modulus, what a model expects of it, and the lines of its uncertainty
+#
+# found = expected(question, 48e3)                              # ratio 0.27, sensitivity 2.0
+# lines_of(design, found, 3.0, wanted, absolute=False)          # under a load of 3 N
+
+LEAST_SHARE = 0.005  # of the variance; a smaller one is not told
+MOUNTED, CURVE, VALIDATION = "mounting scatter", "discretisation", "validation"
+EDGE = 1e-9  # distance that an expected ratio keeps from 0 and 1
+USUAL = 10.0  # Hz
+LONG = 20  # cycles, from which on trend and hum cost nothing of a dwell
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is asked for.
+
+    Attributes:
+        tolerance: half-width of the 95 % interval of the modulus, relative; None: as good as the time allows.
+        time: bench time [s]; None: as long as the tolerance takes.
+        relative: whether the tolerance is about the model's scale, without the validation error.
+        frequency: frequency of the load [Hz].
+        mountings: number of mountings; None: as many as pay.
+        mounted: relative standard deviation of the ratio from mounting to mounting.
+        mounted_freedom: its degrees of freedom; infinite where it is known exactly.
+        mounted_by: where it comes from, for people.
+        mounts: who mounts the object, and how long that takes.
+        sample: name of the object, if it is one of the rubber samples; empty: it is none.
+    """
+
+    tolerance: float | None
+    time: float | None
+    relative: bool
+    frequency: float
+    mountings: int | None
+    mounted: float
+    mounted_freedom: float
+    mounted_by: str
+    mounts: Mounts = BY_HAND
+    sample: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedRatio:
+    """What a model expects of an object.
+
+    Attributes:
+        ratio: force ratio.
+        sensitivity: relative change of the modulus over that of the ratio; None: the ratio says too little of it.
+        curve_u: standard uncertainty of the ratio by the model's discretisation.
+        validation: the model's validation error.
+        model: name of the model that answers.
+        references: the model's calibration by references; None: there is none.
+    """
+
+    ratio: float
+    sensitivity: float | None
+    curve_u: float
+    validation: ValidationLine
+    model: str
+    references: ByReferences | None = None
+
+    @property
+    def films_cancel(self) -> bool:
+        """Whether the error of the films' calibration cancels in the absolute modulus, because references share it."""
+        return self.references is not None and self.references.same_films
+
+
+def curve_of(question: RatioQuestion, references: ByReferences | None = None) -> RatioCurve:
+    """The curve of the question's model, corrected by references if there are some. Raises as `ratio_curve` does."""
+    sensor = question.sensor()
+    curve = ratio_curve(sensor, question.load(sensor.ring.material.modulus), question.model, question.tolerance)
+    return curve if references is None else corrected(curve, validation_of(question, curve.model, references).constant)
+
+
+def sensitivity_at(curve: RatioCurve, ratio: float) -> float | None:
+    """Relative change of the modulus over that of the ratio; None: the ratio is only good for a bound."""
+    found = modulus_of_ratio(curve, [min(max(ratio, EDGE), 1 - EDGE)])
+    slope = float(found.sensitivity[0])
+    return slope if slope <= MOST_SENSITIVE and math.isfinite(found.modulus[0]) else None
+
+
+def expected(question: RatioQuestion, modulus: float, references: ByReferences | None = None) -> ExpectedRatio:
+    """What the question's model expects of an object of a Young modulus [Pa].
+
+    Raises:
+        RangeError: the model does not answer for this sensor. EstimateError: a system cannot be solved accurately.
+    """
+    curve = curve_of(question, references)
+    low, high = curve.moduli
+    ratio = float(curve.force_ratio([min(max(modulus, low), high)])[0])
+    ratio = min(max(ratio, EDGE), 1 - EDGE)
+    (row,) = estimate(question, [ratio], EDGE, references=references)
+    sensitivity = sensitivity_at(curve, ratio) if low <= modulus <= high else None
+    line = validation_of(question, row["model"], references)
+    return ExpectedRatio(ratio, sensitivity, row["curve_error"] / math.sqrt(3), line, row["model"], references)
+
+
+def lines_of(
+    design: Design, found: ExpectedRatio, load: float, wanted: Wanted, absolute: bool, cycles: int = LONG
+) -> tuple[BudgetLine, ...]:
+    """Lines of the modulus' uncertainty.
+
+    Args:
+        design: the sensor.
+        found: what the model expects of the object.
+        load: load, peak to peak [N].
+        wanted: what is asked for.
+        absolute: whether the validation error counts.
+        cycles: number of cycles of the load in a dwell.
+    """
+    slope, ratio = found.sensitivity or MOST_SENSITIVE, found.ratio
+    films, pickup = calibration_u(design), pickup_u(design) * math.hypot(1.0, 1 / ratio)
+    noise = expected_noise(design, load, ratio) * cost_of_trend(min(cycles, LONG))
+    lines = [
+        BudgetLine(SCATTER, slope * design.ratio_scatter, RepeatUnit.SET, PRIOR_FREEDOM),
+        BudgetLine(NOISE, slope * noise, RepeatUnit.SECOND),
+        BudgetLine(CURVE, slope * found.curve_u / ratio, RepeatUnit.NOTHING),
+    ]
+    if wanted.mounted:
+        lines.append(BudgetLine(MOUNTED, slope * wanted.mounted, RepeatUnit.MOUNTING, wanted.mounted_freedom))
+    if films and not (absolute and found.films_cancel):
+        lines.append(BudgetLine(CALIBRATION, slope * films, RepeatUnit.NOTHING, design.film_freedom or math.inf))
+    if pickup:
+        lines.append(BudgetLine(PICKUP, slope * pickup, RepeatUnit.NOTHING))
+    if absolute and found.validation.u is not None:
+        validation = found.validation
+        lines.append(
+            BudgetLine(VALIDATION, slope * (validation.u or 0.0), RepeatUnit.NOTHING, validation.degrees_of_freedom)
+        )
+    return tuple(lines)
+
+
+@functools.cache
+def cost_of_trend(cycles: int) -> float:
+    """Noise of an amplitude that is fitted to some cycles, over that which falls with the square root of their number.
+
+    Trend and hum are fitted, too, and one cycle alone hardly tells them from the drive.
+    """
+    weights = sine_columns(np.arange(cycles * SAMPLES_PER_CYCLE) / SAMPLES_PER_CYCLE / USUAL, USUAL).weights()
+    return float(np.linalg.norm(weights)) * math.sqrt(cycles * SAMPLES_PER_CYCLE) / 2
+
+
+# --- the prospect --------------------------------------------------------------------------------------
+
+BOUND_SETS = 3  # that tell a bound
+MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without the tolerance
+
+
+@dataclass(frozen=True, slots=True)
+class Prospect:
+    """A plan of mountings, sets and dwell, with what it is expected to give.
+
+    Attributes:
+        load: load, peak to peak [N].
+        found: what the model expects of the object.
+        allocation: the plan; its `u` and `half` are those of the lines of the tolerance.
+        scale, absolute: half-widths of the 95 % interval that are expected, on the model's scale and absolute; None:
+            not known.
+        scale_u, absolute_u: the relative standard uncertainties.
+        times: bench times of such runs, on average and at most [s]: how much sets and mountings scatter is known from
+            few data, and a run ends at the time that 95 % of them need at most.
+    """
+
+    load: float
+    found: ExpectedRatio
+    allocation: Allocation
+    scale: float | None
+    absolute: float | None
+    scale_u: float | None
+    absolute_u: float | None
+    times: RunTimes
+
+    def summary(self) -> dict[str, Any]:
+        """The plan under the names of JSON."""
+        plan = self.allocation
+        return {
+            "load_N": self.load,
+            "mountings": plan.mountings,
+            "sets": plan.sets,
+            "dwell_s": plan.dwell,
+            "seconds": self.times.mean,
+            "as_known_s": plan.seconds,
+            "longest_s": self.times.longest,
+            "scale_U95": self.scale,
+            "absolute_U95": self.absolute,
+            "scale_u": self.scale_u,
+            "absolute_u": self.absolute_u,
+            "force_ratio": self.found.ratio,
+            "sensitivity": self.found.sensitivity,
+            "shares": plan.shares,
+            "binds": plan.binds,
+        }
+
+
+def table_of(
+    design: Design, found: ExpectedRatio, wanted: Wanted, loads: Sequence[float], *, by_time: bool = False
+) -> Table:
+    """All plans for what is wanted: loads, dwells, mountings and sets. Arguments as for `best_of` and `Table.of`."""
+    ways = []
+    for load in loads:
+        costs, lines = costs_of(load, wanted.frequency, wanted.mounts), _lines(design, found, wanted, load)
+        for dwell in dwells(lines(LONG), shortest(wanted.frequency)):
+            ways.append(RunOption(lines(round(dwell * wanted.frequency)), costs, dwell, load))
+    mountings = range(1, MOST_MOUNTINGS + 1) if wanted.mounted else (1,)
+    return Table.of(ways, mountings if wanted.mountings is None else (wanted.mountings,), by_time=by_time)
+
+
+def _lines(
+    design: Design, found: ExpectedRatio, wanted: Wanted, load: float
+) -> Callable[[int], tuple[BudgetLine, ...]]:
+    """Lines of what is wanted under a load, by the number of cycles in a dwell."""
+    return partial(lines_of, design, found, load, wanted, not wanted.relative)
+
+
+def best_of(design: Design, found: ExpectedRatio, wanted: Wanted, loads: Sequence[float]) -> Prospect:
+    """The quickest plan for a tolerance, or the most accurate one in a time; with both, not longer than the time.
+
+    Raises:
+        OutOfReach: no plan reaches the tolerance.
+        RangeError: no plan fits into the time.
+    """
+    plan = None
+    if wanted.tolerance is not None:
+        plan = table_of(design, found, wanted, loads).for_tolerance(wanted.tolerance)
+    if plan is None or (wanted.time is not None and plan.seconds > wanted.time):
+        assert wanted.time is not None
+        plan = table_of(design, found, wanted, loads, by_time=True).for_time(wanted.time)
+    return prospect_by(design, found, wanted, plan)
+
+
+def prospect_by(design: Design, found: ExpectedRatio, wanted: Wanted, plan: Allocation) -> Prospect:
+    """What is expected of a plan of what is wanted."""
+    cycles = round(plan.dwell * wanted.frequency)
+    costs, by_time = costs_of(plan.load, wanted.frequency, wanted.mounts), wanted.tolerance is None
+    both = [lines_of(design, found, plan.load, wanted, absolute, cycles) for absolute in (False, True)]
+    scale, whole = (half_of(each, plan, by_time=by_time) for each in both)
+    scale_u, whole_u = (budget(each, plan.mountings, plan.sets, plan.dwell).u for each in both)
+    if wanted.tolerance is None or plan.half > wanted.tolerance * (1 + ROUNDING):  # the time ends the run
+        times = RunTimes(plan.seconds, plan.seconds if wanted.time is None else wanted.time)
+    else:
+        times = run_times(both[not wanted.relative], costs, wanted.tolerance, plan, MOST_SETS, wanted.time)
+    absolute, absolute_u = (None, None) if found.validation.u is None else (whole, whole_u)
+    return Prospect(plan.load, found, plan, scale, absolute, scale_u, absolute_u, times)
+
+
+def for_bound(found: ExpectedRatio, wanted: Wanted, load: float) -> Prospect:
+    """The plan for an object of which a model expects no more than a bound: a few sets tell it."""
+    costs, dwell = costs_of(load, wanted.frequency, wanted.mounts), shortest(wanted.frequency)
+    mountings = wanted.mountings or 1
+    sets = BOUND_SETS * mountings
+    seconds = costs.seconds(mountings, sets, dwell)
+    plan = Allocation(mountings, sets, dwell, seconds, math.inf, math.inf, {}, "", seconds, load)
+    return Prospect(load, found, plan, None, None, None, None, RunTimes(seconds, seconds))
+
+
+def has_most_sets(plan: Allocation) -> bool:
+    """Whether a run has no more load sets than those of a plan."""
+    return plan.sets + plan.mountings > MOST_SETS
+
+
+def most_sets(prospect: Prospect, wanted: Wanted) -> int:
+    """Number of sets with which a run ends in any case."""
+    plan = prospect.allocation
+    if wanted.tolerance is None:
+        return min(plan.sets + MOST[1], MOST_SETS)
+    costs, each = costs_of(prospect.load, wanted.frequency, wanted.mounts), plan.sets // plan.mountings
+    of_mounting = costs.mounting + each * (costs.set + plan.dwell)
+    in_time = each * math.ceil(prospect.times.longest / of_mounting) + MOST[1]
+    return min(max(MOST[0] * plan.sets + MOST[1], in_time), MOST_SETS)
+
 
 # -------------------------------------------------------------------------------------------------------
 # What other sessions can do for the modulus of an object before its run: calibrate the films, and the model
 #
 # Both are sessions of their own, as a person stands a pin on the teeth or mounts references, and as what they store
-# holds for all later runs. `prepared` finds how much of them makes the whole quickest.
+# holds for all later runs.
 
 COMPRESSION = 272.0  # s, of the test that tells the modulus of a reference [M]
 REFERENCE = 400.0  # s, with that test and the mounting on the sensor [M]
@@ -60,28 +378,30 @@ FILM_DWELL = 1.0  # s, in palpate calibrate films
 
 def references_of(question: RatioQuestion, found: ExpectedRatio, design: Design) -> Preparation | None:
     """References of the model, with those that there are; None: nothing tells how objects spread about a constant."""
-    slope, known = found.sensitivity, found.references
+    slope, made_before = found.sensitivity, found.references
     if slope is None:
         return None
-    if known is not None:
-        made = len(known.calibration.references)
-        one, more = known.calibration.with_more(1), known.calibration.with_more(10**9)
+    if made_before is not None:
+        made, calibration = len(made_before.calibration.references), made_before.calibration
+        one, more = calibration.with_more(1), calibration.with_more(10**9)
         if one is None or more is None or one.u is None or more.u is None:
             return None
         u = slope * math.sqrt(max(one.u**2 - more.u**2, 0.0))
-        return Preparation(VALIDATION, u, -COMPRESSION * made, REFERENCE, made + 1, slope * more.u)
-    spread = _spread(question.design, question.parameters, found.model)
-    if spread is None:
+        freedom = one.degrees_of_freedom
+        return Preparation(VALIDATION, u, -COMPRESSION * made, REFERENCE, made + 1, slope * more.u, freedom)
+    known = _validation(question.design, question.parameters, found.model)
+    if known is None or known.ln_spread is None:
         return None
-    own = slope * design.ratio_scatter / math.sqrt(REFERENCE_SETS)
-    return Preparation(VALIDATION, math.hypot(slope * spread, REFERENCE_U, own), 0.0, REFERENCE, 1, slope * spread)
+    own, spread = slope * design.ratio_scatter / math.sqrt(REFERENCE_SETS), slope * known.ln_spread
+    freedom = len(known.percent) - 1.0
+    return Preparation(VALIDATION, math.hypot(spread, REFERENCE_U, own), 0.0, REFERENCE, 1, spread, freedom)
 
 
 @functools.lru_cache(maxsize=16)
-def _spread(design: str, parameters: str, model: str) -> float | None:
-    """How objects spread about a model's constant, by the thesis' samples; None: they do not tell."""
+def _validation(design: str, parameters: str, model: str) -> Validation | None:
+    """A model against the thesis' samples; None: these do not tell of it."""
     try:
-        return validate(design, parameters, model).ln_spread
+        return validate(design, parameters, model)
     except PalpateError:
         return None
 
@@ -107,17 +427,13 @@ def preparations(question: RatioQuestion, found: ExpectedRatio, wanted: Wanted, 
     return [each for each in (films, references) if each is not None]
 
 
-def prepared(
-    question: RatioQuestion, found: ExpectedRatio, wanted: Wanted, design: Design, loads: Sequence[float]
+def quickest_way(
+    question: RatioQuestion, found: ExpectedRatio, wanted: Wanted, design: Design, table: Table
 ) -> Prepared | None:
     """The quickest way to the tolerance in all; None: nothing reaches it, or a time alone is given."""
     if wanted.tolerance is None or found.sensitivity is None:
         return None
-    ways: list[RunOption] = [way_of(design, found, wanted, load, cycles) for load in loads for cycles in SHORT]
-    try:
-        return prepare(ways, wanted.tolerance, preparations(question, found, wanted, design), fewest_of(wanted))
-    except RangeError:
-        return None
+    return prepared(table, wanted.tolerance, preparations(question, found, wanted, design))
 
 
 # -------------------------------------------------------------------------------------------------------
@@ -126,7 +442,7 @@ def prepared(
 FREQUENCIES = (20.0, 40.0)  # Hz
 USUAL_POINTS = 6  # on each tooth, of palpate calibrate films
 FILM_LOADS = 1.5, 4.0  # N, least and greatest of palpate calibrate films
-PAYS = 0.98  # of the bench time or uncertainty: what saves less is not offered
+PAYS = 0.98  # of the bench time or half-width: what saves less is not offered
 REFERENCE_OPTION = "--reference 'A: 48 kPa ± 2 %'"  # one for each
 UNITS = {VALIDATION: "reference", CALIBRATION: "film point"}
 
@@ -149,8 +465,8 @@ class Alternative:
         numbers: how many references, points on each tooth, or hertz; by name.
         once_s: bench time of it, once, for all later runs [s].
         person_s: the part of it that a person takes [s].
-        run_s: bench time of the run then [s].
-        u: relative standard uncertainty of the modulus then; None: that of the tolerance, or it stays as it is.
+        run_s: mean bench time of the run then [s].
+        U95: half-width of the 95 % interval of the modulus then, relative; None: it stays as it is.
         how: what to ask for.
         told: in a sentence, for people.
     """
@@ -160,7 +476,7 @@ class Alternative:
     once_s: float
     person_s: float
     run_s: float
-    u: float | None
+    U95: float | None
     how: str
     told: str
 
@@ -175,11 +491,12 @@ def alternatives(
     """What else pays beside a plan. Nothing is offered for an object of which only a bound is known."""
     if prospect.found.sensitivity is None:
         return []
+    table = table_of(target.design, prospect.found, wanted, loads)
     found = [
         _references(question, wanted, prospect, target),
         _films(wanted, prospect, target),
         _frequency(wanted, prospect, target, loads),
-        quickest(prepared(question, prospect.found, wanted, target.design, loads), len(target.design.teeth)),
+        quickest(quickest_way(question, prospect.found, wanted, target.design, table), len(target.design.teeth)),
     ]
     return [each for each in found if each is not None]
 
@@ -191,43 +508,33 @@ def worth_lines(offered: Sequence[Alternative]) -> list[str]:
 
 def _references(question: RatioQuestion, wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | None:
     """One more reference."""
-    plan, found = prospect.allocation, prospect.found
-    more = references_of(question, found, target.design)
-    if more is None or wanted.relative or VALIDATION not in plan.shares:
+    more = references_of(question, prospect.found, target.design)
+    if more is None or wanted.relative or VALIDATION not in prospect.allocation.shares:
         return None
-    u = _with(prospect, more, more.least)
-    seconds = more.seconds(more.least)
-    told = f"{'one' if more.least == 1 else f'{more.least} in all'} would give {share(u)}; {duration(seconds)}, once"
-    numbers, person = {VALIDATION: float(more.least)}, MOUNTING * more.least
-    return Alternative(
-        "references", numbers, seconds, person, plan.seconds, u, command_of(VALIDATION, more.least), told
-    )
+    half, seconds = _with(wanted, prospect, target.design, more.line(more.least)), more.seconds(more.least)
+    count = "one" if more.least == 1 else f"{more.least} in all"
+    told = f"{count} would give {plus_minus(half)}; {duration(seconds)}, once"
+    numbers, how = {VALIDATION: float(more.least)}, command_of(VALIDATION, more.least)
+    return Alternative("references", numbers, seconds, MOUNTING * more.least, prospect.times.mean, half, how, told)
 
 
 def _films(wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | None:
     """Films calibrated at twice as many points; where they are not calibrated, what that would add."""
     plan, found, design = prospect.allocation, prospect.found, target.design
-    films = films_of(design, found, wanted.frequency)
-    if films is None:
+    films, points = films_of(design, found, wanted.frequency), USUAL_POINTS
+    calibrated = design.film_covariance is not None
+    if films is None or (not calibrated and found.references is not None):  # these hold the films' error
         return None
-    person = MOUNTING * len(design.teeth)
-    if design.film_covariance is None:
-        if found.references is not None:  # they hold the films' error, and would have to be measured anew
-            return None
-        added, seconds = films.u / math.sqrt(USUAL_POINTS), films.seconds(USUAL_POINTS)
-        told = (
-            f"not calibrated: no interval counts it; {USUAL_POINTS} points ({duration(seconds)}) leave {share(added)}"
-        )
-        points, u = USUAL_POINTS, math.hypot(plan.u, added)
-    else:
+    if calibrated:
         if plan.shares.get(CALIBRATION, 0.0) < LEAST_SHARE:
             return None
-        now = plan.shares[CALIBRATION] * plan.u**2
-        points = max(films.least, math.ceil(2 * films.u**2 / now))
-        u, seconds = _with(prospect, films, points), films.seconds(points)
-        told = f"{points} points would give {share(u)}; {duration(seconds)}, once"
-    how = command_of(CALIBRATION, points)
-    return Alternative("films", {CALIBRATION: float(points)}, seconds, person, plan.seconds, u, how, told)
+        points = max(films.least, math.ceil(2 * films.u**2 / (plan.shares[CALIBRATION] * plan.u**2)))
+    half, seconds = _with(wanted, prospect, design, films.line(points)), films.seconds(points)
+    told = f"{points} points would give {plus_minus(half)}; {duration(seconds)}, once"
+    if not calibrated:
+        told = f"not calibrated: no interval counts it; {points} points ({duration(seconds)}) leave {plus_minus(half)}"
+    person, how = MOUNTING * len(design.teeth), command_of(CALIBRATION, points)
+    return Alternative("films", {CALIBRATION: float(points)}, seconds, person, prospect.times.mean, half, how, told)
 
 
 def _frequency(wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]) -> Alternative | None:
@@ -239,149 +546,104 @@ def _frequency(wanted: Wanted, prospect: Prospect, target: Target, loads: Sequen
             other = best_of(target.design, prospect.found, replace(wanted, frequency=frequency), loads)
         except PalpateError:
             continue
-        ratio = other.allocation.u / prospect.allocation.u if by_time else other.times.mean / prospect.times.mean
+        ratio = other.allocation.half / prospect.allocation.half if by_time else other.times.mean / prospect.times.mean
         if ratio < least:
             best, least = (frequency, other), ratio
     if best is None:
         return None
     frequency, other = best
-    gives = f"give {share(other.allocation.u)}" if by_time else f"take {other.times.mean:.0f} s"
+    gives = f"give {plus_minus(other.allocation.half)}" if by_time else f"take {duration(other.times.mean)}"
     told = f"{show(frequency, 'Hz')} would {gives}, for the modulus at that frequency"
     numbers, how = {"frequency_Hz": frequency}, f"--frequency '{show(frequency, 'Hz')}'"
-    return Alternative("frequency", numbers, 0.0, 0.0, other.allocation.seconds, other.allocation.u, how, told)
+    return Alternative("frequency", numbers, 0.0, 0.0, other.times.mean, other.allocation.half, how, told)
 
 
 def quickest(found: Prepared | None, teeth: int) -> Alternative | None:
     """The preparations that make the whole quickest; None: there are none, or nothing reaches the tolerance."""
     if found is None or not found.numbers:
         return None
-    before = found.seconds - found.run_seconds
     each = {VALIDATION: MOUNTING, CALIBRATION: 0.0}
     person = math.fsum(each[name] * number for name, number in found.numbers.items())
     person += MOUNTING * teeth * (CALIBRATION in found.numbers)
     what = " and ".join(counted(number, UNITS[name]) for name, number in found.numbers.items())
-    told = f"{what} ({duration(before)}, once), then {duration(found.run_seconds)}"
+    told = f"{what} ({duration(found.once)}, once), then {duration(found.run.mean)}"
     how = "; ".join(command_of(name, number) for name, number in found.numbers.items())
     numbers = {name: float(number) for name, number in found.numbers.items()}
-    return Alternative("quickest", numbers, before, person, found.run_seconds, None, how, told)
+    return Alternative("quickest", numbers, found.once, person, found.run.mean, None, how, told)
 
 
-def _with(prospect: Prospect, made: Preparation, units: int) -> float:
-    """Uncertainty of a plan with a preparation in place of the line that it replaces."""
+def _with(wanted: Wanted, prospect: Prospect, design: Design, line: BudgetLine) -> float:
+    """Half-width of a plan with a line in place of the one of its name, or beside the others."""
     plan = prospect.allocation
-    now = plan.shares.get(made.name, 0.0) * plan.u**2
-    return math.sqrt(max(plan.u**2 - now, 0.0) + made.rest**2 + made.u**2 / units)
+    lines = _lines(design, prospect.found, wanted, prospect.load)(round(plan.dwell * wanted.frequency))
+    kept = [each for each in lines if each.name != line.name]
+    return half_of([*kept, line], plan, by_time=wanted.tolerance is None)
 
 
-# --- A target that cannot be reached: which line binds, the best there is, and other ways there --------
+# --- A tolerance that cannot be reached: what binds, the best there is, and other ways there -----------
 
-NEEDS_MOUNTINGS = 0.05  # tolerance below which the scatter of mountings must be known
 REFERENCES = 6  # as many as pay
-LEAST_BY_COMPRESSION = 0.02
-LEAST_TOLERANCE = 1e-6
-CLOSE_TO = 1.002  # the ratio of two tolerances that are told alike
+LEAST_BY_COMPRESSION = 0.04
 REMEDIES = {
     CALIBRATION: "calibrate the films at more points: palpate calibrate films",
     PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
     CURVE: "ask a finer model, such as --model auto",
-    MOUNTED: "leave the number of mountings to the plan, without --mountings",
+    MOUNTED: "measure once how mountings scatter: --mountings 12",
 }
 
 
-def below_floor(
-    wanted: Wanted,
+def refused(
+    error: OutOfReach,
     question: RatioQuestion,
     found: ExpectedRatio,
+    wanted: Wanted,
     design: Design,
     loads: Sequence[float],
-    error: BelowFloor,
 ) -> RangeError:
-    """The refusal of a tolerance below the floor."""
-    best = f"best now  {reachable(_least_tolerance(design, found, _free(wanted), tuple(loads), error.floor))}"
-    share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
-    if error.line != VALIDATION:
-        ways = _prepared(wanted, question, found, design, loads)
-        if not ways and not (error.line == CURVE and found.model == answering(replace(question, model="auto"))):
-            ways = [f"or        {REMEDIES[error.line]}"]
-        if (wanted.tolerance or 0.0) >= LEAST_BY_COMPRESSION:
-            ways = [*ways, _by_compression(wanted)]
-        told_floor = f"{error.line} leaves {percent(error.floor)}, which no time on the bench lowers"
-        return RangeError("\n  ".join([f"--tolerance {share} cannot be reached: {told_floor}", best, *ways]))
-    factor = math.exp((found.sensitivity or 1.0) * (found.validation.u or 0.0))
-    lines = [
-        f"--tolerance {share} absolute cannot be reached: the model binds: {error.line} of {found.model!r} leaves"
-        f" {percent(error.floor)}, a factor of {factor:.2g} ({found.validation.source})",
-        best,
-        *(_prepared(wanted, question, found, design, loads) or _with_references(question, found, design)),
-        _by_compression(wanted),
-        *_on_scale(wanted, found, design, loads),
-    ]
-    return RangeError("\n  ".join(lines))
-
-
-def too_many_sets(
-    wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float], prospect: Prospect
-) -> RangeError:
-    """The refusal of a tolerance above the floor that takes more load sets than a run has."""
-    plan = prospect.allocation
-    least = _least_tolerance(design, found, _free(wanted), tuple(loads), 0.0)
-    return RangeError(
-        f"--tolerance {100 * (wanted.tolerance or 0.0):.3g} % cannot be reached: {plan.binds} binds: it takes"
-        f" {plan.sets:,} load sets, above the {MOST_SETS:,} of a run\n  best now  {reachable(least)}"
+    """The refusal of a tolerance that no plan reaches."""
+    tolerance = wanted.tolerance or 0.0
+    why = f"{error.binds} leaves {plus_minus(error.floor)}, which no time on the bench lowers"
+    if error.floor < tolerance:
+        why = f"{error.binds} binds, and a run has {MOST_SETS:,} load sets and {MOST_MOUNTINGS} mountings at most"
+    elif error.binds == VALIDATION:
+        why = f"the model binds: {why} ({found.validation.source})"
+    best = f"--tolerance '{reachable(error.best)}'" if error.best < LARGEST_TOLERANCE else plus_minus(error.best)
+    way = quickest(
+        quickest_way(question, found, wanted, design, table_of(design, found, wanted, loads)), len(design.teeth)
     )
-
-
-def _free(wanted: Wanted) -> Wanted:
-    """What is wanted, whatever the tolerance and the time."""
-    return replace(wanted, tolerance=None, time=None)
-
-
-@functools.lru_cache(maxsize=64)
-def _least_tolerance(
-    design: Design, found: ExpectedRatio, wanted: Wanted, loads: tuple[float, ...], floor: float
-) -> float:
-    """The least tolerance whose plan has no more load sets than a run; it is above `floor`, which no time lowers."""
-    low, high = max(floor, LEAST_TOLERANCE), max(LARGEST_TOLERANCE, 2 * floor)
-    while high > CLOSE_TO * low:
-        middle = math.sqrt(low * high)
-        try:
-            sets = sets_of(design, found, replace(wanted, tolerance=middle), loads)
-        except RangeError:  # so little above the floor that it takes centuries
-            sets = MOST_SETS + 1
-        low, high = (low, middle) if sets <= MOST_SETS else (middle, high)
-    return high
+    ways = []
+    if way is not None and (wanted.time is None or way.run_s <= wanted.time):
+        ways = [f"or        as asked with {way.told}: {way.how}"]
+    elif error.binds == VALIDATION:
+        ways = _with_references(question, found, design)
+    elif error.binds == MOUNTED and wanted.mountings is not None:
+        ways = ["or        leave the number of mountings to the plan, without --mountings"]
+    elif error.binds in REMEDIES and (error.binds, found.model) != (CURVE, answering(replace(question, model="auto"))):
+        ways = [f"or        {REMEDIES[error.binds]}"]
+    if tolerance >= LEAST_BY_COMPRESSION or error.binds == VALIDATION:
+        ways.append(_by_compression(wanted))
+    if error.binds == VALIDATION:
+        ways += _on_scale(wanted, found, design, loads)
+    absolute = "" if wanted.relative else " absolute"
+    told = f"--tolerance {share(tolerance, 3)}{absolute} cannot be reached: {why}"
+    return RangeError("\n  ".join([told, f"best now  {best}", *ways]))
 
 
 def not_known(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float]) -> RangeError:
     """The refusal of an absolute tolerance where the model's validation error is not known."""
-    share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
     lines = [
-        f"--tolerance {share} absolute cannot be promised: the validation error of {found.model!r} is"
-        f" {found.validation.source}",
+        f"--tolerance {share(wanted.tolerance or 0.0, 3)} absolute cannot be promised: the validation error of"
+        f" {found.model!r} is {found.validation.source}",
         _by_compression(wanted),
         *_on_scale(wanted, found, design, loads),
     ]
     return RangeError("\n  ".join(lines))
-
-
-def check_mountings(wanted: Wanted, found: ExpectedRatio, tolerance: float) -> None:
-    """Refuse a tolerance that needs the scatter of mountings where that was never measured. Raises UsageError."""
-    if tolerance >= NEEDS_MOUNTINGS or wanted.mounted is not None or (wanted.mountings or 1) >= 3:
-        return
-    percent = (found.sensitivity or 1.0) * 0.01
-    raise UsageError(
-        f"--tolerance {100 * tolerance:.3g} % needs the scatter of the ratio from mounting to mounting, which was never"
-        f" measured: 1 % of it alone makes {100 * percent:.2g} % of the modulus with one mounting\n"
-        "  either  --mountings 3, which measures it, and stores it for this sensor; its two degrees of freedom make"
-        " the interval twice as wide\n"
-        "  or      --mounting-scatter '1 %', if an earlier measurement told it; '0 %' takes none for granted"
-    )
 
 
 def _by_compression(wanted: Wanted) -> str:
     """The compression test of this bench [M]; of an object that is no rubber sample, by the name of one of its size."""
     sample = f"--sample {wanted.sample}" if wanted.sample else "with --sample for one of its size"
-    return f"or        2 to 4 % in {COMPRESSION:.0f} s, where it can be taken off: palpate test modulus {sample}"
+    return f"or        ± 4 to 8 % in {COMPRESSION:.0f} s, where it can be taken off: palpate test modulus {sample}"
 
 
 def _with_references(question: RatioQuestion, found: ExpectedRatio, design: Design) -> list[str]:
@@ -390,19 +652,9 @@ def _with_references(question: RatioQuestion, found: ExpectedRatio, design: Desi
     if made is None:
         return []
     count = max(REFERENCES, made.least)
-    left, seconds = math.hypot(made.rest, made.u / math.sqrt(count)), duration(made.seconds(count))
-    how = command_of(VALIDATION, count)
-    return [f"or        {100 * left:.2g} % with {count} references ({seconds}, once): {how}"]
-
-
-def _prepared(
-    wanted: Wanted, question: RatioQuestion, found: ExpectedRatio, design: Design, loads: Sequence[float]
-) -> list[str]:
-    """What other sessions make the tolerance reachable, as quickly as can be; empty: none do."""
-    best = quickest(prepared(question, found, wanted, design, loads), len(design.teeth))
-    if best is None or (wanted.time is not None and best.run_s > wanted.time):
-        return []
-    return [f"or        as asked with {best.told}: {best.how}"]
+    line, seconds = made.line(count), duration(made.seconds(count))
+    left = plus_minus(line.u * coverage_factor(line.degrees_of_freedom))
+    return [f"or        {left} with {count} references ({seconds}, once): {command_of(VALIDATION, count)}"]
 
 
 def _on_scale(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float]) -> list[str]:
@@ -411,9 +663,8 @@ def _on_scale(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Seque
         plan = best_of(design, found, replace(wanted, time=None, relative=True), loads)
     except RangeError:
         return []
-    share = f"{100 * (wanted.tolerance or 0.0):.3g} %"
-    seconds = duration(plan.times.mean)
-    return [f"or        {share} on the scale of {found.model!r}, about {seconds}: --relative-to-model"]
+    asked = f"{share(wanted.tolerance or 0.0, 3)} on the scale of {found.model!r}"
+    return [f"or        {asked}, about {duration(plan.times.mean)}: --relative-to-model"]
 
 
 # --- the plan ------------------------------------------------------------------------------------------
@@ -428,17 +679,85 @@ def prospect_of(
     wanted: Wanted,
 ) -> Prospect:
     """The plan for an object of which a Young modulus [Pa] is expected, under one of some loads [N]."""
-    found, tolerance = expected(question, modulus, references), wanted.tolerance
+    found = expected(question, modulus, references)
     if found.sensitivity is None:
         return for_bound(found, wanted, loads[0])
-    if tolerance is not None and found.validation.u is None and not wanted.relative:
+    if wanted.tolerance is not None and found.validation.u is None and not wanted.relative:
         raise not_known(wanted, found, design, loads)
     try:
-        prospect = best_of(design, found, wanted, loads)
-    except BelowFloor as error:
-        raise below_floor(wanted, question, found, design, loads, error) from None
-    if tolerance is not None:
-        check_mountings(wanted, found, tolerance)
-    if prospect.allocation.sets > MOST_SETS:
-        raise too_many_sets(wanted, found, design, loads, prospect)
-    return prospect
+        return best_of(design, found, wanted, loads)
+    except OutOfReach as error:
+        raise refused(error, question, found, wanted, design, loads) from None
+
+
+# --- Words for what is wanted, what is planned, and what is expected of it -----------------------------
+
+
+def wanted_line(wanted: Wanted, model: str) -> str:
+    """What was asked for, in words."""
+    scale = f"on the scale of {model!r}" if wanted.relative else "absolute"
+    if wanted.tolerance is None:
+        return f"as good as {as_typed(wanted.time or 0.0, 's')} allow, {scale}"
+    within = "" if wanted.time is None else f", within {as_typed(wanted.time, 's')}"
+    return f"{plus_minus(wanted.tolerance)} {scale}{within}"
+
+
+def missed_by(wanted: Wanted, reached: float | None) -> str:
+    """What was reached instead of the tolerance, to end a sentence; empty: it was reached, or none was asked for."""
+    if wanted.tolerance is None or reached is None or reached <= wanted.tolerance * (1 + ROUNDING):
+        return ""
+    return f": {plus_minus(reached)} reached, {plus_minus(wanted.tolerance)} was asked for"
+
+
+def _end(wanted: Wanted, prospect: Prospect) -> str:
+    """When a run ends at the latest."""
+    plan, bound = prospect.allocation, f"{prospect.times.longest:.0f} s"
+    if wanted.tolerance is None and has_most_sets(plan):
+        return f"with the {plan.sets:,} load sets that a run has at most; more time buys nothing"
+    if wanted.tolerance is None or prospect.times.longest == wanted.time:
+        return f"ends at {bound}"
+    runs = f"{share(prospect.times.enough)} of runs"
+    most = "" if prospect.times.enough == COVERAGE else f", as it has {MOST_SETS:,} load sets at most"
+    if wanted.time is not None:
+        return f"{runs} need no more than {bound}{most}"
+    return f"ends at {bound}, which are enough for {runs}{most}"
+
+
+def scatter_told(found: Between) -> str:
+    """What is known of the scatter of mountings beyond that of sets, to follow the word mountings."""
+    if found.significant:
+        return f"scatter by {share(found.u)} of the ratio, at most {share(found.bound_u)} (95 %)"
+    return f"scatter no more than their sets let expect, at most {share(found.bound_u)} of the ratio (95 %)"
+
+
+def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
+    """What is planned and what is expected of it."""
+    plan, found = prospect.allocation, prospect.found
+    expected = prospect.scale if wanted.relative else prospect.absolute
+    person = wanted.mounts.described(plan.mountings, again=True)
+    counts = f"{counted(plan.mountings, 'mounting')}, {counted(plan.sets, 'set')}"
+    each = f"{show(prospect.load, 'N')}, {show(wanted.frequency, 'Hz')}, {show(plan.dwell, 's')}"
+    lines = [
+        f"wanted         {wanted_line(wanted, found.model)}",
+        f"plan           {counts}, {each} ({person})",
+        f"lasts          {prospect.times.mean:.0f} s on average; {_end(wanted, prospect)}",
+    ]
+    counted_as = f"the plan counts {share(wanted.mounted)}"
+    if math.isfinite(wanted.mounted_freedom):
+        counted_as += f", {counted(round(wanted.mounted_freedom), 'degree')} of freedom"
+    lines += [f"mountings      {wanted.mounted_by}", f"               {counted_as}"]
+    if found.sensitivity is None:
+        return [*lines, f"expected       only a bound: model {found.model!r} cannot tell such an object from its ratio"]
+    told = "not known" if expected is None else plus_minus(expected)
+    if not wanted.relative and prospect.scale is not None:
+        told += f" ({plus_minus(prospect.scale)} on the scale)"
+    cancel = found.films_cancel and not wanted.relative
+    uncalibrated = "" if cancel or CALIBRATION in plan.shares else ", films not calibrated"
+    return [*lines, f"expected       {told}; u: {parts_of(plan.shares, plan.u)}{uncalibrated}"]
+
+
+def parts_of(shares: Mapping[str, float], u: float) -> str:
+    """The lines of a budget, with what each adds to the uncertainty, the largest first."""
+    order = sorted(shares, key=lambda name: -shares[name])
+    told = [name for name in order if shares[name] >= LEAST_SHARE] or order[:1]
+    return ", ".join(f"{name} {share(u * max(shares[name], 0.0) ** 0.5)}" for name in told)

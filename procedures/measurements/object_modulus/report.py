@@ -6,10 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from palpate.instrument.models.validation import ValidationLine
-from palpate.instrument.quantity import counted, show
+from palpate.instrument.quantity import counted, plus_minus, show
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.object_modulus.course import ObjectModulusResult, mounting_scatter, ratios_of
-from palpate.procedures.measurements.object_modulus.telling import planned_lines, scatter_told
+from palpate.procedures.measurements.object_modulus.course import (
+    ObjectModulusAnswer,
+    ObjectModulusResult,
+    mounting_scatter,
+    ratios_of,
+)
+from palpate.procedures.measurements.object_modulus.planning import planned_lines, scatter_told
 from palpate.procedures.measurements.prospects import share
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.moduli import between
@@ -44,21 +49,27 @@ def _measured(result: ObjectModulusResult) -> list[str]:
     if result.answer is None:
         return ["measured       nothing: no set is valid"]
     row, line = result.answer.row, result.answer.validation
-    scale = between(row["kind"], row["scale_low_Pa"], row["scale_high_Pa"])
+    scale, modulus = between(row["kind"], row["scale_low_Pa"], row["scale_high_Pa"]), ""
     if row["modulus_Pa"] is None:
-        return [f"measured       {scale} (95 %, scale); {row['note']}", _absolute(row, line)]
-    modulus = show(row["modulus_Pa"], "Pa", 3)
-    return [f"measured       {modulus} ± {share(row['scale_u'])}, {scale} (95 %, scale)", _absolute(row, line)]
+        scale = f"{scale} (95 %, scale); {row['note']}"
+    else:
+        modulus = f"{show(row['modulus_Pa'], 'Pa', 3)} {_half(result.answer, absolute=False)}"
+        scale = f"{scale} (95 %, scale)"
+    return [f"measured       {modulus}{scale}", _absolute(result.answer, row, line)]
 
 
-def _absolute(row: Mapping[str, object], line: ValidationLine) -> str:
+def _half(answer: ObjectModulusAnswer, *, absolute: bool) -> str:
+    """Half-width of the 95 % interval, with a comma; empty: it is not known."""
+    budget = answer.budget(absolute=absolute)
+    return "" if budget is None else f"{plus_minus(budget.expanded() / budget.value)}, "
+
+
+def _absolute(answer: ObjectModulusAnswer, row: Mapping[str, object], line: ValidationLine) -> str:
     if row["absolute_kind"] is None:
         return f"absolute       {line.source}"
-    ends = [row[f"absolute_{end}_Pa"] for end in ("low", "high")]
-    low, high = (end if isinstance(end, float) else None for end in ends)
-    u = row["absolute_u"]
-    told = f"± {share(u)}, " if isinstance(u, float) else ""
-    return f"absolute       {told}{between(str(row['absolute_kind']), low, high)} (95 %); {line.source}"
+    low, high = (end if isinstance(end := row[f"absolute_{name}_Pa"], float) else None for name in ("low", "high"))
+    told = between(str(row["absolute_kind"]), low, high)
+    return f"absolute       {_half(answer, absolute=True)}{told} (95 %); {line.source}"
 
 
 def plot_modulus(result: ObjectModulusResult, simulated: bool, folder: Path) -> Path:

@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit
-from palpate.instrument.allocation.stopping import FIRST
+from palpate.instrument.allocation.table import FIRST
 from palpate.instrument.findings.mean_ratio import NOISE as BY_NOISE
 from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM, SCATTER
 from palpate.instrument.findings.position import Floats, locate

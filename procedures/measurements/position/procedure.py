@@ -20,7 +20,7 @@ from palpate.procedures.engine.promise import predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.position.expected import ONCE, expected_places, place_seconds
-from palpate.procedures.measurements.position.repeats import FEWEST, PlaceRepeats, mm
+from palpate.procedures.measurements.position.repeats import FEWEST, LARGEST, PlaceRepeats, mm
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName, bench_time
 from palpate.procedures.measurements.sweep import Sweep, SweepWork
@@ -32,8 +32,7 @@ from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.laps import Laps
 from palpate.procedures.steps.probe import lower, mount, withdraw
 
-LARGEST_TOLERANCE = 0.3e-3  # m; single load sets find most places so well, and near a tooth's middle none do
-SMALLEST_TOLERANCE = 1e-5  # m
+SMALLEST = 1e-5  # m, of a tolerance
 TABLE = "A2.7"
 
 
@@ -65,8 +64,9 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, PlaceRepe
         float | None,
         Setting(
             "m",
-            "Instead of --dwell: standard uncertainty of each found place; load sets are repeated until it is reached.",
-            example="0.1 mm",
+            "Half-width of the 95 % interval of each found place, in place of --dwell; load sets are repeated until it"
+            " is reached.",
+            example="0.2 mm",
             determines="dwell",
         ),
     ] = None
@@ -204,11 +204,11 @@ class PositionSweepWork(SweepWork):
 
 
 def _check_tolerance(tolerance: float) -> None:
-    """Check the standard uncertainty of a place [m] that is asked for. Raises RangeError."""
-    limits = f"is outside {mm(SMALLEST_TOLERANCE)} to {mm(LARGEST_TOLERANCE)}"
-    if not tolerance >= SMALLEST_TOLERANCE:
-        raise RangeError(f"--tolerance {mm(tolerance)} {limits}; give one inside, such as '0.1 mm'")
-    if not tolerance <= LARGEST_TOLERANCE:
+    """Check the half-width of a place's interval [m] that is asked for. Raises RangeError."""
+    limits = f"is outside {mm(SMALLEST)} to {mm(LARGEST)}"
+    if not tolerance >= SMALLEST:
+        raise RangeError(f"--tolerance {mm(tolerance)} {limits}; give one inside, such as '0.2 mm'")
+    if not tolerance <= LARGEST:
         raise RangeError(
             f"--tolerance {mm(tolerance)} {limits}; leave it out: more than one load set at a position would not help"
         )

@@ -8,15 +8,15 @@ the table of point loads is the same in all of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from palpate.instrument.allocation.allocate import Allocation, BelowFloor, allocate, allocate_time
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.allocation.stopping import FIRST, answer, enough, first_sets
+from palpate.instrument.allocation.stopping import answer, enough, first_sets
+from palpate.instrument.allocation.table import ROUNDING, Allocation, OutOfReach, RunOption, Table, dwells
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.position import Located, deviations, locate
 from palpate.instrument.quantity import as_typed, counted, show
@@ -37,7 +37,7 @@ from palpate.procedures.measurements.position.expected import (
     share_noise,
 )
 from palpate.procedures.measurements.position.result import FoundPlace, PositionPoint
-from palpate.procedures.measurements.prospects import MOST_SETS, in_rounds, most_sets
+from palpate.procedures.measurements.prospects import binding, most_sets, planned_for, too_long
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.servo import RELEASED
 
@@ -45,27 +45,22 @@ from palpate.procedures.steps.servo import RELEASED
 # A tolerance of a place that no load set reaches: where, why, the best there is, and which positions reach it
 
 FEWEST = 2  # positions of a sweep
-AMBIGUOUS = 0.3e-3  # m; one place alone is known better
+LARGEST = 0.6e-3  # m; single load sets find most places so well, and near a tooth's middle none do
 
 
-def below_floor(tolerance: float, floors: Mapping[float, float], reached: Iterable[float]) -> RangeError:
-    """The refusal of a tolerance [m] below the floor of some positions.
-
-    Args:
-        tolerance: the tolerance [m].
-        floors: what no load set lowers [m], by the position [m].
-        reached: positions that can have the tolerance [m].
-    """
-    each = ", ".join(f"{mm(floor)} at {mm(x)}" for x, floor in floors.items())
-    best = max(floors.values())
+def refusal(tolerance: float, refused: Mapping[float, OutOfReach], reached: Collection[float]) -> RangeError:
+    """The refusal of a tolerance [m] that some positions [m] cannot have, and others can."""
+    each = ", ".join(f"{mm(error.best)} at {mm(x)}" for x, error in refused.items())
+    best = math.ceil(1e6 * max(error.best for error in refused.values())) / 1e6
+    ambiguous = best > LARGEST
     lines = [
-        f"--tolerance {mm(tolerance)} cannot be reached at {counted(len(floors), 'position')}: the error of the "
-        f"{TABLE} leaves {each}, which no load set lowers",
-        f"best now  {mm(best)} at all positions" + (", with --tolerance left out" if best > AMBIGUOUS else ""),
+        f"--tolerance {mm(tolerance)} cannot be reached at {counted(len(refused), 'position')}: the error of the "
+        f"{TABLE} and the most load sets of a run leave ± {each}",
+        "best now  " + ("with --tolerance left out" if ambiguous else f"--tolerance '{mm(best)}'"),
     ]
-    if len(good := list(map(mm, reached))) >= FEWEST:
-        lines.append(f"or        --positions '{', '.join(good)}', which reach it")
-    if best > AMBIGUOUS:
+    if len(reached) >= FEWEST:
+        lines.append(f"or        --positions '{', '.join(map(mm, reached))}', which reach it")
+    if ambiguous:
         lines.append("note      two places on both sides of a tooth's middle give nearly the same shares")
     return RangeError("\n  ".join(lines))
 
@@ -78,7 +73,6 @@ def mm(length: float) -> str:
 # --- the repeated load sets ----------------------------------------------------------------------------
 
 RESERVE = 1.0  # s, for a set that takes longer than usual
-ROUNDING = 1e-9  # of a tolerance
 
 NEAR = 5e-5  # m, within which the lines of a place are the same
 QUIET, STILL = (0.0, 0.0), ((0.0, 0.0), (0.0, 0.0))
@@ -96,7 +90,7 @@ class PlaceRepeats:
         positions: positions of the load along x [m].
         load: load, peak to peak [N].
         frequency: frequency of the load [Hz].
-        tolerance: standard uncertainty of each place [m]; None: as good as the time allows.
+        tolerance: half-width of the 95 % interval of each place [m]; None: as good as the time allows.
         time: bench time of the sweep [s]; None: as long as the tolerance takes.
     """
 
@@ -113,10 +107,21 @@ class PlaceRepeats:
         """The plan of each position, by the position.
 
         Raises:
-            RangeError: what no set lowers is not below the tolerance at some positions, or not one set at each fits
-                into the time; the message says what would do.
+            RangeError: no number of sets reaches the tolerance at some positions, or not one set at each fits into the
+                time; the message says what would do.
         """
-        return _allocations(self)
+        ways = {}
+        for x in self.positions:
+            lines = self.lines(x)
+            shortest = whole_steps(max(STEP, 1 / self.frequency))
+            ways[x] = [RunOption(lines, self.costs, dwell) for dwell in dwells(lines, shortest, whole_steps)]
+        if self.tolerance is not None:
+            plans, refused = planned_for(ways, self.tolerance)
+            if refused:
+                raise refusal(self.tolerance, refused, plans)
+            if self.time is None or ONCE + math.fsum(plan.seconds for plan in plans.values()) <= self.time:
+                return plans
+        return _for_time(self, ways, self.time or 0.0)
 
     def lines(self, x: float) -> tuple[BudgetLine, ...]:
         """Lines of the uncertainty of the place x [m]."""
@@ -156,20 +161,19 @@ class PlaceRepeats:
         by_time = self.tolerance is None or len(shares) < first_sets(plan)
         found = answer(self._found_lines(x, shares), plan, 1.0, [self._apart(x, shares, plan)], by_time=by_time).budget
         wide = self._located(shares, plan, self._widened(x, found, len(shares), plan))
-        return FoundPlace(
-            1e3 * position, 1e3 * x, 1e3 * found.u, 1e3 * min(wide.low, x), 1e3 * max(wide.high, x), len(shares)
-        )
+        ends = 1e3 * min(wide.low, x), 1e3 * max(wide.high, x)
+        return FoundPlace(1e3 * position, 1e3 * x, 1e3 * found.u, *ends, len(shares), 1e3 * found.expanded())
 
     def stopped(self, places: Sequence[FoundPlace]) -> str:
         """Why the sweep ended, for people."""
         if self.tolerance is None:
             return f"another load set would not have ended within {show(self.time or 0.0, 's')}"
         within = "" if self.time is None else f" within {show(self.time, 's')}"
-        missed = [place for place in places if 1e-3 * place.found_u > self.tolerance * (1 + ROUNDING)]
+        missed = [place for place in places if 1e-3 * place.half_mm > self.tolerance * (1 + ROUNDING)]
         if not missed:
-            return f"{mm(self.tolerance)} reached at each position{within}"
+            return f"± {mm(self.tolerance)} reached at each position{within}"
         where = ", ".join(f"{place.position_mm:g}" for place in missed)
-        return f"{mm(self.tolerance)} NOT REACHED{within} at {where} mm"
+        return f"± {mm(self.tolerance)} NOT REACHED{within} at {where} mm"
 
     def _known(self, plan: Allocation, shares: Sequence[Shares]) -> bool:
         """Whether the shares of all valid sets at a position reach the tolerance, or no time would."""
@@ -231,7 +235,7 @@ class PlaceRepeats:
     def predicted(self) -> Predicted:
         """What the sweep is predicted to take and to give; a plan for people."""
         plans = self.allocations
-        worst, plan = max(plans.items(), key=lambda each: each[1].u)
+        worst, plan = max(plans.items(), key=lambda each: each[1].half)
         each = ", ".join(f"{1e3 * x:g}: {one.sets}" for x, one in plans.items())
         dwell = max(one.dwell for one in plans.values())
         person = MOUNTING * (1 + len(plans))
@@ -239,14 +243,14 @@ class PlaceRepeats:
             f"wanted         {self._wanted()}",
             f"plan           load sets at each position (mm): {each}, of {show(dwell, 's')} at most: "
             f"{duration(self.seconds)} (person {person:g} s)",
-            f"expected       {mm(plan.u)} at most, at {mm(worst)}",
-            f"binds          {plan.binds}, {plan.shares[plan.binds]:.0%} of the variance there",
+            f"expected       ± {mm(plan.half)} at most, at {mm(worst)}",
+            f"{binding(plan)} there",
         ]
         told = {
             RESULTS: [asdict(Expected(name_of(x), 1e3 * one.u, "mm")) for x, one in plans.items()],
             "planned": [
                 {"position_mm": 1e3 * x, "sets": one.sets, "dwell_s": one.dwell, "seconds": one.seconds,
-                 "u_mm": 1e3 * one.u, "binds": one.binds, "shares": one.shares}
+                 "u_mm": 1e3 * one.u, "half_mm": 1e3 * one.half, "binds": one.binds, "shares": one.shares}
                 for x, one in plans.items()
             ],
         }  # fmt: skip
@@ -256,7 +260,7 @@ class PlaceRepeats:
         time = "" if self.time is None else show(self.time, "s")
         if self.tolerance is None:
             return f"each place as good as {time} allow, shared alike among the positions"
-        return f"{mm(self.tolerance)} of each place{time and f', within {time}'}"
+        return f"± {mm(self.tolerance)} of each place{time and f', within {time}'}"
 
 
 def _at(position: float, points: Sequence[PositionPoint]) -> list[PositionPoint]:
@@ -272,53 +276,16 @@ def _mean(shares: Sequence[Shares]) -> Shares:
     return math.fsum(left for left, _ in shares) / len(shares), math.fsum(right for _, right in shares) / len(shares)
 
 
-def _allocations(asked: PlaceRepeats) -> dict[float, Allocation]:
-    shortest = whole_steps(max(STEP, 1 / asked.frequency))
-    if asked.tolerance is not None:
-        plans = _for_tolerance(asked, asked.tolerance, shortest)
-        if asked.time is None or ONCE + math.fsum(plan.seconds for plan in plans.values()) <= asked.time:
-            return plans
-    return _for_time(asked, asked.time or 0.0, shortest)
-
-
-def _for_time(asked: PlaceRepeats, time: float, shortest: float) -> dict[float, Allocation]:
-    places = counted(len(asked.positions), "position")
-    each = (time - ONCE) / len(asked.positions)
-    try:
-        found = {x: allocate_time(asked.lines(x), asked.costs, each, shortest) for x in asked.positions}
-    except RangeError:
-        least = ONCE + len(asked.positions) * asked.costs.seconds(1, 1, shortest)
-        if time > least:  # it is beyond what any plan takes
-            raise
+def _for_time(asked: PlaceRepeats, ways: Mapping[float, Sequence[RunOption]], time: float) -> dict[float, Allocation]:
+    each = (time - ONCE) / len(ways)
+    where = f"at each of {counted(len(ways), 'position')}"
+    least = asked.costs.seconds(1, 1, ways[asked.positions[0]][0].dwell)
+    if each < least:
         raise RangeError(
-            f"--time {as_typed(time, 's')} is too short: one load set at each of {places} takes {least:.0f} s; give "
-            "more time, or fewer --positions"
-        ) from None
-    most = max(plan.sets for plan in found.values())
-    if most > MOST_SETS:
-        raise RangeError(
-            f"--time {as_typed(time, 's')} holds {most} load sets at each of {places}, above the limit of "
-            f"{MOST_SETS}; give less time"
+            f"--time {as_typed(time, 's')} is too short: one load set {where} takes {ONCE + len(ways) * least:.0f} s; "
+            "give more time, or fewer --positions"
         )
-    dwells = {x: max(shortest, whole_steps(plan.dwell - STEP)) for x, plan in found.items()}
-    return {x: in_rounds(asked.lines(x), asked.costs, plan.sets, dwells[x]) for x, plan in found.items()}
-
-
-def _for_tolerance(asked: PlaceRepeats, tolerance: float, shortest: float) -> dict[float, Allocation]:
-    plans, floors = {}, {}
-    for x in asked.positions:
-        lines = asked.lines(x)
-        try:
-            found = allocate(lines, asked.costs, tolerance, shortest, FIRST)
-        except BelowFloor as error:
-            floors[x] = error.floor
-            continue
-        if found.sets > MOST_SETS:
-            raise RangeError(
-                f"--tolerance {mm(tolerance)} takes {found.sets} load sets at {mm(x)}, above the limit"
-                f" of {MOST_SETS}; give --tolerance '{mm(1.01 * budget(lines, 1, MOST_SETS, found.dwell).u)}' or more"
-            )
-        plans[x] = in_rounds(lines, asked.costs, found.sets, whole_steps(max(found.dwell, shortest)))
-    if floors:
-        raise below_floor(tolerance, floors, plans)
-    return plans
+    tables = {x: Table.of(some, fewest=1, by_time=True) for x, some in ways.items()}
+    if each > min(table.seconds.max() for table in tables.values()):
+        raise too_long(time, where)
+    return {x: table.for_time(each) for x, table in tables.items()}

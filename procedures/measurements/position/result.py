@@ -65,6 +65,7 @@ class FoundPlace:
     found_low_mm: Annotated[float, replace(LOW, cell="{0.found_low_mm:z.2f} to {0.found_high_mm:z.2f}")]
     found_high_mm: Annotated[float, HIGH]
     sets: Annotated[int, Column("number of valid load sets", head="load\nsets", after="position_mm")]
+    half_mm: Annotated[float, Column("half-width of its 95 % interval where it is linear", "mm", "±\nmm", "z.3f")]
 
 
 @dataclass(frozen=True, slots=True)

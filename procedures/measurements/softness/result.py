@@ -238,9 +238,9 @@ def _budgets(each: Softness, mean: Budget, line: ValidationLine, cancelled: str 
 def price_of(design: Design, model: str) -> str:
     """A sentence with the model's error for this design, from the price list."""
     known = [
-        (promise, price)
+        (max(bounds), price)
         for price in stored().prices
-        if price.design == design.name and price.model == model and (promise := price.promise(slice(None))) is not None
+        if price.design == design.name and price.model == model and (bounds := price.bounds(slice(None)))
     ]
     if not known:
         return f"model {model!r} has no price for design {design.name!r}: its own error is not known"

@@ -66,7 +66,7 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
     for name, (design, theories_of_ours, source, of_experiment) in COLUMNS.items():
         errors = table.columns[f"{name}_error_percent"]
         ours = tuple(
-            ModelSeries(each, model, _ratios(curves, design, model, each, moduli))
+            ModelSeries(each, model, ratios(curves, design, model, each, moduli))
             for model in theories_of_ours
             for each in parameters
             if model not in BEAMS or each == "physical"
@@ -118,7 +118,7 @@ def _samples(table: ThesisTable) -> tuple[str, ...]:
     return tuple(row for row in table.rows if row != "average")
 
 
-def _ratios(curves: Curves, design: str, model: str, parameters: str, moduli: Array) -> Array:
+def ratios(curves: Curves, design: str, model: str, parameters: str, moduli: Array) -> Array:
     if model in BEAMS:
         return beam_ratios(moduli, model=model)
     return curves.of(CurveCase(design, model, parameters)).force_ratio(moduli)

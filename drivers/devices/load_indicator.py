@@ -1,16 +1,21 @@
-"""The driver of load indicators whose map says which fields serve the role."""
+"""Drivers of load indicators, which read the load cell: that of makers' devices, by their maps, and that of ours."""
 
 from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
+from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device
 from palpate.drivers.devices.either_bus import EitherBus
-from palpate.drivers.mapped.exciter import LARGEST_LOSS, Following, pauses
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.instrument.bench.kinds import IndicatorSettings
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, LowPass, says
+from palpate.instrument.contracts import strain_indicator
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import FLOATS, swapped
 from palpate.instrument.errors import DeviceError, RangeError
@@ -116,6 +121,62 @@ def _proved(contract: Contract, name: str) -> bool:
 
 
 # -------------------------------------------------------------------------------------------------------
+# How well readings follow a force that changes: what a filter and too few readings take off a peak-to-peak
+# value
+
+LARGEST_LOSS = 0.05  # of a peak-to-peak value, beyond which a frequency is refused
+POLLS = 64  # readings from which a peak-to-peak value is made up
+GOLDEN = (math.sqrt(5) - 1) / 2  # fraction whose multiples are spread most evenly over a cycle
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """What readings can follow.
+
+    Attributes:
+        filter: the low-pass through which they go.
+        rate: readings in a second [1/s].
+        polled: whether extremes are found among readings that are asked for, not among all that are made.
+    """
+
+    filter: LowPass
+    rate: float
+    polled: bool = False
+
+    def loss(self, frequency: float) -> float:
+        """The part of a peak-to-peak value that is lost at a frequency [Hz], at most.
+
+        The readings next to the extremes are half a reading's interval away from them, at most.
+        """
+        seldom = 1 - math.cos(min(math.pi * frequency / self.rate, math.pi / 2))
+        return 1 - self.filter.passes(frequency) * (1 - seldom)
+
+    def relative_u(self, frequency: float) -> float:
+        """Relative standard uncertainty of a peak-to-peak value that is not corrected for what is lost.
+
+        The loss lies between nothing and its greatest value. Of polled readings, at phases spread over the cycle, those
+        nearest to the extremes take off pi²/N² on the average, and scatter by as much.
+        """
+        lost = self.loss(frequency) / math.sqrt(3)
+        return math.hypot(lost, math.pi**2 / POLLS**2) if self.polled else lost
+
+    def highest(self) -> float:
+        """The highest frequency that is not refused [Hz], rounded down to three digits."""
+        low, high = 0.0, self.filter.corner + self.rate
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.loss(middle) <= LARGEST_LOSS else (low, middle)
+        digits = 2 - math.floor(math.log10(low))
+        return round(math.floor(low * 10.0**digits) / 10.0**digits, digits)
+
+
+def pauses(window: float, readings: int = POLLS) -> Iterator[float]:
+    """Pauses between so many polled readings over a window [s], in step with no frequency."""
+    mean = window / (readings - 1)
+    return (mean * (0.5 + number * GOLDEN % 1.0) for number in range(1, readings))
+
+
+# -------------------------------------------------------------------------------------------------------
 # The filter of a load indicator's readings: whether it is as it was, and which frequencies get through
 
 
@@ -215,11 +276,12 @@ class ReadingFilter:
 
 LOOKS = 6  # readings beside those of extremes, which tell that the display still moves
 MOVED = 4  # steps of the display that a load must move by, so that not all of these readings can be equal
+UNSTEADY, STUCK = "not stable", "display not updated"  # why a reading is not used
 AGAIN = 3  # readings that must agree where no bit says that the load is stable
 
 
 @dataclass(frozen=True, slots=True)
-class MappedReading:
+class IndicatorReading:
     """A reading; see `palpate.drivers.roles.Reading`.
 
     Attributes:
@@ -356,18 +418,18 @@ class MappedLoadIndicator(EitherBus):
         found = self._faults(self._status())
         return f"{found}; check the bridge and its wires" if found else ""
 
-    def read(self) -> MappedReading:
+    def read(self) -> IndicatorReading:
         """Read the load, or the peak-to-peak load. Raises LinkError, DeviceError."""
         if self._window is None:
             return self._tracked()
         return self._over(self._window)
 
-    def _tracked(self) -> MappedReading:
+    def _tracked(self) -> IndicatorReading:
         role = self._map
         value, status = self._load()
         if not role.stable:
             return self._made(value, self._faults(status), self._scatter(value))
-        return self._made(value, self._faults(status), "" if says(self._bits(status), role.stable) else "not stable")
+        return self._made(value, self._faults(status), "" if says(self._bits(status), role.stable) else UNSTEADY)
 
     def _scatter(self, first: float) -> str:
         """What tells that repeated readings differ by more than a step of the display; empty: they do not."""
@@ -381,7 +443,7 @@ class MappedLoadIndicator(EitherBus):
         remedy = "" if self._map.step else "; if the load rests, write a resolution that is no finer than their scatter"
         return f"{AGAIN} readings differ by {_range(values):.2g} {unit}, one step is {self._step:g} {unit}{remedy}"
 
-    def _over(self, window: float) -> MappedReading:
+    def _over(self, window: float) -> IndicatorReading:
         """The greatest less the least load over a window [s] that begins now."""
         extremes = self._map.extremes
         if extremes:
@@ -400,7 +462,7 @@ class MappedLoadIndicator(EitherBus):
                 self._look(name, extreme)
             value = found[0] - (found[1] if len(extremes) > 1 else 0.0)
         if not sick and self._frozen(value, values):
-            sick = "display not updated"
+            sick = STUCK
         u_mV = self._relative_u * abs(value) * self._settings_of.span
         return self._made(value, sick, self._filter.changed(), difference=True, u_mV=u_mV)
 
@@ -442,12 +504,12 @@ class MappedLoadIndicator(EitherBus):
 
     def _made(
         self, value: float, sick: str, unsteady: str, difference: bool = False, u_mV: float = 0.0
-    ) -> MappedReading:
+    ) -> IndicatorReading:
         """A reading from a value in the device's unit."""
         span = self._settings_of.span
         told = all(order.proved for order in self._orders.values())
         doubt = "" if told else self._doubt
-        return MappedReading(value * span, self.resolution_mV, unsteady, sick, difference, u_mV, doubt)
+        return IndicatorReading(value * span, self.resolution_mV, unsteady, sick, difference, u_mV, doubt)
 
     def differences(self) -> list[str]:
         """As for every device; also a filter, or a step of the display, that somebody has changed."""
@@ -459,3 +521,121 @@ class MappedLoadIndicator(EitherBus):
                 device=self.name,
             )
         return found
+
+
+# --- ours ----------------------------------------------------------------------------------------------
+
+COMMAND_POLL = 0.01  # s between two polls of a command
+COMMAND_POLLS = 100  # greatest number of these polls
+DISPLAY = ("status", "decimals", "reading", "reading_float", "updates")  # adjacent fields, read together
+UPDATES = 65536  # updates of the display after which their count starts again at 0
+COUNTED_NS = 1_000_000_000_000  # ns in which the count grows by less than half of that, so that its order is clear
+RENEWAL_NS = 300_000_000  # ns within which the display must have been updated, as it is ten times a second
+
+
+class StrainIndicator(ModbusDevice):
+    """Our strain indicator, which a map does not describe: it finds peak-to-peak values itself, over a window.
+
+    It holds each reading twice, and counts how often its display is renewed, by which an old reply is known.
+    """
+
+    contract = strain_indicator.CONTRACT
+    orders = frozenset({"command"})
+
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
+        super().__init__(link, unit, clock)
+        self._renewed: tuple[int, float] | None = None
+        self.gage_factor = math.nan  # until it is configured
+        self.resolution_mV = math.nan
+        """Step of the display at the last reading [mV]."""
+
+    def identify(self) -> None:
+        """As for every device; after a restart of the indicator its count of updates may be lower than before."""
+        super().identify()
+        self._renewed = None
+
+    def set_up(self, settings: IndicatorSettings, watchdog: float) -> None:
+        """As for every device."""
+        self.configure(settings.gage_factor, 1e3 * settings.full_scale)
+
+    def sick(self) -> str:
+        """As for every device."""
+        sick = self.read().sick
+        return f"{sick}; check the bridge and its wires" if sick else ""
+
+    def configure(self, gage_factor: float, full_scale_mV: float) -> None:
+        """Set the gage factor, and the reading above which overload is flagged [mV]."""
+        self.set(gage_factor=gage_factor, full_scale=full_scale_mV)
+        self.gage_factor = gage_factor
+
+    def track(self, time_constant: float) -> None:
+        """Follow the load through a one-pole filter with this time constant [s]."""
+        self.set(filter=time_constant, mode="track")
+
+    def peak_to_peak(self, window: float) -> None:
+        """Read the peak-to-peak load over the last `window` [s]."""
+        self.set(filter=window, mode="peak_to_peak")
+
+    def read(self) -> IndicatorReading:
+        """Read the display. The device holds the reading twice, and both must agree.
+
+        Raises:
+            DeviceError: the integer and the floating-point reading differ, or the count of updates is lower than at the
+                last reading, so that the reply is an old one.
+        """
+        values = self._asked(self._fresh)
+        if self._renewed is not None and values[-1] == self._renewed[1]:
+            values = self._asked(self._fresh)  # it may be the reply to the last read; this one has another length
+        status, decimals, integer, floating, updates = values
+        bits = self.contract.set_bits("status", status)
+        step = self.resolution_mV = 10.0**-decimals
+        reading = integer * step
+        if "bridge_open" in bits:
+            reading = math.nan
+        elif not abs(reading - floating) <= step + 1e-6 * abs(reading):
+            raise DeviceError(
+                f"{self.name}: reading is {reading:g} mV as an integer and {floating:g} mV as a float, so it is not "
+                "used; check the indicator's firmware"
+            )
+        faults = {"bridge open": "bridge_open" in bits, "overload": "overload" in bits, STUCK: self._stale(updates)}
+        sick = ", ".join(fault for fault, raised in faults.items() if raised)
+        return IndicatorReading(reading, step, "" if "stable" in bits else UNSTEADY, sick)
+
+    def _fresh(self) -> list[float]:
+        values = list(map(self._value, DISPLAY, self._read(DISPLAY)))
+        if self._renewed is not None and self.clock.now_ns() - self._renewed[0] < COUNTED_NS:
+            before, now = self._renewed[1], values[-1]
+            if (now - before) % UPDATES > UPDATES / 2:
+                self.link.distrust()
+                raise DeviceError(
+                    f"{self.name}: its display was updated {now:g} times, but {before:g} times at the reading before; "
+                    "the reply is late, or the indicator was restarted, so it is not used"
+                )
+        return values
+
+    def _stale(self, updates: float) -> bool:
+        now = self.clock.now_ns()
+        if self._renewed is None or updates != self._renewed[1]:
+            self._renewed = now, updates
+        return now - self._renewed[0] > RENEWAL_NS
+
+    def clear_tare(self) -> None:
+        self.command("clear_tare")
+
+    def command(self, name: str) -> None:
+        """Give an order, and wait until it is done. Raises as `set`, and DeviceError: it was refused or is not done."""
+        if not self.set(command=name):
+            self._await_start(lambda: self.contract.choice("command", self.get("command")) != "idle")
+        for _ in range(COMMAND_POLLS):
+            pending, last, result = self.get_many("command", "last_command", "command_result")
+            if self.contract.choice("command", pending) == "idle":
+                break
+            self.clock.wait(COMMAND_POLL)
+        else:
+            raise DeviceError(
+                f"{self.name}: {name} was not carried out within {COMMAND_POLL * COMMAND_POLLS:g} s; repeat it, or "
+                "restart the indicator"
+            )
+        outcome = self.contract.choice("command_result", result)
+        if self.contract.choice("last_command", last) != name or outcome != "done":
+            raise DeviceError(f"{self.name}: {name} ended in {outcome}; wait for a stable reading and repeat it")

@@ -45,7 +45,7 @@ class AmplifierState:
 
 
 class ShakerAmplifier(ModbusDevice):
-    """The shaker amplifier.
+    """Our shaker amplifier, which a map does not describe: an owner gives it orders, and feeds its watchdog.
 
     If it is `owned`, only the program that has claimed it can write settings and feed its watchdog. Else it takes
     settings from any program, and any request feeds its watchdog.

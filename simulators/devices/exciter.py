@@ -10,9 +10,9 @@ import numpy as np
 from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
 from palpate.instrument.contracts.contract import Field, Pdo
 from palpate.simulators.clock import NEVER
+from palpate.simulators.devices.positioner import OF_THE_STATE, DriveState
+from palpate.simulators.devices.twin import CanopenTwin
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, sine
-from palpate.simulators.mapped.positioner import OF_THE_STATE, DriveState
-from palpate.simulators.mapped.twin import CanopenTwin
 from palpate.simulators.wire.device import SimulatedPlace
 
 RATED = 5.0  # A, coil current at the rated torque or force [A]

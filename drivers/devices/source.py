@@ -14,9 +14,9 @@ from palpate.instrument.errors import BenchError, DeviceError, RangeError
 
 
 class SignalGenerator(ModbusDevice):
-    """The signal generator.
+    """Our signal generator, which a map does not describe: it counts the writes that it takes.
 
-    It counts the writes that it takes. If there are more than this driver has sent, another program writes to it.
+    If there are more than this driver has sent, another program writes to it.
     """
 
     contract = signal_generator.CONTRACT
@@ -72,24 +72,16 @@ class SignalGenerator(ModbusDevice):
             RangeError: the frequency is outside 0 to 20 kHz, the amplitude outside 0 to 10 V, or amplitude + |offset|
                 above 10 V; nothing is sent.
         """
-        self.waveform("sine", frequency, amplitude, offset)
-
-    def waveform(self, shape: str, frequency: float, amplitude: float, offset: float = 0.0) -> None:
-        """Set a waveform; `shape` is "sine", "square" or "triangle". Other arguments and errors as for `sine`."""
         if amplitude + abs(offset) > LARGEST_PEAK:
             raise RangeError(
                 f"signal generator: amplitude {amplitude:g} V + |offset| {abs(offset):g} V is above {LARGEST_PEAK:g} V;"
                 " lower one of them"
             )
-        self.set(frequency=frequency, amplitude=amplitude, offset=offset, waveform=shape)
+        self.set(frequency=frequency, amplitude=amplitude, offset=offset, waveform="sine")
 
     def output(self, on: bool) -> None:
         """Close or open the output relay."""
         self.set(output="on" if on else "off")
-
-    def reset_phase(self) -> None:
-        """Restart the waveform at zero phase."""
-        self.set(phase_reset=1)
 
     def read(self) -> tuple[float, float, float]:
         """Frequency [Hz], amplitude [V] and offset [V], as the device holds them."""

@@ -1,1 +1,0 @@
-"""Drivers of makers' devices: one for each role, which speaks in the fields and commands that a map names for it."""

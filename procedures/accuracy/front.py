@@ -1,0 +1,441 @@
+"""What accuracy of a modulus costs in time: all plans that no other beats, and what a tolerance asks of each cause.
+
+Every number comes from the planner of `palpate measure modulus`: the rows of its one table of plans.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from palpate.instrument.allocation.lines import BudgetLine, budget
+from palpate.instrument.allocation.table import ROUNDING, Allocation, OutOfReach, Table
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGES
+from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.mean_ratio import NOISE, SCATTER
+from palpate.instrument.findings.object_modulus import ByReferences
+from palpate.instrument.models.price_list import stored
+from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.quantity import LARGEST_TOLERANCE, counted, parse, show
+from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.signals.estimate import amplitudes
+from palpate.instrument.uncertainty.budget import coverage_factor
+from palpate.procedures.engine.plan import noise_of
+from palpate.procedures.measurements.object_modulus.planning import (
+    CURVE,
+    MOUNTED,
+    Alternative,
+    ExpectedRatio,
+    Prospect,
+    Wanted,
+    costs_of,
+    expected,
+    lines_of,
+    prospect_by,
+    quickest,
+    quickest_way,
+    references_of,
+    refused,
+    table_of,
+)
+from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
+
+TARGETS = (0.2, 0.1, 0.05, 0.02, 0.01)  # half-widths of the 95 % interval, relative
+POINTS = 24  # of the front, at most
+SYSTEMATIC = 0.05  # share of the variance that all together may have that is not random
+MINUTE = 60.0  # s: what one minute less and one more would give
+REFERENCES = 6  # as many as pay
+FIT, CONVERTER, INTEGRATION = "fit", "converter", "integration"
+QUIET = "converter, without noise"
+SETUP, FURTHER = "start and end", "further"
+LATE, OFFSET = 86_400.0, 1000.0  # s, a day on the bench, and amplitudes: a hard case for the fit
+NEAR = np.linspace(0.95, 1.05, 41)  # sizes near the nominal one, because rounding depends on the size
+ROUNDS = 15  # of timing
+
+
+@dataclass(frozen=True, slots=True)
+class CauseCost:
+    """One cause of uncertainty: what it leaves, what the tolerance asks of it, what there is, and who pays.
+
+    Attributes:
+        cause: name of the cause.
+        u: relative standard uncertainty of the modulus by it alone; None: it is no cause but a part of the time.
+        share: its share of the variance; None: as for `u`.
+        needs, has: what the tolerance asks and what there is, in words; empty: nothing of its own.
+        needs_value, has_value: the same as numbers: mountings, sets, seconds of dwell, or relative errors of the ratio.
+        bench_s, person_s: bench time that pays for it, and the part of it that a person takes [s]; None: none.
+        processor_s, processor_u: processor time, with its standard uncertainty [s]; None: none that counts.
+    """
+
+    cause: str
+    u: float | None
+    share: float | None
+    needs: str = ""
+    has: str = ""
+    needs_value: float | None = None
+    has_value: float | None = None
+    bench_s: float | None = None
+    person_s: float | None = None
+    processor_s: float | None = None
+    processor_u: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Something that counts without having been measured on this bench.
+
+    Attributes:
+        name: what it is.
+        u: relative standard uncertainty.
+        freedom: its degrees of freedom; None: infinitely many.
+        evidence: where it comes from.
+    """
+
+    name: str
+    u: float
+    freedom: float | None
+    evidence: str
+
+
+@dataclass(frozen=True, slots=True)
+class FrontPoint:
+    """A plan that no other beats.
+
+    Attributes:
+        plan: the plan.
+        command: the command that makes it.
+    """
+
+    plan: Prospect
+    command: str
+
+    def summary(self, person: float) -> dict[str, Any]:
+        """The point as JSON has it; `person`: time of a person for one mounting [s]."""
+        plan = self.plan.allocation
+        return {
+            "seconds": self.plan.times.mean,
+            "longest_s": self.plan.times.longest,
+            "person_s": person * plan.mountings,
+            "U95": plan.half,
+            "load_N": self.plan.load,
+            "mountings": plan.mountings,
+            "sets": plan.sets,
+            "dwell_s": plan.dwell,
+            "command": self.command,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class PlanningCase:
+    """What plans are made for.
+
+    Attributes:
+        design: the sensor of the bench, with its calibrated films.
+        question: the model that turns the ratio into the modulus.
+        loads: loads among which a plan chooses [N, peak to peak].
+        wanted: frequency of the load, what is known of mountings, and who mounts; each plan has its own tolerance.
+        command: the command of a measurement, without its tolerance.
+        references: calibration of the model by references; None: there is none.
+    """
+
+    design: Design
+    question: RatioQuestion
+    loads: Sequence[float]
+    wanted: Wanted
+    command: Sequence[str]
+    references: ByReferences | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ModulusFront:
+    """What accuracy of the modulus of one object costs on one bench.
+
+    Attributes:
+        modulus: Young modulus of the object [Pa].
+        tolerance: the half-width that was asked for.
+        relative: whether all is on the model's scale, without its validation error.
+        found: what the model expects of the object.
+        person: time of a person for one mounting [s].
+        points: the front, the quickest plan first.
+        targets: for each of TARGETS the quickest plan; None: none reaches it.
+        asked: the quickest plan for the tolerance; None: none reaches it.
+        why: why there is none, with other ways there; empty: there is one.
+        costs: what the tolerance asks of each cause.
+        less, more: half-widths of plans that take a minute less and more; None: there is none so quick.
+        absolute: what the model's validation error leaves, half-width; None: it is not known.
+        by_references, references_s: what REFERENCES of them would leave in its place, and their time [s]; None: not
+            known.
+        quicker: what is made once before a run that makes the whole quicker; None: nothing does.
+        priors: what counts without having been measured.
+    """
+
+    modulus: float
+    tolerance: float
+    relative: bool
+    found: ExpectedRatio
+    person: float
+    points: tuple[FrontPoint, ...]
+    targets: tuple[tuple[float, FrontPoint | None], ...]
+    asked: FrontPoint | None
+    why: str
+    costs: tuple[CauseCost, ...]
+    less: float | None
+    more: float | None
+    absolute: float | None
+    by_references: float | None
+    references_s: float | None
+    quicker: Alternative | None
+    priors: tuple[Prior, ...]
+
+    @classmethod
+    def of(cls, case: PlanningCase, modulus: float, tolerance: float) -> Self:
+        """All plans for an object of a Young modulus [Pa].
+
+        Raises:
+            RangeError: the model does not answer for this sensor, or tells no more than a bound of the object.
+        """
+        found = expected(case.question, modulus, case.references)
+        if found.sensitivity is None:
+            raise RangeError(
+                f"of an object of {show(modulus, 'Pa')} model {found.model!r} tells no more than a bound, whatever"
+                " the time: its ratio hardly depends on the modulus; take a sensor with a ring more like it, or"
+                " palpate test modulus"
+            )
+        wanted = replace(case.wanted, tolerance=tolerance)
+        if found.validation.u is None:
+            wanted = replace(wanted, relative=True)
+        table = table_of(case.design, found, wanted, case.loads)
+        asked, why = None, ""
+        try:
+            asked = _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+        except OutOfReach as error:
+            why = str(refused(error, case.question, found, wanted, case.design, case.loads))
+        less, more = None, None
+        if asked is not None:
+            less, more = (_in_time(table, asked.plan.allocation.mean + change) for change in (-MINUTE, MINUTE))
+        made = references_of(case.question, found, case.design)
+        count = REFERENCES if made is None else max(REFERENCES, made.least)
+        validation = found.validation
+        factor = coverage_factor(validation.degrees_of_freedom)
+        return cls(
+            modulus=modulus,
+            tolerance=tolerance,
+            relative=wanted.relative,
+            found=found,
+            person=wanted.mounts.person,
+            points=tuple(_points(case, found, wanted, table)),
+            targets=tuple((each, _for_target(case, found, wanted, table, each)) for each in TARGETS),
+            asked=asked,
+            why=why,
+            costs=() if asked is None else tuple(costs_for(case, found, wanted, asked.plan)),
+            less=less,
+            more=more,
+            absolute=None if validation.u is None else found.sensitivity * validation.u * factor,
+            by_references=None if made is None else _half(made.line(count)),
+            references_s=None if made is None else made.seconds(count),
+            quicker=quickest(quickest_way(case.question, found, wanted, case.design, table), len(case.design.teeth)),
+            priors=tuple(_priors(wanted)),
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """The front as JSON has it."""
+        return {
+            "modulus_Pa": self.modulus,
+            "tolerance": self.tolerance,
+            "tolerance_of": "U95",
+            "relative_to_model": self.relative,
+            "model": self.found.model,
+            "force_ratio": self.found.ratio,
+            "sensitivity": self.found.sensitivity,
+            "validation": self.found.validation.summary(),
+            "front": [point.summary(self.person) for point in self.points],
+            "targets": [
+                {"tolerance": tolerance, "plan": None if point is None else point.summary(self.person)}
+                for tolerance, point in self.targets
+            ],
+            "asked": None if self.asked is None else self.asked.summary(self.person),
+            "why": self.why,
+            "costs": [asdict(cost) for cost in self.costs],
+            "minute_less_U95": self.less,
+            "minute_more_U95": self.more,
+            "absolute_U95": self.absolute,
+            "references_U95": self.by_references,
+            "references_s": self.references_s,
+            "quickest": None if self.quicker is None else self.quicker.summary(),
+            "priors": [asdict(prior) for prior in self.priors],
+        }
+
+
+def _half(line: BudgetLine) -> float:
+    return line.u * coverage_factor(line.degrees_of_freedom)
+
+
+def _priors(wanted: Wanted) -> list[Prior]:
+    freedom = None if math.isinf(wanted.mounted_freedom) else wanted.mounted_freedom
+    return [Prior(MOUNTED, wanted.mounted, freedom, wanted.mounted_by)]
+
+
+def _points(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table) -> list[FrontPoint]:
+    """The front, thinned out to points about as far apart in time; none that takes longer and gives less is kept."""
+    rows = [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
+    if not rows:
+        return []
+    times = np.log(table.mean[rows])
+    numbers = np.unique([int(np.abs(times - each).argmin()) for each in np.linspace(times[0], times[-1], POINTS)])
+    points: list[FrontPoint] = []
+    for number in numbers:
+        tolerance = _typed(float(table.half[rows[number]]))
+        point = _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+        if not points or point.plan.times.mean > points[-1].plan.times.mean:
+            points.append(point)
+    return points
+
+
+def _typed(half: float) -> float:
+    """A half-width, rounded up to six digits, as it is typed."""
+    digits = 10.0 ** (5 - math.floor(math.log10(half)))
+    return math.ceil(half * digits * (1 - ROUNDING)) / digits
+
+
+def _point(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, plan: Allocation, tolerance: float) -> FrontPoint:
+    """A plan with its times as a run for a tolerance, and the command that makes it."""
+    asked = [*case.command, "--tolerance", f"{100 * tolerance:.10g} %"]
+    asked += ["--relative-to-model"] * wanted.relative
+    prospect = prospect_by(case.design, found, replace(wanted, tolerance=tolerance), plan)
+    return FrontPoint(prospect, shlex.join(asked))
+
+
+def _for_target(
+    case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table, tolerance: float
+) -> FrontPoint | None:
+    try:
+        return _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+    except OutOfReach:
+        return None
+
+
+def _in_time(table: Table, seconds: float) -> float | None:
+    """The least half-width of plans that take no longer on average [s]."""
+    good = table.half[table.mean <= seconds]
+    return float(good.min()) if good.size else None
+
+
+# --- What a tolerance asks of each cause ---------------------------------------------------------------
+#
+# What is random is paid with mountings, sets and dwell. What is not (model, fit, converter) may have a twentieth of the
+# variance together, in equal parts; each is told the error of the ratio that this leaves it.
+
+
+def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect: Prospect) -> list[CauseCost]:
+    """One row for each cause; shares add up to 1, and bench times to the mean time of the plan."""
+    plan, design, ratio = prospect.allocation, case.design, found.ratio
+    costs = costs_of(prospect.load, wanted.frequency, wanted.mounts)
+    cycles = round(plan.dwell * wanted.frequency)
+    lines = lines_of(design, found, prospect.load, wanted, not wanted.relative, cycles)
+    reached = budget(lines, plan.mountings, plan.sets, plan.dwell)
+    shares = {row["name"]: (abs(row["contribution"]), row["share"]) for row in reached.rows()}
+    slope = found.sensitivity or 1.0
+    systematic = {CURVE, FIT, CONVERTER}
+    allowed = math.sqrt(3 * SYSTEMATIC / len(systematic)) * reached.u / slope  # a bound counts as a rectangle
+    rows = []
+    for name, (u, share) in sorted(shares.items(), key=lambda each: -each[1][1]):
+        if name == MOUNTED:
+            person = costs.person * plan.mountings
+            rows.append(
+                CauseCost(name, u, share, "", counted(plan.mountings, "time"), None, float(plan.mountings),
+                     costs.mounting * plan.mountings, person)
+            )  # fmt: skip
+        elif name == SCATTER:
+            bench = (costs.set + plan.dwell) * plan.sets
+            fit_s, fit_u = _timed(_fit_of(plan.dwell, wanted.frequency))
+            rows.append(
+                CauseCost(name, u, share, "", f"{plan.sets} sets", None, float(plan.sets), bench, None,
+                     fit_s * plan.sets, fit_u * plan.sets)
+            )  # fmt: skip
+        elif name == NOISE:
+            dwell = plan.sets * plan.dwell
+            needs = dwell * share * (1 - SYSTEMATIC) / SYSTEMATIC / (1 - share) if share < 1 else dwell
+            told = show(needs, "s", 2)
+            rows.append(CauseCost(name, u, share, told, show(dwell, "s", 2), needs, dwell))
+        elif name == CURVE:
+            rows.append(_model(case, found, u, share, allowed))
+        else:
+            rows.append(CauseCost(name, u, share))
+    if not any(row.cause == MOUNTED for row in rows):
+        rows.append(CauseCost("mountings", None, None, "", counted(plan.mountings, "time"), None, float(plan.mountings),
+                         costs.mounting * plan.mountings, costs.person * plan.mountings))  # fmt: skip
+    error = abs(_fit_of(plan.dwell, wanted.frequency)() - 1)
+    rows.append(CauseCost(FIT, slope * error / math.sqrt(3), 0.0, _error(allowed), _error(error), allowed, error))
+    quiet, dithered = converter_error(design, prospect.load, ratio, wanted.frequency, plan.dwell)
+    u = slope * dithered / math.sqrt(3)
+    rows.append(CauseCost(CONVERTER, u, 0.0, _error(allowed), _error(dithered), allowed, dithered))
+    rows.append(CauseCost(QUIET, None, None, "", _error(quiet), None, quiet))
+    rows.append(CauseCost(INTEGRATION, None, None, "", "not in the path: the bench steps nothing"))
+    rows.append(CauseCost(SETUP, None, None, bench_s=costs.start))
+    further = prospect.times.mean - plan.seconds
+    rows.append(CauseCost(FURTHER, None, None, bench_s=further))
+    return rows
+
+
+def _model(case: PlanningCase, found: ExpectedRatio, u: float, share: float, allowed: float) -> CauseCost:
+    """The model's own error: its bound, the one that is needed, and its price."""
+    has = found.curve_u * math.sqrt(3) / found.ratio
+    price = min(
+        (each.answer_s for each in stored().prices
+         if each.design == case.design.name and each.model == found.model and each.answer_s is not None),
+        default=None,
+    )  # fmt: skip
+    return CauseCost(CURVE, u, share, _error(allowed), _error(has), allowed, has, processor_s=price)
+
+
+def _error(error: float) -> str:
+    """A relative error of the ratio, as text."""
+    return f"{100 * error:.2g} %" if error >= 1e-8 else "< 1e-6 %"
+
+
+def _fit_of(dwell: float, frequency: float) -> Callable[[], float]:
+    """A fit of a set's record, a day after the start and on a large offset: the amplitude that is found of 1."""
+    rate = SAMPLES_PER_CYCLE * frequency
+    at = LATE + np.arange(round(dwell * rate)) / rate
+    signal = (OFFSET + np.cos(2 * np.pi * frequency * at + 0.3))[np.newaxis]
+    return lambda: float(amplitudes(at, signal, frequency)[0])
+
+
+def _timed(call: Callable[[], object]) -> tuple[float, float]:
+    """Processor time of a call, median of some rounds, and its standard uncertainty [s]."""
+    call()
+    taken = []
+    for _ in range(ROUNDS):
+        began = time.process_time_ns()
+        call()
+        taken.append(1e-9 * (time.process_time_ns() - began))
+    return float(np.median(taken)), float(np.std(taken)) * 1.25 / math.sqrt(ROUNDS)
+
+
+def converter_error(design: Design, load: float, ratio: float, frequency: float, dwell: float) -> tuple[float, float]:
+    """Greatest relative error of the ratio by rounding to the steps of the converter: without noise, and in it.
+
+    The range is the one that a run chooses. Noise moves samples across steps and so averages the rounding: a normal
+    one leaves 2 step/π · exp(−2 π² σ²/step²) of it at most.
+    """
+    rate = SAMPLES_PER_CYCLE * frequency
+    at = np.arange(round(dwell * rate)) / rate
+    ranges = sorted(parse(name, "V") for name in RANGES)
+    sigma, quiet, dithered = noise_of(design) * math.sqrt(rate / 2), 0.0, 0.0
+    for film in design.films:
+        share = ratio if film.kind == FILM_KINDS[0] else 1.0
+        volts = film.sensitivity * share * load * len(film.teeth) / len(design.teeth)
+        step = next((each for each in ranges if HEADROOM * volts <= each), ranges[-1]) / FULL_SCALE_COUNTS
+        amplitude = volts / 2
+        clean = amplitude * NEAR[:, np.newaxis] * np.cos(2 * np.pi * frequency * at + 0.3)
+        rounded = np.rint(clean / step) * step
+        error = float(np.abs(amplitudes(at, rounded, frequency) / (amplitude * NEAR) - 1).max())
+        left = 2 * step / math.pi * math.exp(-2 * (math.pi * sigma / step) ** 2) / amplitude
+        quiet, dithered = quiet + error, dithered + min(error, left)
+    return quiet, dithered

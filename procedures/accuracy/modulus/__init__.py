@@ -1,1 +1,0 @@
-"""How well a modulus is known after which bench time."""

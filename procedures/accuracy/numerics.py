@@ -1,0 +1,201 @@
+"""Error and time of every method that computes a number, task by task: one table, and one picture.
+
+Each task has a clock of its own. Errors are relative to the true number; of models they are bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.models.price_list import DATA, PriceList
+from palpate.instrument.quantity import show
+from palpate.instrument.signals.estimate import ESTIMATORS, LEAST_SQUARES, amplitude_ratios, fit_sine, ratio_bound
+from palpate.procedures.showing.figure import MARKERS, save_in_new
+from palpate.procedures.showing.text import new_table, print_all, stamped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Clock = Literal["processor", "bench"]
+PLOT = "numerics.png"
+FRONT = "*"
+LEAST = 1e-16  # error of an exact method in the picture
+INTERVAL = 1  # of the price list's moduli: the rubber samples
+DWELLS = (0.1, 0.4, 2.0, 10.0)  # s
+MOST = 1000  # pieces of a record
+BOUND = "Cramér–Rao bound"
+STYLES = ("-", "--", "-.", ":")
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A method at a setting: relative error (None: it failed), and seconds of its task's clock."""
+
+    method: str
+    setting: str
+    error: float | None
+    seconds: float
+    failure: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A number, and the ways to it.
+
+    Attributes:
+        name: what the number is.
+        drawn: whether error is bought with time, so that the picture shows it.
+        reference: error of what the errors are measured against; 0: it is exact, or not known.
+        slopes: for some methods the exponent with which the error should fall with time.
+    """
+
+    name: str
+    clock: Clock
+    ways: tuple[Way, ...]
+    drawn: bool = True
+    reference: float = 0.0
+    slopes: Mapping[str, float] = field(default_factory=dict)
+
+    def front(self) -> list[bool]:
+        """Of each way, whether no other is nearer and quicker."""
+        known = [
+            (math.inf if way.error is None or way.method == BOUND else way.error, way.seconds) for way in self.ways
+        ]
+        return [
+            one[0] < math.inf and not any(other != one and other[0] <= one[0] and other[1] <= one[1] for other in known)
+            for one in known
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """The task as JSON has it."""
+        told = {"task": self.name, "clock": self.clock, "reference": self.reference}
+        rows = zip(self.ways, self.front(), strict=True)
+        return {**told, "ways": [{**asdict(way), "front": front} for way, front in rows]}
+
+
+def of_models(prices: PriceList, design: str) -> Task:
+    """Every answer that a caller gets from a model, for objects like the rubber samples; data are no model.
+
+    Raises:
+        RangeError: nothing was priced for the design.
+    """
+    at, own = slice(INTERVAL, INTERVAL + 1), prices.of([design])
+    (reference,) = own.references
+    ways = [
+        Way(price.model, price.refinement, promise, price.answer_s)
+        for price in own.prices
+        if price.model != DATA and price.answer_s is not None
+        if (promise := prices.promise(price, at)) is not None
+    ]
+    (least,) = prices.least(design)[at]
+    known = max(reference.uncertainties[INTERVAL : INTERVAL + 2]) / least
+    low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[INTERVAL : INTERVAL + 2])
+    return Task(f"force ratio of design {design}, objects of {low} to {high}", "processor", tuple(ways), True, known)
+
+
+def of_estimators(
+    time: npt.NDArray[np.float64], voltage: npt.NDArray[np.float64], ratio: float, frequency: float, where: str
+) -> Task:
+    """Every estimator of the ratio of two films' amplitudes, over pieces of a long record.
+
+    Args:
+        time, voltage: (n,) and (2, n), the record [s, V].
+        ratio: the true ratio.
+        frequency: frequency of the drive [Hz].
+        where: whose record it is.
+
+    Raises:
+        EstimateError: a piece gives no ratio.
+    """
+    whole = fit_sine(time, voltage, frequency)
+    ways = []
+    for dwell in DWELLS:
+        n = round(dwell / float(time[1] - time[0]))
+        repeats = min(time.size // n, MOST)
+        # An amplitude does not depend on the phase at which a piece begins.
+        pieces = voltage[:, : repeats * n].reshape(2, repeats, n).swapaxes(0, 1)
+        for name in ESTIMATORS:
+            apart = amplitude_ratios(name, time[:n], pieces, frequency) / ratio - 1
+            if not np.isfinite(apart).all():
+                raise EstimateError(f"{name}: a piece of the record gives no ratio; take a longer dwell")
+            ways.append(Way(name, f"{dwell:g} s", float(np.sqrt(np.mean(apart**2))), dwell))
+        noise = (whole.amplitude[:2], whole.phase[:2], whole.noise[:2], float(whole.correlation[0, 1]))
+        ways.append(Way(BOUND, f"{dwell:g} s", ratio_bound(time[:n], frequency, *noise), dwell))
+    ways.sort(key=lambda way: (*ESTIMATORS, BOUND).index(way.method))
+    return Task(f"force ratio of {where}", "bench", tuple(ways), slopes={LEAST_SQUARES: 0.5})
+
+
+def print_numerics(tasks: Sequence[Task], about: str, plot: Path | None) -> None:
+    """Print one table: a part for each task, and a row for each way."""
+    for task in tasks:
+        title = stamped(task.clock == "bench", task.name)
+        table = new_table(title, "method", "setting", "relative error", f"{task.clock} s", "")
+        table.columns[0].justify = table.columns[1].justify = "left"
+        for way, front in zip(task.ways, task.front(), strict=True):
+            error = "-" if way.error is None else f"{way.error:.1e}"
+            table.add_row(way.method, way.setting, error, f"{way.seconds:.2g}", FRONT if front else "")
+        print_all(table, *(f"{way.method}, {way.setting}: {way.failure}" for way in task.ways if way.failure), "")
+    print_all(
+        f"{FRONT:<14} no other method is nearer and quicker",
+        f"models         {about}",
+        *([] if plot is None else [f"plot           {plot}"]),
+    )
+
+
+def plot_numerics(tasks: Sequence[Task], folder: Path) -> Path:
+    """Draw `numerics.png` in a folder: a panel for each task whose error is bought with time.
+
+    Raises:
+        RecordError: the folder or file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    drawn = [task for task in tasks if task.drawn]
+    rows = -(-len(drawn) // 2)
+    figure = Figure(figsize=(7, 4.3 * rows), layout="constrained")
+    for place, task in enumerate(drawn):
+        _draw(task, figure.add_subplot(rows, 2, place + 1))
+    return save_in_new(figure, folder, PLOT)
+
+
+def _draw(task: Task, ax: Axes) -> None:
+    """Error against time of each method, expected slopes beside, the reference's own error, and failures on top."""
+    from matplotlib.ticker import NullFormatter
+
+    ax.set(xscale="log", yscale="log", xlabel=f"{task.clock} time (s)", ylabel="relative error")
+    for number, method in enumerate(dict.fromkeys(way.method for way in task.ways)):
+        own = [way for way in task.ways if way.method == method]
+        good = [(way.seconds, max(way.error, LEAST)) for way in own if way.error is not None]
+        style = {"color": f"C{number}", "ls": STYLES[number % len(STYLES)], "marker": MARKERS[number % len(MARKERS)]}
+        if method == BOUND:
+            style = {"color": "k", "ls": "-", "marker": ""}
+        ax.plot([x for x, _ in good], [y for _, y in good], **style, ms=5, lw=1, mfc="none", label=method)  # type: ignore[arg-type]
+        failed = [way.seconds for way in own if way.error is None]
+        ax.plot(failed, [1.0] * len(failed), **style | {"ls": ""}, ms=8, clip_on=False)  # type: ignore[arg-type]
+        if method in task.slopes and good:
+            (x, y), p = good[-1], task.slopes[method]
+            ax.axline((x, y / 1.6), (2 * x, y / 1.6 / 2**p), color="0.3", lw=0.6, zorder=1)
+            ax.plot([], [], color="0.3", lw=0.6, label=f"time to the power -{p:g}")
+    if task.reference > 0:
+        ax.set_ylim(bottom=min(ax.get_ylim()[0], task.reference / 3))
+        ax.axhspan(ax.get_ylim()[0], task.reference, color="0.85", zorder=0, label="error of the reference")
+    if any(way.error is None for way in task.ways):
+        ax.set_ylim(top=1.0)
+        ax.plot([], [], " ", label="full, on top: no answer")
+    ax.grid(alpha=0.3)
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    stamp = "SIMULATED, " if task.clock == "bench" else ""
+    ax.set_title(stamp + task.name.replace(", ", ",\n", 1), fontsize=9)
+    entries = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    ax.legend(
+        entries.values(), entries, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.45, -0.2), frameon=False,
+        columnspacing=1, handlelength=2.4,
+    )  # fmt: skip

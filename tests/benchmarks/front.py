@@ -1,0 +1,201 @@
+"""Is the front what it says? Plans against an independent enumeration, and runs that stop by themselves.
+
+Runs are statistics alone: their ratios are drawn, with a scatter of sets and of mountings from the priors of a plan or
+from elsewhere; plan, stopping rule and answer are the product's own. `$PALPATE_RUNS` says how many runs for each truth.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from random import Random
+
+import numpy as np
+from scipy.special import stdtrit
+
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
+from palpate.instrument.allocation.stopping import answer, enough, first_sets, run_times
+from palpate.instrument.allocation.table import MOST_SETS, Allocation, OutOfReach, RunOption, Table
+from tests.benchmarks.row import Row
+
+SETTINGS, WORST = 200, 0.02
+RUNS = 100  # of each truth and tolerance
+BENCH = Costs(start=5.0, mounting=72.0, set=0.5, person=60.0)
+SENSITIVITY, SCATTER, FREEDOM = 2.0, 0.041, 7.0  # of a modulus near 50 kPa; of the thesis' ratios
+PRIOR, PRIOR_FREEDOM = 0.01, 2.0  # of mountings
+TOLERANCES = (0.15, 0.1, 0.05, 0.03, 0.02)
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """How much mountings truly scatter in a run, and what is known of it before.
+
+    Attributes:
+        drawn: the true scatter of a run.
+        known, freedom: what its plan counts.
+        covered: least and greatest share of intervals that shall hold the truth.
+    """
+
+    name: str
+    drawn: Callable[[np.random.Generator], float]
+    known: float = PRIOR
+    freedom: float = PRIOR_FREEDOM
+    covered: tuple[float, float] = (0.92, 1.0)
+
+    def lines(self) -> list[BudgetLine]:
+        return [
+            BudgetLine("gain scatter", SENSITIVITY * SCATTER, RepeatUnit.SET, FREEDOM),
+            BudgetLine("noise", SENSITIVITY * 1e-3, RepeatUnit.SECOND),
+            BudgetLine("mounting", SENSITIVITY * self.known, RepeatUnit.MOUNTING, self.freedom),
+        ]
+
+
+def from_prior(rng: np.random.Generator) -> float:
+    return PRIOR * math.sqrt(PRIOR_FREEDOM / rng.chisquare(PRIOR_FREEDOM))
+
+
+TRUTHS = (
+    Truth("scatter of mountings drawn from the prior", from_prior, covered=(0.94, 0.96)),
+    Truth("uniform, 0 to 2 %", lambda rng: rng.uniform(0, 0.02), covered=(0.95, 0.98)),
+    *(
+        Truth(f"{low:g} to {low + 0.5:g} %", lambda rng, low=low: rng.uniform(low, low + 0.5) / 100)
+        for low in (0.0, 0.5, 1.0, 1.5)
+    ),
+    Truth("stated truly, 1 %", lambda _: 0.01, 0.01, math.inf, (0.94, 0.96)),
+)
+
+
+def measure() -> Iterator[Row]:
+    yield from settings(SETTINGS)
+    runs = int(os.environ.get("PALPATE_RUNS", RUNS))
+    for truth in TRUTHS:
+        yield from stopped(truth, runs)
+
+
+def setting(random: Random) -> tuple[list[RunOption], float]:
+    """A random problem of a bench with three loads and two dwells, and a tolerance that some plan reaches."""
+    scatter, noise = 10 ** random.uniform(-2.5, -0.7), 10 ** random.uniform(-4, -2)
+    mounting, films = random.choice([0.0, 10 ** random.uniform(-3, -1.3)]), random.choice([0.0, 0.003])
+    freedom = random.choice([7.0, 30.0, math.inf])
+    costs = Costs(random.uniform(0, 30), random.uniform(5, 120), random.uniform(0.3, 5))
+    ways = [
+        RunOption(
+            [
+                BudgetLine("scatter", scatter, RepeatUnit.SET, freedom),
+                BudgetLine("noise", noise / load, RepeatUnit.SECOND),
+                BudgetLine("mounting", mounting, RepeatUnit.MOUNTING),
+                BudgetLine("films", films, RepeatUnit.NOTHING),
+            ],
+            replace(costs, mounting=costs.mounting + 1.3 * load),
+            dwell,
+            load,
+        )
+        for load, dwell in itertools.product((2.0, 3.0, 4.0), (0.1, 0.4))
+    ]
+    best = min(half(way, 12, 60)[0] for way in ways)
+    return ways, best * 10 ** random.uniform(0.02, 0.5)
+
+
+def half(way: RunOption, mountings: int, each: int | np.ndarray) -> np.ndarray:
+    """Half-width of the 95 % interval by Student's t, written anew: the sets' scatter is told by the first ones."""
+    u = {line.name: line.u**2 for line in way.lines}
+    of_sets = (u["scatter"] + u["noise"] / way.dwell) / (mountings * np.atleast_1d(each))
+    whole = of_sets + u["mounting"] / mountings + u["films"]
+    first = np.maximum(10, np.ceil(np.atleast_1d(each) / 2))
+    known = math.isinf(way.lines[0].degrees_of_freedom)
+    freedom = np.full(whole.shape, 1e9) if known else (first - 1) * (whole / of_sets) ** 2
+    return stdtrit(np.minimum(freedom, 1e9), 0.975) * np.sqrt(whole)
+
+
+def quickest(ways: list[RunOption], tolerance: float, most: int = 61) -> float:
+    """Bench time of the quickest plan, as scatter is known, by trying all numbers of mountings and sets."""
+    each, best = np.arange(10, 3000), math.inf
+    for way, mountings in itertools.product(ways, range(1, most)):
+        good = np.flatnonzero((half(way, mountings, each) <= tolerance) & (mountings * each <= MOST_SETS))
+        if good.size:
+            best = min(best, way.costs.seconds(mountings, mountings * each[good[0]], way.dwell))
+    return best
+
+
+def settings(count: int) -> Iterator[Row]:
+    """Random settings of a bench, each by the table and by trying every plan."""
+    random, worst = Random(20), 0.0
+    for _ in range(count):
+        ways, tolerance = setting(random)
+        # Preferring the greater load costs 2 % at most by design; here all loads count alike.
+        table = Table.of([replace(way, load=0.0) for way in ways], range(1, 61))
+        worst = max(worst, table.for_tolerance(tolerance).seconds / quickest(ways, tolerance) - 1)
+    yield Row(f"worst plan of {count} settings over trying all", f"{worst:.2%}", f"<= {WORST:.0%}", worst <= WORST)
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """One run: whether its interval holds the truth, its half-width, and its bench time [s]."""
+
+    held: bool
+    half: float
+    seconds: float
+    tolerance: float
+
+
+def run(
+    lines: list[BudgetLine],
+    tolerance: float,
+    plan: Allocation,
+    mounted: float,
+    longest: float,
+    rng: np.random.Generator,
+) -> Ended:
+    """A run that stops by itself, or at the bound of its time; `mounted`: true scatter of its mountings."""
+    each = SCATTER * math.sqrt(FREEDOM / rng.chisquare(FREEDOM))
+    ratios: list[list[float]] = []
+    while not (verdict := enough(lines, BENCH, tolerance, plan, SENSITIVITY, ratios)).why:
+        wanted = verdict.sets // verdict.mountings if ratios else first_sets(plan)
+        if ratios and len(ratios) >= plan.mountings and len(ratios[-1]) >= wanted:
+            done = sum(map(len, ratios))
+            if BENCH.seconds(len(ratios) + 1, done + 1, plan.dwell) > longest:
+                break
+        if not ratios or len(ratios[-1]) >= wanted:
+            ratios.append([])
+            about = mounted * rng.standard_normal()
+        first = sum(map(len, ratios)) < first_sets(plan)  # later ones come in tenths of a mounting, to save time
+        more = wanted - len(ratios[-1]) if first else min(wanted - len(ratios[-1]), max(1, wanted // 10))
+        ratios[-1] += np.exp(about + each * rng.standard_normal(more)).tolist()
+    found = answer(lines, plan, SENSITIVITY, ratios)
+    reached = found.budget.expanded()
+    seconds = BENCH.seconds(len(ratios), sum(map(len, ratios)), plan.dwell)
+    return Ended(abs(SENSITIVITY * math.log(found.ratio)) <= reached, reached, seconds, tolerance)
+
+
+def ended_runs(truth: Truth, tolerance: float, runs: int) -> list[Ended]:
+    """Runs to a tolerance; none where no plan reaches it."""
+    rng, lines = np.random.default_rng(20), truth.lines()
+    try:
+        plan = Table.of([RunOption(lines, BENCH, 0.1)], range(1, 61)).for_tolerance(tolerance)
+    except OutOfReach:
+        return []
+    longest = run_times(lines, BENCH, tolerance, plan).longest
+    return [run(lines, tolerance, plan, truth.drawn(rng), longest, rng) for _ in range(runs)]
+
+
+def stopped(truth: Truth, runs: int) -> Iterator[Row]:
+    """Cover, share of runs that reach their tolerance, and mean time over the predicted one."""
+    groups = [some for tolerance in TOLERANCES if (some := ended_runs(truth, tolerance, runs))]
+    ended = [each for some in groups for each in some]
+    held = float(np.mean([each.held for each in ended]))
+    low, high = truth.covered
+    what = f"{truth.name}, {len(ended)} runs"
+    yield Row(f"{what}: intervals that hold the truth", f"{held:.1%}", f"{low:.0%} to {high:.0%}", low <= held <= high)
+    share = float(np.mean([each.half <= each.tolerance * (1 + 1e-9) for each in ended]))
+    yield Row(f"{what}: runs that reach their tolerance", f"{share:.1%}", ">= 93%", share >= 0.93)
+    table, times = Table.of([RunOption(truth.lines(), BENCH, 0.1)], range(1, 61)), []
+    for some in groups:
+        plan = table.for_tolerance(some[0].tolerance)
+        expected = run_times(truth.lines(), BENCH, some[0].tolerance, plan).mean
+        times.append(float(np.mean([each.seconds for each in some])) / expected)
+    told = ", ".join(f"{ratio:.2f}" for ratio in times)
+    yield Row(f"{what}: mean time over predicted, each tolerance", told, "0.95 to 1.05",
+              all(0.95 <= ratio <= 1.05 for ratio in times))  # fmt: skip

@@ -1,0 +1,125 @@
+"""`palpate accuracy`: all plans of a modulus that no other beats, and what a tolerance asks of each cause."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.procedures.conftest import Palpate
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The front of sample 4, as JSON."""
+    import json
+
+    from click.testing import CliRunner
+
+    from palpate.procedures.commands.root import palpate as command
+
+    store = {"PALPATE_STORE": str(tmp_path_factory.mktemp("store"))}
+    said = CliRunner(env=store).invoke(command, ["accuracy", "--sample", "4", "--json"], standalone_mode=False)
+    front: dict[str, Any] = json.loads(said.output)
+    return front
+
+
+def test_no_plan_of_the_front_beats_another(found: dict[str, Any]) -> None:
+    front = found["front"]
+    assert len(front) > 10
+    for one, other in pairwise(front):
+        assert one["seconds"] < other["seconds"] <= other["longest_s"]
+        assert one["U95"] > other["U95"]
+
+
+def test_shares_add_up_and_the_bench_times_are_the_plans(found: dict[str, Any]) -> None:
+    costs = found["costs"]
+    assert math.fsum(cost["share"] or 0.0 for cost in costs) == pytest.approx(1)
+    assert math.fsum(cost["bench_s"] or 0.0 for cost in costs) == pytest.approx(found["asked"]["seconds"], abs=1e-6)
+    assert math.fsum(cost["person_s"] or 0.0 for cost in costs) == found["asked"]["person_s"]
+
+
+def test_what_is_not_random_needs_little_and_doubling_it_would_hardly_show(found: dict[str, Any]) -> None:
+    rows = {cost["cause"]: cost for cost in found["costs"]}
+    of_all = math.sqrt(math.fsum(cost["u"] ** 2 for cost in found["costs"] if cost["u"]))
+    for cause in ("discretisation", "fit", "converter"):
+        assert rows[cause]["has_value"] < rows[cause]["needs_value"]
+        u = 2 * found["sensitivity"] * rows[cause]["needs_value"] / math.sqrt(3)
+        assert math.hypot(of_all, u) < 1.05 * of_all
+    noise = rows["noise"]
+    less = math.sqrt(of_all**2 + noise["u"] ** 2 * (noise["has_value"] / (noise["needs_value"] / 2) - 1))
+    assert less < 1.06 * of_all
+    assert rows["converter, without noise"]["has_value"] > rows["converter"]["needs_value"]
+
+
+def test_a_minute_less_gives_less_and_a_minute_more_gives_more(found: dict[str, Any]) -> None:
+    assert found["minute_less_U95"] > found["asked"]["U95"] > found["minute_more_U95"]
+    assert found["absolute_U95"] > 1 > found["references_U95"]
+    assert found["priors"][0]["u"] == 0.01
+    assert found["priors"][0]["freedom"] == 2
+
+
+@pytest.mark.parametrize("number", [0, 5, -4])
+def test_the_command_of_a_plan_makes_that_plan(found: dict[str, Any], palpate: Palpate, number: int) -> None:
+    point = found["front"][number]
+    words = shlex.split(point["command"])
+    assert words[0] == "palpate"
+    planned = palpate(*words[1:], "--dry-run", "--json").object["planned"]
+    assert {name: planned[name] for name in ("load_N", "mountings", "sets", "dwell_s", "seconds", "longest_s")} == {
+        name: point[name] for name in ("load_N", "mountings", "sets", "dwell_s", "seconds", "longest_s")
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--modulus", "30 kPa", "--tolerance", "8 %"),
+        ("--modulus", "90 kPa", "--scene", "noisy_lab", "--mounting-scatter", "0.5 %"),
+        ("--sample", "2", "--frequency", "20 Hz", "--load", "3 N", "--tolerance", "12 %"),
+    ],
+)
+def test_no_plan_that_is_advertised_is_refused(palpate: Palpate, options: tuple[str, ...]) -> None:
+    front = palpate("accuracy", *options, "--json").object
+    for point in [front["asked"], *(each["plan"] for each in front["targets"] if each["plan"])]:
+        planned = palpate(*shlex.split(point["command"])[1:], "--dry-run", "--json").object["planned"]
+        assert (planned["mountings"], planned["sets"]) == (point["mountings"], point["sets"])
+
+
+def test_people_read_plans_causes_and_who_pays(palpate: Palpate) -> None:
+    said = palpate("accuracy", "--tolerance", "10 %", "--out", "prices")
+    assert said.status == 0
+    for text in (
+        "± 5 %", "± 10 %: 1 min", "of them a person's", "gain", "converter", "one minute     less:",
+        "integration    not in the path: the bench steps nothing", "palpate measure modulus --sample 4 --tolerance",
+        "scatter was never measured; --mountings 12 does so",
+    ):  # fmt: skip
+        assert text in said.out, said.out
+    assert max(map(len, said.out.splitlines())) <= 80
+    assert Path("prices/accuracy.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--tolerance", "200 %"), "above the 50 % that are allowed"),
+        (("--sample", "99"), "99"),
+        (("--modulus", "100 GPa"), "tells no more than a bound"),
+        (("--mounting-scatter", "-1 %"), "--mounting-scatter -1 % is outside 0 to 50 %"),
+        (("--mounting-scatter", "1 %", "--mounting-freedom", "0"), "--mounting-freedom 0 is below 1"),
+        (("--sample", "4", "--modulus", "50 kPa"), "--sample and --modulus: give either"),
+    ],
+)
+def test_what_has_no_front_is_refused(palpate: Palpate, options: tuple[str, ...], message: str) -> None:
+    assert message in palpate("accuracy", *options).complaint
+
+
+def test_a_tolerance_that_nothing_reaches_is_told_with_what_binds_and_other_ways(palpate: Palpate) -> None:
+    front = palpate("accuracy", "--absolute", "--json").object
+    assert (front["asked"], front["costs"]) == (None, [])
+    assert "cannot be reached: the model binds: validation leaves × 3.3" in front["why"]
+    assert "--relative-to-model" in front["why"]
