@@ -96,7 +96,7 @@ def test_an_effect_passes_as_it_stands_and_a_wrong_one_does_not(
     pyproject, effect, test = new_effect("cable_sag", tmp_path)
     installed([pyproject, effect, test])
     quick = ("-k", "loss or zero or name or gains")
-    assert conform(pytester, test, *quick).parseoutcomes() == {"passed": 4, "deselected": 12}
+    assert conform(pytester, test, *quick).parseoutcomes() == {"passed": 5, "deselected": 11}
     text = effect.read_text(encoding="utf-8")
     effect.write_text(text.replace("1 - self.loss", "1 - self.loss / 2"), encoding="utf-8")
     failed = conform(pytester, test, *quick)

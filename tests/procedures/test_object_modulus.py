@@ -182,14 +182,14 @@ def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated()
 
 @pytest.mark.slow
 def test_a_dry_run_counts_the_films_calibration_that_its_run_will_use(palpate: Palpate) -> None:
-    asked = (*MEASURE, "--sample", "4", "--tolerance", "19 %", "--relative-to-model")
+    asked = (*MEASURE, "--sample", "4", "--tolerance", "30 %", "--relative-to-model")
     assert "films not calibrated" in palpate(*asked, "--dry-run").out
     assert palpate("calibrate", "films", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet").status == 0
     told, made = palpate(*asked, "--dry-run", "--json").object, palpate(*asked, "--json").object
     assert told["planned"]["shares"]["films' calibration"] > 0.1
     assert told["planned"] == made["planned"]
     assert "films       " in palpate(*asked, "--dry-run").out
-    assert "films' calibration" in palpate("accuracy", "--tolerance", "19 %").out
+    assert "films' calibration" in palpate("accuracy", "--tolerance", "30 %").out
 
 
 @pytest.mark.slow
@@ -322,7 +322,7 @@ def test_what_cannot_be_measured_is_refused_before_anything_moves(
 
 @pytest.mark.slow
 def test_more_time_than_a_run_has_load_sets_for_is_planned_with_them_all_and_told() -> None:
-    asked = wanted(time=Typed(24 * 3600.0, "24 h"), relative_to_model=True)
+    asked = wanted(time=Typed(24 * 3600.0, "24 h"), relative_to_model=True, mounting_scatter=0.0)
     planned = asked.plan(TARGET).predicted
     plan = asked.course_on(TARGET).prospect.allocation
     assert (plan.sets, plan.dwell) == (MOST_SETS, 0.1)
@@ -339,8 +339,8 @@ def test_more_time_than_a_run_has_load_sets_for_is_planned_with_them_all_and_tol
 @pytest.mark.slow
 def test_a_tolerance_at_the_most_load_sets_tells_how_many_runs_have_enough_of_them() -> None:
     asked = {"relative_to_model": True, "mounting_scatter": 0.0}
-    best = wanted(time=Typed(24 * 3600.0, "24 h"), **asked).course_on(TARGET).prospect.allocation.u
-    usual, edge = (wanted(tolerance=t, **asked).plan(TARGET).predicted.lines[2] for t in (2 * best, best))
+    best = wanted(time=Typed(24 * 3600.0, "24 h"), **asked).course_on(TARGET).prospect.allocation.half
+    usual, edge = (wanted(tolerance=t, **asked).plan(TARGET).predicted.lines[2] for t in (2 * best, 1.001 * best))
     assert usual.endswith("which are enough for 95 % of runs")
     share = re.search(r"which are enough for (\d\d) % of runs, as it has 10,000 load sets at most", edge)
     assert share is not None
@@ -498,7 +498,7 @@ def test_6_percent_on_the_scale_take_85_s_and_the_promise_is_kept(palpate: Palpa
 
 @pytest.mark.slow
 def test_a_measurement_that_was_stopped_ends_as_one_that_was_not(palpate: Palpate, on_progress: Any) -> None:
-    command = (*MEASURE, "--sample", "2", "--tolerance", "8 %", "--relative-to-model", "--mountings", "3", "--quiet")
+    command = (*MEASURE, "--sample", "2", "--tolerance", "8 %", *STATED, "--mountings", "3", "--quiet")
     assert palpate(*command, "--out", "whole").status == 0
 
     def stop(done: int, _total: int, _what: str) -> None:
