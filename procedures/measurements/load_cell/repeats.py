@@ -182,7 +182,7 @@ class CellRepeats:
             if error.floor >= self.tolerance:
                 why = f"{error.binds} leaves {plus_minus(error.floor, 3)}, which no further run lowers"
             return Learned(half, done, why)
-        return Learned(half, max(plan.runs, least), "")
+        return Learned(half, max(plan.runs, least, done + 1), "")
 
     def stopped(self, found: Learned) -> str:
         """Why the series ended, for people."""
