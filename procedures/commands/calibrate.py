@@ -59,7 +59,7 @@ model = conducting(
     uncertainties. References that contradict each other or the curve are refused by name. Tells what another reference
     would buy.
     """,
-    "palpate calibrate model --reference 'A: 48 kPa ± 2 %' --reference 'B: 90 kPa ± 3 %'",
+    "palpate calibrate model --reference 'A: 48 kPa ± 4 %' --reference 'B: 90 kPa ± 6 %'",
     "palpate calibrate model --reference 'A: runs/20261123T101500Z-test-modulus' --bench lab.toml",
 )
 for each in (load_cell, films, model):

@@ -99,8 +99,8 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         Annotated[
             Reference,
             Setting(
-                help="Object of known modulus with its standard uncertainty, or 'NAME: RUN' of palpate test modulus;"
-                " repeatable.",
+                help="Object of known modulus ± the half-width of its 95 % interval, or 'NAME: RUN' of palpate test"
+                " modulus; repeatable.",
                 read=read_reference,
                 option="--reference",
                 metavar="'NAME: MODULUS ± U'",

@@ -44,11 +44,11 @@ from palpate.procedures.records.run import Run, find_run
 
 # --- References: objects whose Young modulus is known, by a statement or by a compression test ---------
 #
-# read_reference("A: 48 kPa ± 2 %") read_reference("A: runs/20261123T101500Z-test-modulus")
+# read_reference("A: 48 kPa ± 4 %") read_reference("A: runs/20261123T101500Z-test-modulus")
 
 STATED = "stated"
-LARGEST = 0.5  # relative standard uncertainty of a reference's modulus; more tells nothing of a model
-EXAMPLE = "write for example 'A: 48 kPa ± 2 %', or 'A: runs/NAME' of a run of palpate test modulus"
+LARGEST = 0.5  # relative uncertainty of a reference's modulus; more tells nothing of a model
+EXAMPLE = "write for example 'A: 48 kPa ± 4 %', or 'A: runs/NAME' of a run of palpate test modulus"
 _NAME = re.compile(r"[\w.-]+(?: [\w.-]+)*")
 _BETWEEN = re.compile(r"±|\+/-|\+-")
 
@@ -107,7 +107,7 @@ class Reference:
 
 
 def read_reference(text: str) -> Reference:
-    """The reference of a text: its name, and its modulus with a standard uncertainty, or a run that measured it.
+    """The reference of a text: its name, and its modulus ± the half-width of its 95 % interval, or a run of it.
 
     Raises:
         UsageError: the text is no reference, or the run is no complete test of a modulus.
@@ -122,7 +122,7 @@ def read_reference(text: str) -> Reference:
         return _stated(name, parse(modulus, "Pa", "48 kPa"), uncertainty[0])
     if not _is_quantity(modulus, "Pa") and not _is_quantity(modulus, ""):
         return _measured(name, rest)
-    raise UsageError(f"{quoted(text)} lacks the unit or the standard uncertainty of the modulus; {EXAMPLE}")
+    raise UsageError(f"{quoted(text)} lacks the unit or the uncertainty of the modulus; {EXAMPLE}")
 
 
 def _is_quantity(text: str, unit: str) -> bool:
@@ -136,8 +136,13 @@ def _is_quantity(text: str, unit: str) -> bool:
 def _stated(name: str, modulus: float, uncertainty: str) -> Reference:
     if not modulus > 0:
         raise RangeError(f"modulus {show(modulus, 'Pa')} of reference {name!r} is not above 0; give a positive one")
-    share = parse(uncertainty, "", "2 %") if uncertainty.endswith("%") else parse(uncertainty, "Pa", "2 %") / modulus
-    return Reference(name, modulus, share, sample=name if name in SAMPLES else "")
+    half = parse(uncertainty, "", "4 %") if uncertainty.endswith("%") else parse(uncertainty, "Pa", "4 %") / modulus
+    if not 0 < half <= LARGEST:
+        raise RangeError(
+            f"± {100 * half:.4g} % of reference {name!r} is not above 0 and at most {100 * LARGEST:g} %; give the"
+            " half-width of the 95 % interval of its modulus, or another reference"
+        )
+    return Reference(name, modulus, half / NORMAL_FACTOR, sample=name if name in SAMPLES else "")
 
 
 def _measured(name: str, text: str) -> Reference:
