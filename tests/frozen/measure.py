@@ -23,7 +23,7 @@ OLD = Path(__file__).parent / "old"
 # What the clock on the wall, this machine or the folder decides.
 MOVING = {
     "arithmetic", "bench_file", "build_s", "calibration_file", "certificate", "commit", "created", "expires",
-    "film_calibration_file", "machine", "price", "recommended", "seconds", "sha256", "solve_s", "started", "time",
+    "film_calibration_file", "machine", "recommended", "seconds", "sha256", "solve_s", "started", "time",
     "versions", "wall_seconds",
 }  # fmt: skip
 # Ports, terminals and channels are any that are free.
