@@ -23,7 +23,7 @@ OLD = Path(__file__).parent / "old"
 # What the clock on the wall, this machine or the folder decides.
 MOVING = {
     "arithmetic", "bench_file", "build_s", "calibration_file", "certificate", "commit", "created", "expires",
-    "film_calibration_file", "machine", "recommended", "seconds", "sha256", "solve_s", "started", "time",
+    "film_calibration_file", "machine", "processor_s", "processor_u", "seconds", "sha256", "solve_s", "started", "time",
     "versions", "wall_seconds",
 }  # fmt: skip
 # Ports, terminals and channels are any that are free.
@@ -140,10 +140,15 @@ def _values(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield key, digest(value)
 
 
+def _moves(key: str, value: object) -> bool:
+    """Whether the clock on the wall, this machine or the folder decides; `front` of a method follows its time."""
+    return key in MOVING or key.startswith("node ") or (key == "front" and isinstance(value, bool))
+
+
 def _still(value: Any) -> Any:
     """A value without what moves."""
     if isinstance(value, dict):
-        return {key: _still(each) for key, each in value.items() if key not in MOVING and not key.startswith("node ")}
+        return {key: _still(each) for key, each in value.items() if not _moves(key, each)}
     return [_still(each) for each in value] if isinstance(value, list) else value
 
 
