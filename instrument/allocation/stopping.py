@@ -185,10 +185,10 @@ def _needed(
     halves = half_widths(lines, np.full(sets.shape, float(plan.mountings)), sets, plan.dwell, freedom)
     if (good := np.flatnonzero(halves <= tolerance * (1 + ROUNDING))).size:
         return plan.mountings, int(sets[good[0]])
-    if not any(line.u for line in lines if line.per is RepeatUnit.MOUNTING):
-        Table.of([RunOption(lines, costs, plan.dwell)], fewest=first).for_tolerance(tolerance)  # tells what binds
-    more = Table.of([RunOption(lines, costs, plan.dwell)], range(plan.mountings, MOST_MOUNTINGS + 1), fewest=first)
-    wanted = more.for_tolerance(tolerance)
+    numbers = [plan.mountings]
+    if any(line.u for line in lines if line.per is RepeatUnit.MOUNTING):
+        numbers = list(range(plan.mountings, max(plan.mountings, MOST_MOUNTINGS) + 1))
+    wanted = Table.of([RunOption(lines, costs, plan.dwell)], numbers, fewest=first).for_tolerance(tolerance)
     return wanted.mountings, wanted.sets // wanted.mountings
 
 

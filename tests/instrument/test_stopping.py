@@ -10,7 +10,7 @@ from scipy.special import stdtrit  # scipy.stats takes a second to import
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import answer, enough, first_sets, pooled
-from palpate.instrument.allocation.table import FIRST, Allocation, RunOption, Table
+from palpate.instrument.allocation.table import FIRST, Allocation, OutOfReach, RunOption, Table
 from palpate.instrument.errors import RangeError
 
 BENCH = Costs(start=4.0, mounting=93.0, set=1.6, person=60.0)
@@ -135,6 +135,15 @@ def test_a_mounting_scatter_that_nobody_told_of_is_seen() -> None:
 def test_what_tells_no_scatter_is_refused(wrong: Callable[[], object], why: str) -> None:
     with pytest.raises(RangeError, match=why):
         wrong()
+
+
+def test_more_mountings_than_a_plan_chooses_may_be_asked_for_and_may_not_be_enough() -> None:
+    lines = [*LINES, BudgetLine("mounting", 0.5, RepeatUnit.MOUNTING)]
+    many = Table.of([RunOption(lines, BENCH, 0.1)], (100,)).for_tolerance(0.2)
+    assert many.mountings == 100
+    assert not enough(lines, BENCH, 0.2, many, 2.0, [sets(10, 0.041)]).why
+    with pytest.raises(OutOfReach, match="mounting binds"):
+        enough(lines, BENCH, 0.02, many, 2.0, [sets(10, 0.041)])
 
 
 @pytest.mark.slow
