@@ -295,7 +295,7 @@ def allocate_time(
 
 
 def first_of(each: Numbers) -> Numbers:
-    """Number of a run's first sets, whose scatter decides how many there are in all, by those planned a mounting."""
+    """Number of first sets, whose scatter decides how many there are in all, where so many are planned a mounting."""
     found: Numbers = np.maximum(FIRST, -(-each // 2))
     return found
 

@@ -7,21 +7,28 @@ from elsewhere; plan, stopping rule and answer are the product's own. `$PALPATE_
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import os
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from random import Random
+from typing import Any
 
 import numpy as np
+from click.testing import CliRunner
 from scipy.special import fdtri, stdtrit
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import answer, enough, first_sets, run_times
 from palpate.instrument.allocation.table import MOST_SETS, Allocation, OutOfReach, RunOption, Table
+from palpate.procedures.commands.root import palpate
 from tests.benchmarks.row import Row
 
 SETTINGS, WORST = 200, 0.02
+COMMANDS = 200
+SCENES = ("thesis_single", "noisy_lab", "thesis_common_base", "thesis_different_base", "humid_body", "unknown_curve")
 RUNS = 100  # of each truth and tolerance
 BENCH = Costs(start=5.0, mounting=72.0, set=0.5, person=60.0)
 SENSITIVITY, SCATTER, FREEDOM = 2.0, 0.041, 7.0  # of a modulus near 50 kPa; of the thesis' ratios
@@ -70,6 +77,7 @@ TRUTHS = (
 
 def measure() -> Iterator[Row]:
     yield from settings(SETTINGS)
+    yield from advertised(int(os.environ.get("PALPATE_COMMANDS", COMMANDS)))
     runs = int(os.environ.get("PALPATE_RUNS", RUNS))
     for truth in TRUTHS:
         yield from stopped(truth, runs)
@@ -140,6 +148,31 @@ def settings(count: int) -> Iterator[Row]:
         table = Table.of([replace(way, load=0.0) for way in ways], range(1, 61))
         worst = max(worst, table.for_tolerance(tolerance).mean / quickest(ways, tolerance) - 1)
     yield Row(f"worst plan of {count} settings over trying all", f"{worst:.2%}", f"<= {WORST:.0%}", worst <= WORST)
+
+
+def advertised(count: int) -> Iterator[Row]:
+    """Random objects, tolerances and scenes: is a plan of the front what its command plans, and is none refused?"""
+    random, other = Random(21), []
+    for _ in range(count):
+        asked = ["--modulus", f"{random.uniform(25, 110):.3g} kPa", "--scene", random.choice(SCENES)]
+        asked += random.choice([[], ["--load", f"{random.choice((2, 3, 4))} N"]])
+        asked += random.choice([[], [], ["--mounting-scatter", f"{random.choice((0, 0.5, 2))} %"]])
+        asked += random.choice([[], [], ["--frequency", "20 Hz"]])
+        front = said("accuracy", *asked, "--tolerance", f"{random.uniform(2, 40):.3g} %")
+        plans = [*front["front"], *(each["plan"] for each in front["targets"]), front["asked"]]
+        plan = random.choice([each for each in plans if each is not None])
+        planned = said(*shlex.split(plan["command"])[1:], "--dry-run").get("planned", {})
+        if any(planned.get(name) != plan[name] for name in ("load_N", "mountings", "sets", "dwell_s", "longest_s")):
+            other.append(plan["command"])
+    told = "" if not other else f": {other[0]}"
+    yield Row(f"commands of {count} random plans that plan something else, or are refused", f"{len(other)}{told}", "0",
+              not other)  # fmt: skip
+
+
+def said(*words: str) -> dict[str, Any]:
+    """The JSON of a command; empty: it is refused."""
+    found = CliRunner().invoke(palpate, [*words, "--json"])
+    return json.loads(found.output) if found.exit_code == 0 else {}
 
 
 @dataclass(frozen=True, slots=True)
