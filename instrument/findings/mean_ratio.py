@@ -1,7 +1,8 @@
 """Mean force ratio of an object over its load sets, with its uncertainty.
 
-The gains scatter anew with each load set, and noise is new in each dwell: both average out. The films' calibration and
-their cables' pick-up are the same in all points and do not average out.
+The gains scatter anew with each load set, and noise is new in each dwell: both average out. How much the gains scatter
+is the design's statement, which comes from few sets itself. The films' calibration and their cables' pick-up are the
+same in all points and do not average out.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def mean_ratio(quantity: str, points: Sequence[RatioPoint], film_freedom: float 
     spent = math.fsum(p.noise_u**4 / (p.degrees_of_freedom or math.inf) for p in points)
     freedom = noise**2 / spent if spent > 0 else math.inf
     components = [
-        Component(SCATTER, math.sqrt(scatter) / n),
+        Component(SCATTER, math.sqrt(scatter) / n, degrees_of_freedom=PRIOR_FREEDOM),
         Component(NOISE, math.sqrt(noise) / n, degrees_of_freedom=freedom, kind="A"),
         Component(
             CALIBRATION,

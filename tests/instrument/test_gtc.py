@@ -286,14 +286,18 @@ class Point:
 
 
 def test_a_mean_ratio_is_that_of_gtc() -> None:
-    """What is the same in all points is one input, what is new in each is one for each."""
+    """What is the same in all points is one input, what is new in each is one for each.
+
+    The gains are new in each point, and one estimate, of seven degrees of freedom, tells the scatter of all.
+    """
     noises, scatters = (0.003, 0.002, 0.004), (0.01, 0.012, 0.011)
+    gains = together([0.0, 0.0, 0.0], np.diag(np.square(scatters)), 7)
     calibration, cable = gtc.ureal(0, 1.0, 6), gtc.ureal(0, 1.0)
     points, terms = [], []
-    for noise, scatter, freedom in zip(noises, scatters, (5.0, 8.0, 40.0), strict=True):
+    for noise, scatter, gain, freedom in zip(noises, scatters, gains, (5.0, 8.0, 40.0), strict=True):
         u = math.hypot(noise, scatter, 0.006, 0.002)
         points.append(Point(0.3 + noise, u, noise, 0.006, 0.002, freedom))
-        own = gtc.ureal(0.3 + noise, noise, freedom) + gtc.ureal(0, scatter)
+        own = gtc.ureal(0.3 + noise, noise, freedom) + gain
         terms.append(own + 0.006 * calibration + 0.002 * cable)
     same(mean_ratio("force ratio", points, 6.0), sum(terms) / 3)
 

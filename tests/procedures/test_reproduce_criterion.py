@@ -94,7 +94,8 @@ def test_biases_are_told_beside_what_chance_would_put_there() -> None:
         "means over a table or arrangement: 1 of 1 farther off than 2.0 of their standard deviations, which chance"
         " exceeds once in 20 runs"
     )
-    assert told.startswith("BIASED: Table 5.5, force_ratio: +1.00 ± 0.10 standard uncertainties of a row, in its own")
+    assert told.startswith("BIASED: Table 5.5, force_ratio: +1.00 standard uncertainties of a row, in its own unit")
+    assert told.endswith("95 % of such means are within ± 0.20, and this is 10.0 standard deviations off")
     assert ("none of 1 farther off" in fair, farthest[:18]) == (True, "the farthest mean:")
 
 

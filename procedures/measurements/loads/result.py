@@ -9,7 +9,7 @@ from typing import Annotated, Any, Protocol
 
 from palpate.instrument.allocation.stopping import RunRatio
 from palpate.instrument.findings.film_forces import ToothPoint
-from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM, SCATTER, mean_ratio
+from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.measurements import columns
@@ -190,9 +190,7 @@ def evaluate(
 
 def _half(point: LoadPoint, design: Design) -> float:
     """Half-width of the 95 % interval of a point's ratio, relative."""
-    parts = mean_ratio("", [point], design.film_freedom).components
-    known = (replace(part, degrees_of_freedom=PRIOR_FREEDOM) if part.name == SCATTER else part for part in parts)
-    return Budget("", point.force_ratio, "", tuple(known)).expanded() / point.force_ratio
+    return mean_ratio("", [point], design.film_freedom).expanded() / point.force_ratio
 
 
 def _by_scatter(quantity: str, found: RunRatio) -> Budget:

@@ -19,6 +19,7 @@ from palpate.instrument.models.springs import LINES, OddsLine
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import ThesisTable
+from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.records.run import storing
 from palpate.procedures.reproduce.curves import RING, ring_of
 from palpate.procedures.reproduce.judging.rows import HARD_END, WITHIN, Count, Row, RowTable
@@ -141,8 +142,9 @@ class MeanDifference:
     def sentence(self) -> str:
         plain = "" if self.difference is None else f", in its own unit {self.difference:+.3g}"
         return (
-            f"{self.of}, {self.kind}: {self.mean:+.2f} ± {self.u:.2f} standard uncertainties of a row{plain}:"
-            f" {abs(self.distance):.1f} standard deviations off"
+            f"{self.of}, {self.kind}: {self.mean:+.2f} standard uncertainties of a row{plain}; without a bias 95 % of"
+            f" such means are within ± {coverage_factor(math.inf) * self.u:.2f}, and this is {abs(self.distance):.1f}"
+            " standard deviations off"
         )
 
 
