@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.load import Load
     from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.engine.dataset import as_dataset
+    from palpate.procedures.engine.listeners import watch
     from palpate.procedures.engine.procedure import Finished
     from palpate.procedures.engine.replay import replay
     from palpate.procedures.engine.resume import resume
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.references.result import Reference, read_reference
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
+    from palpate.procedures.records.events import Event
     from palpate.procedures.records.run import Run, read
 
 _PLACES = {
@@ -67,6 +69,7 @@ _PLACES = {
     "instrument.sensor.load": "Load",
     "instrument.sensor.sample": "get_sample",
     "procedures.engine.dataset": "as_dataset",
+    "procedures.engine.listeners": "watch",
     "procedures.engine.procedure": "Finished",
     "procedures.engine.replay": "replay",
     "procedures.engine.resume": "resume",
@@ -84,6 +87,7 @@ _PLACES = {
     "procedures.measurements.references.result": "Reference read_reference",
     "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
+    "procedures.records.events": "Event",
     "procedures.records.run": "Run read",
 }
 
@@ -92,6 +96,7 @@ __all__ = [
     "Characterisation",
     "ConfigError",
     "EstimateError",
+    "Event",
     "FilmSeries",
     "Finished",
     "FrequencySweep",
@@ -124,6 +129,7 @@ __all__ = [
     "resume",
     "run",
     "unknown_object",
+    "watch",
 ]
 
 if not (_LINK := Path(__file__).parent / "procedures").is_dir():

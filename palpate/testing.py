@@ -1,8 +1,10 @@
 """Conformance suites for the tests of other packages, which every device kind and every effect must pass.
 
-The pytest plugin provides their fixtures.
+The pytest plugin provides their fixtures. With `steps` and `InStep` a test looks into a run between two points, or ends
+it there: such a listener is called in the run's own thread.
 """
 
+from palpate.procedures.engine.listeners import InStep, steps
 from palpate.procedures.testing.canopen_conformance import CanopenConformance
 from palpate.procedures.testing.effect_conformance import EffectConformance
 from palpate.procedures.testing.golden import CanopenGoldenFrames, GoldenFrames
@@ -10,6 +12,6 @@ from palpate.procedures.testing.modbus_conformance import ModbusConformance, Rtu
 from palpate.procedures.testing.on_the_bench import OnTheBench
 
 __all__ = [
-    "CanopenConformance", "CanopenGoldenFrames", "EffectConformance", "GoldenFrames", "ModbusConformance", "OnTheBench",
-    "RtuConformance",
+    "CanopenConformance", "CanopenGoldenFrames", "EffectConformance", "GoldenFrames", "InStep", "ModbusConformance",
+    "OnTheBench", "RtuConformance", "steps",
 ]  # fmt: skip

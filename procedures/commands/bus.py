@@ -14,6 +14,7 @@ from palpate.procedures.commands import texts
 from palpate.procedures.commands.options import (
     FILE_NAME,
     OUT,
+    PROGRESS,
     Output,
     StrictCommand,
     StrictGroup,
@@ -285,8 +286,9 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
 )
 @click.argument("log", type=FILE_NAME, metavar="FILE")
 @OUT
+@PROGRESS
 @output_options
-def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
+def replay(log: Path, out: Path | None, progress: str, as_json: bool, quiet: bool) -> None:
     """Repeat the run of a log: the drivers receive the logged answers, and the points are the same to the byte.
 
     FILE is the .pcapng file of a log, or the CAN file beside it. Neither devices nor an operator are needed, and no
@@ -300,8 +302,8 @@ def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
     from palpate.procedures.records.chain import check_holes
 
     check_holes(log)
-    logged, output = LoggedRun(log), Output(as_json, quiet)
+    logged, output = LoggedRun(log), Output(as_json, quiet, progress)
     procedure = class_of(logged.run, "replay").recorded(logged.run)
-    with output.progress() as progress:
-        done = do_again(procedure, logged, out, progress)
+    with output.listener() as listener:
+        done = do_again(procedure, logged, out, listener)
     return tell(procedure, done, output)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 import json
 import os
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import click
 
@@ -17,6 +17,9 @@ from palpate.instrument.errors import UsageError
 from palpate.procedures.commands.texts import quantity, share
 from palpate.procedures.console.progress import Progress, shown, silent
 from palpate.procedures.console.terminal import say
+
+if TYPE_CHECKING:
+    from palpate.procedures.records.events import Event, Listener
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -72,6 +75,14 @@ def output_options(command: F) -> F:
     command = option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
     return option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
+
+BAR, EVENTS = "bar", "json"
+PROGRESS = option(
+    "--progress",
+    type=click.Choice((BAR, EVENTS)),
+    default=BAR,
+    help="What stderr shows meanwhile: a bar, or each event of the run as a line of JSON.",
+)
 
 DRY_RUN = option(
     "--dry-run",
@@ -168,15 +179,17 @@ def bench_options(command: F) -> F:
         log: Path | None,
         assume_mounted: bool,
         fidelity: float | None,
+        progress: str,
         as_json: bool,
         quiet: bool,
         **own: object,
     ) -> object:
         choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity)
-        return command(choice=choice, output=Output(as_json, quiet), **own)
+        return command(choice=choice, output=Output(as_json, quiet, progress), **own)
 
     options: Callable[..., object] = gathered
     for each in (
+        PROGRESS,
         assume_option,
         option(
             "--log",
@@ -204,10 +217,17 @@ def bench_options(command: F) -> F:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """The form of the output: JSON, quiet, or for people; `budgets`: with the uncertainty budget of each result."""
+    """The form of the output.
+
+    Attributes:
+        as_json, quiet: one JSON object, or nothing; else it is for people.
+        shown: what stderr shows during a run, BAR or EVENTS.
+        budgets: whether the uncertainty budget of each result belongs to it.
+    """
 
     as_json: bool
     quiet: bool
+    shown: str = BAR
     budgets: bool = False
 
     @property
@@ -244,6 +264,23 @@ class Output:
     def progress(self, first: str = "opening the bench") -> AbstractContextManager[Progress]:
         """A progress bar on stderr if it is a terminal, else a line now and then, but none beside JSON."""
         return nullcontext(silent) if self.quiet else shown(first, lines=not self.as_json)
+
+    @contextmanager
+    def listener(self) -> Iterator[Listener]:
+        """A listener that shows on stderr what happens in a run: a bar, or each event as a line of JSON."""
+        from palpate.procedures.engine.listeners import steps, told_to
+        from palpate.procedures.records.events import unheard
+
+        if self.shown == EVENTS:
+            with told_to([_event_line]) as listener:
+                yield listener
+        else:
+            with self.progress() as progress:
+                yield unheard if progress is silent else steps(progress)
+
+
+def _event_line(event: Event) -> None:
+    say(event.line(), err=True)
 
 
 def _text(value: Mapping[str, object]) -> str:

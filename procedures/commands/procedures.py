@@ -63,8 +63,8 @@ def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, 
 
         announce(prepared(procedure, chosen.target)[1])
     with output.prices():
-        with operator.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
-            done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
+        with operator.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.listener() as listener:
+            done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, listener=listener, pause=pause)
         tell(procedure, done, output)
 
 

@@ -8,6 +8,7 @@ import click
 
 from palpate.procedures.commands.options import (
     FILE_NAME,
+    PROGRESS,
     Output,
     StrictCommand,
     StrictGroup,
@@ -99,8 +100,11 @@ def install(run: str, as_json: bool, quiet: bool) -> None:
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
 @option("--accept-change", is_flag=True, help="Go on although bench or software changed; the record lists changes.")
 @assume_option
+@PROGRESS
 @output_options
-def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, as_json: bool, quiet: bool) -> None:
+def resume(
+    run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, progress: str, as_json: bool, quiet: bool
+) -> None:
     """Go on with a run that was killed, stopped or failed. RUN is a folder or a name in runs/.
 
     The bench is opened again and compared with the record: settings, devices, contracts, calibrations, versions. No
@@ -115,16 +119,16 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
     from palpate.procedures.records.run import Run, find_run
 
     opened = Run.open(find_run(run, store()))
-    output = Output(as_json, quiet)
+    output = Output(as_json, quiet, progress)
     procedure = begun(opened, class_of(opened, "resume"), bench)
-    with keyboard() as pause, output.progress() as progress:
+    with keyboard() as pause, output.listener() as listener:
         done = go_on(
             procedure,
             opened,
             bench=bench,
             accept_change=accept_change,
             assume_mounted=assume_mounted,
-            progress=progress,
+            listener=listener,
             pause=pause,
         )
     return tell(procedure, done, output)

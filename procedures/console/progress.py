@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -32,53 +31,43 @@ def silent(_done: int, _total: int, _what: str) -> None:
 class Shown:
     """A `Progress` for people, which knows how much time is left.
 
-    A run on a bench whose time is that of the wall has a plan. The time that is left is then the plan's, corrected by
-    how long the steps so far took. Any other job is taken to go on as fast as it was.
+    A run on a bench whose time is that of the wall has a plan, of which it tells how much time is left. That is then
+    corrected by how long the steps so far took. Any other job is taken to go on as fast as it was.
     """
 
     def __init__(self, show: Callable[[int, int, str], object]) -> None:
         """Make one; `show` is called after each report with the same arguments."""
         self._show = show
-        self._steps: Sequence[float] = ()
-        self._planned = 0.0
-        self._now, self._total = (0, ""), 0
+        self._done, self._total, self._begins = 0, 0, 0
         self._begun = self._since = monotonic()
-        self._took = self._expected = 0.0  # of the steps that were taken: their time, and by the plan [s]
+        self._planned: float | None = None  # time that is left by the plan [s]
+        self._usual = self._took = self._expected = 0.0  # of the steps that were taken: their time, and by the plan [s]
 
-    def expect(self, steps: Sequence[float], planned: float) -> None:
-        """From now on tell the time that is left by a plan: each step's seconds, and those of the whole [s]."""
-        self._steps, self._planned = steps, planned
-        self._since = monotonic()
+    def promised(self, seconds: float) -> None:
+        """Tell how much time is left by the plan [s]: before the first step, and after each."""
+        now = monotonic()
+        if self._planned is None:
+            self._usual = seconds / max(self._total - self._done, 1)
+        elif self._done == self._begins + 1:  # else steps were skipped
+            self._took += now - self._since
+            self._expected += max(self._planned - seconds, 0.0)
+        self._planned, self._begins, self._since = seconds, self._done, now
 
     def __call__(self, done: int, total: int, what: str) -> None:
-        if done != self._now[0]:
-            now = monotonic()
-            if (done - 1, what) == self._now and done <= len(self._steps):  # else steps were skipped
-                self._took += now - self._since
-                self._expected += self._steps[done - 1]
-            self._since = now
-        self._now = done, what
-        self._total = total
+        self._done, self._total = done, total
         self._show(done, total, what)
 
     def left(self) -> float | None:
         """Time that is left [s]; None: it is not known."""
-        done, now = self._now[0], monotonic()
-        if not self._steps:
-            return (now - self._begun) * (self._total - done) / done if 0 < done <= self._total else None
-        if done >= len(self._steps):
+        now = monotonic()
+        if self._planned is None:
+            done, total = self._done, self._total
+            return (now - self._begun) * (total - done) / done if 0 < done <= total else None
+        if self._done >= self._total:
             return 0.0
         # One step is as little as nothing to judge by: so the plan counts as much as one step.
-        usual = self._planned / len(self._steps)
-        pace = (self._took + usual) / (self._expected + usual)
-        planned = max(self._planned - math.fsum(self._steps[:done]), self._steps[done])
-        return max(0.0, pace * planned - (now - self._since))
-
-
-def expect(progress: Progress, steps: Sequence[float], planned: float) -> None:
-    """Tell a progress what a plan expects, in seconds of the wall; one that shows no time takes no notice."""
-    if isinstance(progress, Shown):
-        progress.expect(steps, planned)
+        pace = (self._took + self._usual) / (self._expected + self._usual) if self._usual else 1.0
+        return max(0.0, pace * self._planned - (now - self._since))
 
 
 @contextmanager

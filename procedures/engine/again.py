@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.catalogue import class_before, outside
 from palpate.procedures.engine.conduct import taken
 from palpate.procedures.engine.procedure import Procedure
@@ -15,6 +14,7 @@ from palpate.procedures.lab.before import Before, Earlier
 from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.open import OpenBench
 from palpate.procedures.lab.software import added_by, versions
+from palpate.procedures.records.events import unheard
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.steps.pause import NOBODY, PausedAgain
@@ -25,6 +25,7 @@ class Unrecorded(Recorder):
 
     def __init__(self) -> None:
         self._points = 0
+        self.listener = unheard
 
     def point(self, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> int:
         """Count a point."""
@@ -35,8 +36,10 @@ class Unrecorded(Recorder):
         """Do nothing."""
 
 
-def bring_back(bench: OpenBench, before: Before, kind: type[Procedure[Any, Any, Any]], progress: Progress) -> None:
+def bring_back(bench: OpenBench, before: Before, kind: type[Procedure[Any, Any, Any]], record: Recorder) -> None:
     """Bring a simulated bench that was just opened to where a run of class `kind` began.
+
+    The listener of the record hears of each run that is done again.
 
     Raises:
         UsageError: the procedure of an earlier run is not known. RecordError: the record of one is wrong.
@@ -44,7 +47,8 @@ def bring_back(bench: OpenBench, before: Before, kind: type[Procedure[Any, Any, 
     """
     assert bench.history is not None
     for number, earlier in before.runs.items():
-        progress(0, 0, f"run {number} of the {len(before.runs)} before it, again")
+        what = f"run {number} of the {len(before.runs)} before it, again"
+        record.tell("step", bench.history.now_ns, {"number": 0, "points": 0, "what": what})
         bench.history.wait_until(earlier.bench_ns)
         _do_again(bench, earlier, kind)
     bench.history.wait_until(before.bench_ns)
@@ -64,7 +68,7 @@ def _do_again(bench: OpenBench, earlier: Earlier, kind: type[Procedure[Any, Any,
     lab.bench.attend(record.event)
     pause = PausedAgain(lambda bench_ns: bench_ns in earlier.paused, lab.bench, NOBODY)
     procedure, plan = planned(procedure, lab.target)
-    taken(procedure, plan, lab, record, silent, pause)
+    taken(procedure, plan, lab, record, pause)
     lab.bench.incidents.hold()
     now = versions() | added_by(lab.bench.description, bench.scene, outside(found))
     bench.runs.append(run.folder)

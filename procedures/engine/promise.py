@@ -65,3 +65,11 @@ def achieved(expected: Sequence[Expected], result: Result) -> list[Expected]:
 def greatest(results: Sequence[Expected]) -> float | None:
     """The greatest relative uncertainty among some results; None: there is none."""
     return max((each.u for each in results if each.unit == RELATIVE), default=None)
+
+
+def achieved_u(plan: Plan[S], result: Result) -> float | None:
+    """The relative standard uncertainty that a run achieved, to compare with the plan's; None: it is not known."""
+    expected = expected_of(plan)
+    reached = achieved(expected, result)
+    found: float | None = getattr(result, "achieved_u", greatest(reached) if len(reached) == len(expected) else None)
+    return found

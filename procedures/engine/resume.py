@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.catalogue import class_of
+from palpate.procedures.engine.listeners import told_to
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.result import Result
 from palpate.procedures.engine.run import open_and_run
@@ -15,6 +16,7 @@ from palpate.procedures.lab.before import before_of
 from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.store import store
+from palpate.procedures.records.events import Listener
 from palpate.procedures.records.record import MEASURED, put_file
 from palpate.procedures.records.resumed import Resumed, header_of
 from palpate.procedures.records.run import Run, find_run
@@ -31,7 +33,7 @@ def resume(
     *,
     bench: str | Path | None = None,
     accept_change: bool = False,
-    progress: Progress = silent,
+    listeners: Sequence[Listener] = (),
     pause: Pause = NOBODY,
 ) -> Finished[Result]: ...
 @overload
@@ -41,7 +43,7 @@ def resume(
     *,
     bench: str | Path | None = None,
     accept_change: bool = False,
-    progress: Progress = silent,
+    listeners: Sequence[Listener] = (),
     pause: Pause = NOBODY,
 ) -> Finished[R]: ...
 def resume(
@@ -50,7 +52,7 @@ def resume(
     *,
     bench: str | Path | None = None,
     accept_change: bool = False,
-    progress: Progress = silent,
+    listeners: Sequence[Listener] = (),
     pause: Pause = NOBODY,
 ) -> Finished[R] | Finished[Result]:
     """Go on with a run that was killed, stopped or failed, or whose calibration is not stored for later runs.
@@ -62,6 +64,7 @@ def resume(
         kind: class of its procedure; None: the one of that name, ours or of an installed package.
         bench: bench file of a real bench; None: the run's own.
         accept_change: go on although bench or software have changed; the record says how.
+        listeners: as for `run`.
 
     Raises:
         UnknownName: no such run. UsageError: it is complete, or of another procedure or bench.
@@ -69,23 +72,29 @@ def resume(
     """
     found, file = Run.open(find_run(str(run), store())), None if bench is None else Path(bench)
     if kind is None:
-        return _resumed(class_of(found, "resume"), found, file, accept_change, progress, pause)
-    return _resumed(kind, found, file, accept_change, progress, pause)
+        return _resumed(class_of(found, "resume"), found, file, accept_change, listeners, pause)
+    return _resumed(kind, found, file, accept_change, listeners, pause)
 
 
 def _resumed(
-    kind: type[Procedure[S, P, R]], run: Run, bench: Path | None, accept_change: bool, progress: Progress, pause: Pause
+    kind: type[Procedure[S, P, R]],
+    run: Run,
+    bench: Path | None,
+    accept_change: bool,
+    listeners: Sequence[Listener],
+    pause: Pause,
 ) -> Finished[R]:
     procedure = begun(run, kind, bench)
-    done = go_on(
-        procedure,
-        run,
-        bench=bench,
-        accept_change=accept_change,
-        assume_mounted=False,
-        progress=progress,
-        pause=pause,
-    )
+    with told_to(listeners) as listener:
+        done = go_on(
+            procedure,
+            run,
+            bench=bench,
+            accept_change=accept_change,
+            assume_mounted=False,
+            listener=listener,
+            pause=pause,
+        )
     done.conclude()
     return done
 
@@ -132,7 +141,7 @@ def go_on(
     bench: Path | None,
     accept_change: bool,
     assume_mounted: bool,
-    progress: Progress,
+    listener: Listener,
     pause: Pause,
 ) -> Finished[R]:
     """Open the bench of a run again and take the points that are left.
@@ -142,10 +151,10 @@ def go_on(
         RecordError: the run is damaged.
         Others as `open_and_run` raises them.
     """
-    record = Resumed(run, replay=run.header["scene"] is not None, accept=accept_change)
+    record = Resumed(run, replay=run.header["scene"] is not None, accept=accept_change, listener=listener)
     try:
         chosen = _bench_of(run, bench, assume_mounted)
-        return open_and_run(procedure, chosen, progress=progress, pause=pause, resumed=record)
+        return open_and_run(procedure, chosen, pause=pause, resumed=record)
     finally:
         record.close()
 

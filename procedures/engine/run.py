@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from palpate.instrument.additions import check_ours
-from palpate.procedures.console.progress import Progress, expect, silent
 from palpate.procedures.engine.again import bring_back
 from palpate.procedures.engine.catalogue import GROUP, SHIPPED, WHAT, outside
 from palpate.procedures.engine.conduct import taken
+from palpate.procedures.engine.listeners import told_to
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.promise import achieved, expected_of, greatest
+from palpate.procedures.engine.promise import achieved, achieved_u, expected_of
 from palpate.procedures.engine.returned import asked, calibration_saved, evaluated, planned
 from palpate.procedures.lab.before import before_of
 from palpate.procedures.lab.calibrations import Unstored, check_store
@@ -22,6 +23,7 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.open import OpenBench, one_run, opened
 from palpate.procedures.lab.session import Promise, places, recording
 from palpate.procedures.lab.store import result_folder
+from palpate.procedures.records.events import Listener, unheard
 from palpate.procedures.records.resumed import UNSTORED, Resumed
 from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
 
@@ -60,7 +62,7 @@ def run(
     bench: OpenBench,
     *,
     out: str | Path | None = None,
-    progress: Progress = silent,
+    listeners: Sequence[Listener] = (),
     pause: Pause = NOBODY,
 ) -> Finished[R]:
     """Carry out a procedure on an open bench and record it. A resulting calibration is stored for later runs.
@@ -69,7 +71,8 @@ def run(
         procedure: the procedure.
         bench: the open bench.
         out: folder of the run, new or empty; None: a new one in the store ($PALPATE_STORE, or runs/).
-        progress: called with the number of finished points, of all points, and what is done now.
+        listeners: each is called with every `Event` of the run, in a thread of its own. The run does not wait for it;
+            one that raises or hangs is dropped, which is told.
         pause: asked before each point whether to pause.
 
     Raises:
@@ -78,9 +81,13 @@ def run(
         EstimateError: the points give no result.
         RecordError: the run cannot be written.
     """
-    procedure, _, _ = prepared(procedure, bench.target)
-    with result_folder(None if out is None else Path(out), procedure.name, datetime.now(UTC)) as folder:
-        done = record_run(procedure, bench, folder, progress, pause)
+    procedure, ahead, _ = prepared(procedure, bench.target)
+    started = datetime.now(UTC)
+    with (
+        told_to(listeners) as listener,
+        result_folder(None if out is None else Path(out), procedure.name, started) as folder,
+    ):
+        done = record_run(procedure, ahead, bench, folder, listener, pause)
     done.conclude()
     return done
 
@@ -91,7 +98,7 @@ def open_and_run(
     *,
     out: Path | None = None,
     log: Path | None = None,
-    progress: Progress = silent,
+    listener: Listener = unheard,
     pause: Pause = NOBODY,
     resumed: Resumed | None = None,
 ) -> Finished[R]:
@@ -99,29 +106,35 @@ def open_and_run(
 
     All checks that need no open bench come before it is opened. Raises as `run` does.
     """
-    procedure, _, _ = prepared(procedure, chosen.target, by_store=chosen.logged is None)
+    procedure, ahead, _ = prepared(procedure, chosen.target, by_store=chosen.logged is None)
     chosen.mounting(procedure.manual_work, procedure.automated_by)
     if resumed is not None:
         before = before_of(resumed.run)
         first = before.runs["1"].run.started if before and before.runs else None
         with opened(chosen, log, resumed, first) as bench:
             if before is not None:
-                bring_back(bench, before, type(procedure), progress)
-            return record_run(procedure, bench, resumed.folder, progress, pause, resumed)
+                bring_back(bench, before, type(procedure), resumed)
+            return record_run(procedure, ahead, bench, resumed.folder, listener, pause, resumed)
     started = datetime.now(UTC) if chosen.logged is None else chosen.logged.run.started
     with places(out, log, procedure.name, started) as folder, opened(chosen, log, started=started) as bench:
-        return record_run(procedure, bench, folder, progress, pause)
+        return record_run(procedure, ahead, bench, folder, listener, pause)
 
 
 def record_run(
     procedure: Procedure[S, P, R],
+    ahead: Plan[S],
     bench: OpenBench,
     folder: Path,
-    progress: Progress,
+    listener: Listener,
     pause: Pause,
     resumed: Resumed | None = None,
 ) -> Finished[R]:
-    """Carry out a procedure on an open bench and record it in a folder, or go on with a run."""
+    """Carry out a procedure on an open bench and record it in a folder, or go on with a run.
+
+    Args:
+        ahead: the plan of before the bench was opened, of which the record tells.
+        listener: hears of a new run; a run that goes on has that of its recorder.
+    """
     with (
         one_run(bench),
         recording(
@@ -134,6 +147,8 @@ def record_run(
             manual_work=procedure.manual_work,
             automated_by=procedure.automated_by,
             outside=outside(type(procedure)),
+            planned={"points": len(ahead.steps), "seconds": ahead.seconds, "u": ahead.predicted.u},
+            listener=listener,
             resumed=resumed,
         ) as session,
     ):
@@ -143,9 +158,7 @@ def record_run(
         before = 0.0 if len(bench.runs) == 1 else 1e-9 * session.lab.bench.clock.now_ns()
         lab = session.lab
         procedure, plan = planned(procedure, lab.target)
-        if bench.scene is None:  # else the bench's time is not that of whoever waits
-            expect(progress, [step.seconds_expected for step in plan.steps], plan.seconds)
-        result = evaluated(procedure, taken(procedure, plan, lab, session.record, progress, pause), plan, lab)
+        result = evaluated(procedure, taken(procedure, plan, lab, session.record, pause), plan, lab)
         outcome = session.outcome()
         promise = _promise(plan, result)
         if resumed is None or resumed.run.header["scene"] is not None:  # else nobody knows what lay between
@@ -178,7 +191,7 @@ def _promise(plan: Plan[S], result: R) -> Promise:
         "predicted_seconds": predicted.seconds,
         "predicted_u": predicted.u,
         "achieved_seconds": None,
-        "achieved_u": getattr(result, "achieved_u", greatest(reached) if len(reached) == len(expected) else None),
+        "achieved_u": achieved_u(plan, result),
         "predicted_results": [asdict(each) for each in expected],
         "achieved_results": [asdict(each) for each in reached],
     }

@@ -30,6 +30,7 @@ from palpate.procedures.lab.open import Calibrating, OpenBench
 from palpate.procedures.lab.operator import Mounting, weaker
 from palpate.procedures.lab.software import added_by, commit, versions
 from palpate.procedures.lab.store import result_folder
+from palpate.procedures.records.events import Listener, unheard
 from palpate.procedures.records.record import PAUSED, Recorder, put_file
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.resumed import Resumed
@@ -227,6 +228,8 @@ def recording(
     manual_work: str = "",
     automated_by: Role | None = None,
     outside: Addition | None = None,
+    planned: Mapping[str, object] | None = None,
+    listener: Listener = unheard,
     resumed: Resumed | None = None,
 ) -> Iterator[Session]:
     """Begin a run on an open bench, or go on with one. If it fails, outputs are off before the record is closed.
@@ -241,7 +244,9 @@ def recording(
         manual_work: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
         automated_by: role of a device that does this work instead, if the bench has one; None: no device can.
         outside: where a procedure that is not palpate's own comes from; None: it is palpate's own.
-        resumed: the run to go on with; None: a new run.
+        planned: what is told of the plan, for the record's header; None: there is none.
+        listener: called with each event of a new run.
+        resumed: the run to go on with, which has its listener; None: a new run.
 
     Raises:
         UsageError: the folder holds a run; nobody can confirm what is mounted; a resumed run began on another bench;
@@ -271,6 +276,7 @@ def recording(
         "simulated": lab.bench.simulated,
         "started": started.isoformat(timespec="seconds"),
         "settings": dict(settings),
+        **({} if planned is None else {"planned": dict(planned)}),
         "scene": None
         if scene is None
         else {
@@ -308,7 +314,7 @@ def recording(
         if opened.log is not None:
             opened.log.describe(as_json(header))
         if resumed is None:
-            record = stack.enter_context(Recorder.create(folder, header))
+            record = stack.enter_context(Recorder.create(folder, header, listener))
         else:
             header["mounting"] = mounting = weaker(resumed.run.header.get("mounting"), mounting)
             resumed.begin(header)

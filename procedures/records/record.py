@@ -24,10 +24,12 @@ from palpate.instrument.durable import make_folder
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.procedures.records.chain import ChainWriter, Content, create
+from palpate.procedures.records.events import Event, Kind, Listener, events_of, unheard
 from palpate.procedures.records.record_file import (
     HEAD_FILE,
     RECORD,
     SIMULATED,
+    WAVE,
     Waveforms,
     chain_of,
     event_frame,
@@ -52,15 +54,19 @@ class Recorder:
     `finish`, the run is "stopped".
 
     If something cannot be stored, RecordError names the file and says what to do. Earlier points stay readable.
+
+    Attributes:
+        listener: called with each event of the run, in the order in which they are stored; it must not raise.
     """
 
-    def __init__(self, folder: Path, header: Mapping[str, object] | None = None) -> None:
+    def __init__(self, folder: Path, header: Mapping[str, object] | None = None, listener: Listener = unheard) -> None:
         """Lock the folder against other writers. With a `header`, begin a run; without, go on with one.
 
         Raises:
             UsageError: another process is writing this run, or a run is to begin where there is one already.
         """
         self.folder = folder
+        self.listener = listener
         self._points = 0
         self._bench_ns = 0
         self._files = (folder / RECORD, folder / HEAD_FILE)
@@ -80,6 +86,7 @@ class Recorder:
             with contextlib.ExitStack() as undo:
                 undo.callback(self.close)
                 self._write_on()
+                self._heard([header_frame(header)])
                 undo.pop_all()
 
     def _write_on(self) -> None:
@@ -95,13 +102,14 @@ class Recorder:
             self._writer.confirm(record.tail(), record.head_at_end())
 
     @classmethod
-    def create(cls, folder: Path, header: Mapping[str, object]) -> Self:
+    def create(cls, folder: Path, header: Mapping[str, object], listener: Listener = unheard) -> Self:
         """A new run in `folder`, which is made with its parents where it does not exist.
 
         Args:
             folder: where the run goes; other files in it are left alone.
             header: what the run is, stored as JSON: at least `procedure` (text), `simulated` (bool) and
                 `started` (UTC, ISO 8601); then scene, seed, bench, contracts, calibration, versions, commit.
+            listener: as the attribute.
 
         Raises:
             UsageError: the folder holds a run already, also one that another process is just starting.
@@ -116,7 +124,7 @@ class Recorder:
         folder = folder.absolute()
         with storing(folder):
             make_folder(folder)
-        return cls(folder, header)
+        return cls(folder, header, listener)
 
     def point(
         self,
@@ -187,6 +195,19 @@ class Recorder:
         finally:
             self.close()
 
+    def tell(self, kind: Kind, bench_ns: int, data: Mapping[str, object]) -> None:
+        """Tell the listener of an event that is not recorded."""
+        self.listener(Event(kind, bench_ns, data))
+
+    def _heard(self, frames: Sequence[Content]) -> None:
+        """Tell the listener of what is on disk now."""
+        if self.listener is unheard:
+            return
+        for kind, own, parts in frames:
+            if kind != WAVE:
+                for event in events_of(self.folder, kind, own, b"".join(parts), self._bench_ns):
+                    self.listener(event)
+
     def close(self) -> None:
         """Close the files and leave the run as it is. After `finish` there is nothing left to close."""
         self._closed = True
@@ -204,6 +225,7 @@ class Recorder:
         with storing(self.folder / RECORD, running=True):
             self._open_writer().append(frames, points=points, events=events)
         self._check_files()
+        self._heard(frames)
 
     def _check_files(self) -> None:
         """Check that the files still have their names, because Linux lets a program write to a removed file."""

@@ -24,6 +24,7 @@ from palpate.instrument.bench.description import BenchDescription, recorded_benc
 from palpate.instrument.errors import ConfigError, RecordError, UsageError, quoted
 from palpate.instrument.refusals import wrong
 from palpate.procedures.records.damage import check
+from palpate.procedures.records.events import Listener, begun, unheard
 from palpate.procedures.records.record import MEASURED, PAUSED, Recorder
 from palpate.procedures.records.record_file import Waveforms, as_json, encoded, status_frame
 from palpate.procedures.records.run import Run, reading
@@ -167,19 +168,20 @@ def _as(kind: type[T], data: list[Any]) -> list[T]:
 class Resumed(Recorder):
     """The one writer of a resumed run. It is opened, then `begin` is called, then it is used as any recorder."""
 
-    def __init__(self, run: Run, *, replay: bool, accept: bool) -> None:
+    def __init__(self, run: Run, *, replay: bool, accept: bool, listener: Listener = unheard) -> None:
         """Keep other writers out; nothing is written yet.
 
         Args:
             run: the run to go on with.
             replay: whether the bench is a simulated one, which begins at its start again.
             accept: whether changes of the bench are recorded instead of refused.
+            listener: as that of any recorder.
 
         Raises:
             UsageError: another process is writing it.
             RecordError: it is damaged, or its folder cannot be written to.
         """
-        super().__init__(run.folder)
+        super().__init__(run.folder, listener=listener)
         self.run = run
         self._replay, self._accept = replay, accept
         self._to_the_last_digit = True
@@ -232,6 +234,8 @@ class Resumed(Recorder):
                 f" {ALIKE:g} of each number"
             )
         self._write_on()
+        for event in begun(self.folder, self.run.header, len(self._stored)):
+            self.listener(event)
         marks = [(CONTINUED, f"after point {len(self._stored)}"), *((CHANGED, change) for change in found)]
         events = [self._event(kind, message, self._bench_ns, behind) for behind, (kind, message) in enumerate(marks)]
         known = {"mounting": header["mounting"]} if "mounting" in header else {}

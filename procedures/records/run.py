@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -175,6 +177,23 @@ def _is_there(path: Path) -> bool:
     return True
 
 
+def is_written(folder: Path) -> bool:
+    """Whether a process is writing the run in a folder. It is asked for an instant only, so that none is kept out."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return False
+
+
 def last_modified(folder: Path) -> datetime:
     """Time of the last write to any file in a folder; to the folder itself where its files may not be listed."""
     times = [0.0]
@@ -188,12 +207,13 @@ def last_modified(folder: Path) -> datetime:
 def reading(folder: Path) -> Iterator[record_file.Record]:
     """Open a run as it is now for reading. Raises RecordError, also for damage that is found inside the block."""
     check_holes(folder / RECORD)
-    with _reading(folder / RECORD), record_file.opened(folder) as record:
+    with telling_damage(folder / RECORD), record_file.opened(folder) as record:
         yield record
 
 
 @contextlib.contextmanager
-def _reading(path: Path) -> Iterator[None]:
+def telling_damage(path: Path) -> Iterator[None]:
+    """Turn what the block raises about a damaged record, or one that cannot be read, into a RecordError."""
     try:
         yield
     except RecordError:

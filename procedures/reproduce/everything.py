@@ -15,6 +15,7 @@ from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMPRESSION_TABLES
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.engine.listeners import steps
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.lab.open import opened
@@ -24,6 +25,7 @@ from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
+from palpate.procedures.records.events import Listener
 from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import RATIO
@@ -41,13 +43,20 @@ CREATED = datetime(2026, 1, 1, tzinfo=UTC)
 
 @contextmanager
 def recorded(
-    folder: Path, seed: int | None, scene: str, procedure: str, model: str | None = None, parameters: str | None = None
+    folder: Path,
+    seed: int | None,
+    listener: Listener,
+    scene: str,
+    procedure: str,
+    model: str | None = None,
+    parameters: str | None = None,
 ) -> Iterator[Session]:
     """Open the simulated bench of a scene, and record a run on it in a folder of its own; at the end it is complete.
 
     Args:
         folder: where the run's folder goes.
         seed: seed of the scene; None: the scene's own.
+        listener: hears of each point.
         model, parameters: sensor model from which force ratios come, and its parameter set; None: the scene's.
     """
     taken = sum(1 for path in folder.iterdir() if path.is_dir())
@@ -56,7 +65,7 @@ def recorded(
     with (
         result_folder(folder / name, procedure, started) as place,
         opened(choose(None, scene, seed, model, parameters), None, started=started) as bench,
-        recording(bench, procedure, {}, place) as session,
+        recording(bench, procedure, {}, place, listener=listener) as session,
     ):
         yield session
         session.record.finish("complete", {})
@@ -70,7 +79,7 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
     """
     tables = done.tables
     folder = done.models.folder
-    open_bench = partial(recorded, folder, seed)
+    open_bench = partial(recorded, folder, seed, steps(progress))
 
     def add(found: Iterable[RowTable]) -> None:
         tables.extend((table, table.write(folder)) for table in found)
@@ -78,7 +87,7 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
     sweeps = {}
     for arrangement in experiments.ARRANGEMENTS:
         with open_bench(arrangement.scene, LoadSweep.name) as session:
-            swept = _swept(session, arrangement.design, arrangement.loads, progress)
+            swept = _swept(session, arrangement.design, arrangement.loads)
             assert session.model is not None  # of a scene
             ratio = ratio_by(session.model)
         sweeps[arrangement.design] = swept
@@ -89,19 +98,19 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
     for parameters in blind.SETS:
         for arrangement in experiments.ARRANGEMENTS:
             with open_bench(arrangement.scene, LoadSweep.name, blind.MODEL, parameters) as session:
-                swept = _swept(session, arrangement.design, blind.loads_of(arrangement), progress)
+                swept = _swept(session, arrangement.design, blind.loads_of(arrangement))
             blind_sweeps[arrangement.design, parameters] = swept
             table, distance = blind.compare(arrangement, parameters, swept)
             done.blind.append(distance)
             add([table])
     with open_bench("thesis_single", LoadCellSeries.name) as session:
-        weighed = conduct(LoadCellSeries(), _lab(session, "single"), session.record, progress)
+        weighed = conduct(LoadCellSeries(), _lab(session, "single"), session.record)
     add([bench_tables.calibration(weighed)])
     tested = {}
     for sample, number in COMPRESSION_TABLES.items():
         with open_bench("thesis_single", ModulusTest.name) as session:
             test = ModulusTest(sample, STRAIN, STEPS)
-            tested[sample] = conduct(test, _lab(session, "single"), session.record, progress)
+            tested[sample] = conduct(test, _lab(session, "single"), session.record)
         add([bench_tables.compression(number, sample, tested[sample])])
     add([bench_tables.catalogue(tested)])
     curves = models.run(models.SETS, done.models, progress)
@@ -114,10 +123,10 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
     done.page = write_page(done, folder)
 
 
-def _swept(session: Session, design: str, loads: tuple[float, ...], progress: Progress) -> SweepResult:
+def _swept(session: Session, design: str, loads: tuple[float, ...]) -> SweepResult:
     """All samples under these loads."""
     sweep = LoadSweep(tuple(SAMPLES), loads, DWELL, FREQUENCY)
-    return conduct(sweep, _lab(session, design), session.record, progress)
+    return conduct(sweep, _lab(session, design), session.record)
 
 
 def _lab(session: Session, design: str) -> Lab:

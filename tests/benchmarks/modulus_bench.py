@@ -39,6 +39,7 @@ from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
 from palpate.simulators.scenes.scene import Scene
+from palpate.testing import steps
 
 MODEL = "surface"
 SCENE = "poor_seating"  # whose chain and model are taken; effects that draw are those of the truth
@@ -203,7 +204,6 @@ def on_the_wire(asked: ObjectModulus, truth: Truth) -> Done:
     with (
         tempfile.TemporaryDirectory() as folder,
         SimulatedBench(truth.scene) as simulated,
-        Recorder.create(Path(folder), header) as record,
         Bench(simulated.description, simulated.clock, simulated.operator) as bench,
     ):
 
@@ -211,8 +211,9 @@ def on_the_wire(asked: ObjectModulus, truth: Truth) -> Done:
             if done > len(began):
                 began.append((simulated.rig.set_at_ns, simulated.rig.mounted_at_ns))
 
-        result = conduct(asked, Lab(bench, truth.design, THESIS_LOAD_CELL), record, seen)
-        record.finish("complete", {})
+        with Recorder.create(Path(folder), header, steps(seen)) as record:
+            result = conduct(asked, Lab(bench, truth.design, THESIS_LOAD_CELL), record)
+            record.finish("complete", {})
         return Done(result.points, result.answer, 1e-9 * simulated.clock.now_ns(), began)
 
 

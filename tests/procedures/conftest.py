@@ -33,6 +33,7 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import NEVER
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
+from palpate.testing import steps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -225,8 +226,8 @@ def sweep(
 ) -> SweepResult:
     """A sweep on an open bench, recorded in `folder`."""
     asked = LoadSweep(samples, loads, dwell, frequency, extrapolate=extrapolate)
-    with Recorder.create(folder, HEADER) as record:
-        result = conduct(asked, Lab(bench, get_design("single"), calibration), record, progress)
+    with Recorder.create(folder, HEADER, steps(progress)) as record:
+        result = conduct(asked, Lab(bench, get_design("single"), calibration), record)
         record.finish("complete", result.summary())
     return result
 
@@ -293,5 +294,5 @@ def resumes_to_the_same(asked: package.Procedure[Any, Any, Any], scene: str, aft
     with package.open_bench(scene=scene) as bench:
         whole = package.run(asked, bench, out=folder / "whole")
     with pytest.raises(KeyboardInterrupt), package.open_bench(scene=scene) as bench:
-        package.run(asked, bench, out=folder / "cut", progress=stop)
+        package.run(asked, bench, out=folder / "cut", listeners=[steps(stop)])
     return package.resume(folder / "cut").run.digest() == whole.run.digest()

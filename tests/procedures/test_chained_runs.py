@@ -16,6 +16,7 @@ import palpate
 from palpate.extend import OpenBench
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.steps.pause import NOBODY
+from palpate.testing import steps
 from tests.examples.relaxation import Relaxation
 from tests.runs import rehash
 from tests.shares import first_of
@@ -54,7 +55,7 @@ def test_each_run_of_a_chain_that_was_killed_at_any_point_ends_as_it_would_have(
     with palpate.open_bench(scene=scene) as bench:
         for number, procedure in enumerate(CHAIN):
             out, cuts = tmp_path / f"run{number}", at.setdefault(number, [])
-            found = palpate.run(procedure, bench, out=out, progress=copying(out, killed, cuts))
+            found = palpate.run(procedure, bench, out=out, listeners=[steps(copying(out, killed, cuts))])
             whole.append((found.run.digest(), found.run.summary))
             cuts.pop()  # complete
     assert at[1] == [0, 1, 2]
@@ -102,7 +103,7 @@ def test_what_happened_before_a_run_happens_again(tmp_path: Path) -> None:
         for number, pause in enumerate((NOBODY, Once(bench), NOBODY)):
             bench.bench.clock.wait(60.0 * number)
             out = tmp_path / f"run{number}"
-            done = palpate.run(SWEEP, bench, out=out, progress=copying(out, killed, []), pause=pause)
+            done = palpate.run(SWEEP, bench, out=out, listeners=[steps(copying(out, killed, []))], pause=pause)
             whole[number] = done.run
     happened = [{event["kind"] for event in run.events()} for run in whole.values()]
     assert happened == [{"incident"}, {"incident", "paused", "resumed"}, {"incident"}]
@@ -131,7 +132,7 @@ def test_a_run_after_something_that_nobody_knows_says_as_it_begins_that_it_canno
             palpate.run(Relaxation(readings=1), bench, out=tmp_path / str(number))
         assert "cannot be resumed" not in capsys.readouterr().err
         something_else(bench)
-        palpate.run(Relaxation(), bench, out=tmp_path / "last", progress=interrupt_at(1))
+        palpate.run(Relaxation(), bench, out=tmp_path / "last", listeners=[steps(interrupt_at(1))])
     when = "after run 1" if runs else "before its first run"
     why = f"something else was done with the bench {when}"
     assert capsys.readouterr().err == f"palpate: note: this run cannot be resumed if it is interrupted: {why}\n"
@@ -152,7 +153,7 @@ def test_a_run_after_those_of_a_script_goes_on_where_their_classes_are_known(
     with palpate.open_bench(scene="ideal") as bench:
         palpate.run(Slower(), bench, out=tmp_path / "first")
         out = tmp_path / "second"
-        whole = palpate.run(SWEEP, bench, out=out, progress=copying(out, tmp_path / "killed", []))
+        whole = palpate.run(SWEEP, bench, out=out, listeners=[steps(copying(out, tmp_path / "killed", []))])
     cut = tmp_path / "killed" / "second-1"
     shutil.rmtree(tmp_path / "first")  # the second one's header tells enough
     gone = shutil.copytree(cut, tmp_path / "gone")
@@ -170,7 +171,7 @@ def kill(done, total, what):
     if number == cut and done == points: os.kill(os.getpid(), signal)
 with palpate.open_bench(scene="thesis_single") as bench:
     for number, procedure in enumerate(CHAIN):
-        print(palpate.run(procedure, bench, out=f"run{number}", progress=kill).run.digest(), flush=True)
+        print(palpate.run(procedure, bench, out=f"run{number}", listeners=[steps(kill)]).run.digest(), flush=True)
 """
 RESUME = "import sys, palpate; print(palpate.resume(sys.argv[1]).run.digest())"
 

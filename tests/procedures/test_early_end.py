@@ -18,6 +18,7 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.calibrations import install
 from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import read_scene
+from palpate.testing import steps
 from tests.procedures.conftest import HEADER
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -94,7 +95,7 @@ def test_one_that_is_stopped_and_resumed_ends_where_it_would_have(tmp_path: Path
     with palpate.open_bench(scene="ideal") as bench:
         palpate.run(Waiting(), bench, out=tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
-        palpate.run(Waiting(), bench, out=tmp_path / "cut", progress=stop)
+        palpate.run(Waiting(), bench, out=tmp_path / "cut", listeners=[steps(stop)])
     done = palpate.resume(tmp_path / "cut", Waiting)
     assert len(done.result.points) == 3
     assert [e["kind"] for e in done.run.events()] == ["stopped", "continued", "enough"]
@@ -161,7 +162,7 @@ def test_steps_of_a_group_that_has_enough_are_left_out_also_when_the_run_is_resu
     with palpate.open_bench(scene="ideal") as bench:
         whole = palpate.run(Grouped(), bench, out=tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
-        palpate.run(Grouped(), bench, out=tmp_path / "cut", progress=stop)
+        palpate.run(Grouped(), bench, out=tmp_path / "cut", listeners=[steps(stop)])
     assert shown == [(0, "a"), (0, "a 0"), (1, "a 0"), (3, "b"), (3, "b 0"), (4, "b 0")]
     done = palpate.resume(tmp_path / "cut", Grouped)
     assert len(whole.result.points) == len(done.result.points) == 4
@@ -198,7 +199,7 @@ def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
     if began_with is not None:
         store(began_with, "2026-01-01")
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
-        palpate.run(Asking(), bench, out=tmp_path / "cut", progress=stop)
+        palpate.run(Asking(), bench, out=tmp_path / "cut", listeners=[steps(stop)])
     store(0.05, "2026-01-02")
     assert palpate.resume(tmp_path / "cut", Asking).result.values == {"scatter": began_with}
     with palpate.open_bench(scene="ideal") as bench:

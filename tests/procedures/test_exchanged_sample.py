@@ -21,6 +21,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
+from palpate.testing import steps
 from tests.examples.relaxation import Relaxation
 from tests.procedures.conftest import HEADER
 
@@ -50,6 +51,7 @@ def test_a_sample_that_is_exchanged_between_two_points_ends_the_run_before_the_n
             sim.rig.mount(SAMPLES["2"])  # the right one lies there again, but it was away
 
     lab = Lab(bench, get_design("single"), THESIS_LOAD_CELL)
-    with Recorder.create(tmp_path / "run", HEADER) as record, pytest.raises(SampleError, match=r"exchanged . times"):
-        conduct(procedure, lab, record, exchange)
+    recorder = Recorder.create(tmp_path / "run", HEADER, steps(exchange))
+    with recorder as record, pytest.raises(SampleError, match=r"exchanged . times"):
+        conduct(procedure, lab, record)
     assert len(Run.open(tmp_path / "run").points()) == 1

@@ -19,6 +19,7 @@ from palpate.instrument.errors import BenchError, BenchInUse
 from palpate.procedures.records.damage import check
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
+from palpate.testing import steps
 from tests.shares import first_of
 
 SWEEP = palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2)
@@ -154,7 +155,7 @@ def test_a_child_that_is_forked_within_a_run_writes_nothing_into_its_record(
 
     def digest(name: str, progress: Callable[[int, int, str], None]) -> str:
         with palpate.open_bench(scene="thesis_single", seed=3) as bench:
-            return palpate.run(SWEEP, bench, out=tmp_path / name, progress=progress).run.digest()
+            return palpate.run(SWEEP, bench, out=tmp_path / name, listeners=[steps(progress)]).run.digest()
 
     parent, statuses = os.getpid(), list[int]()
 

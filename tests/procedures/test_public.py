@@ -21,6 +21,7 @@ import palpate
 from palpate import extend
 from palpate.extend import Lab, Measurement, Plan, Recorder, Step
 from palpate.procedures.engine.settings import check_settings
+from palpate.testing import steps
 from tests.examples.relaxation import Holding, Reading, Relaxation
 
 OUTSIDE = Path(__file__).parents[1] / "examples" / "relaxation.py"
@@ -41,6 +42,7 @@ SIGNATURES = {
     "Characterisation": "sample loads dwell frequency drift_time tolerance time",
     "Column": "doc unit head cell scale u after each",
     "DynamicLoadWork": "lab record loads frequency samples extrapolate",
+    "Event": "kind bench_ns data",
     "FilmCalibration": (
         "accepted device scene simulated source created expires design films covariance crosstalk crosstalk_u "
         "frequencies_Hz gain least_N greatest_N load_cell load_cell_degrees_of_freedom"
@@ -100,11 +102,12 @@ SIGNATURES = {
     "read": "folder",
     "read_calibration": "path kind edited",
     "read_reference": "text",
-    "replay": "log out kind progress",
+    "replay": "log out kind listeners",
     "response": "design load model tolerance",
-    "resume": "run kind bench accept_change progress pause",
-    "run": "procedure bench out progress pause",
+    "resume": "run kind bench accept_change listeners pause",
+    "run": "procedure bench out listeners pause",
     "unknown_object": "design thickness modulus name",
+    "watch": "run",
 }
 ERRORS = "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName UsageError"
 MEMBERS = {  # what a script or a class of its own uses
@@ -118,7 +121,7 @@ MEMBERS = {  # what a script or a class of its own uses
         "model_question name on pausable plan point recorded report required_loads "
         "resumable_on_real_bench save_calibration"
     ),
-    "Recorder": "close create event finish finished measured point points",
+    "Recorder": "close create event finish finished listener measured point points tell",
     "Run": (
         "digest events folder header open points procedure signal_digest simulated started status summary "
         "table waveform waveform_names waveforms"
@@ -198,7 +201,7 @@ def test_a_bench_takes_run_after_run_and_none_once_one_has_failed(
         with pytest.raises(palpate.UsageError, match="already holds a run"):
             palpate.run(held, bench, out="first")
         with pytest.raises(KeyboardInterrupt):
-            palpate.run(held, bench, out="third", progress=stop)
+            palpate.run(held, bench, out="third", listeners=[steps(stop)])
         assert not bench.bench.driving
         with pytest.raises(
             palpate.UsageError, match="it is closed, as its block ended or a run failed; open the bench anew"
@@ -311,7 +314,7 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(s
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene=soft) as bench:
-        palpate.run(Relaxation(), bench, out="cut", progress=stop)
+        palpate.run(Relaxation(), bench, out="cut", listeners=[steps(stop)])
     assert len(palpate.read("cut").points()) == 2
     with pytest.raises(
         palpate.UsageError,
@@ -342,7 +345,7 @@ def test_a_run_cannot_begin_on_a_bench_while_another_one_is_there(
             refused.append(error)
 
     with palpate.open_bench(scene="ideal") as bench:
-        done = palpate.run(Relaxation(readings=2), bench, out="first", progress=another)
+        done = palpate.run(Relaxation(readings=2), bench, out="first", listeners=[steps(another)])
         assert refused
         assert done.run.status == "complete"
         assert palpate.run(Relaxation(readings=1), bench, out="third").run.status == "complete"
@@ -356,7 +359,7 @@ import os, palpate, relaxation
 def kill(done, total, what):
     if done == 2: os.kill(os.getpid(), {int(signal.SIGKILL)})
 with palpate.open_bench(scene={soft!r}) as bench:
-    palpate.run(relaxation.Relaxation(), bench, out="cut", progress=kill)
+    palpate.run(relaxation.Relaxation(), bench, out="cut", listeners=[steps(kill)])
 """
     assert subprocess.run([sys.executable, "-c", script], cwd=tmp_path).returncode == -signal.SIGKILL
     assert palpate.read("cut").status == "running"

@@ -16,6 +16,7 @@ from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.testing import steps
 from tests.procedures.conftest import Palpate
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -98,7 +99,7 @@ def test_a_run_repeats_the_loads_until_the_mean_has_the_tolerance_and_resumes_to
     assert (whole.result.tolerance_for, whole.outcome["predicted_u"]) == ("mean", pytest.approx(0.0130, rel=0.01))
     assert whole.run.header["settings"]["tolerance_of"] == "U95"
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="thesis_single") as bench:
-        palpate.run(sweep(0.03), bench, out=tmp_path / "cut", progress=stop)
+        palpate.run(sweep(0.03), bench, out=tmp_path / "cut", listeners=[steps(stop)])
     assert palpate.resume(tmp_path / "cut").run.digest() == whole.run.digest()
 
 
@@ -113,7 +114,7 @@ def test_a_run_that_was_begun_with_a_tolerance_of_u_is_not_resumed_as_if_it_were
 
     monkeypatch.setattr("palpate.procedures.engine.run._meaning", lambda _procedure: {})
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="thesis_single") as bench:
-        palpate.run(sweep(0.03), bench, out=tmp_path / "old", progress=stop)
+        palpate.run(sweep(0.03), bench, out=tmp_path / "old", listeners=[steps(stop)])
     monkeypatch.undo()
     with pytest.raises(UsageError, match='tolerance_of: null in the record, "U95" now'):
         palpate.resume(tmp_path / "old")

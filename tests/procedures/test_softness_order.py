@@ -14,6 +14,7 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
 from palpate.procedures.measurements.softness.ranking import ranked_lines
 from palpate.procedures.measurements.softness.result import NotTold, Ranked
+from palpate.testing import steps
 from tests.procedures.conftest import Benches, Palpate, refused
 
 SINGLE = get_design("single")
@@ -54,7 +55,7 @@ def test_a_run_ends_as_soon_as_the_order_is_known_and_resumes_to_the_same(tmp_pa
     assert (ranked.sets, ranked.not_told) == ({"1": 1, "2": 1}, ())
     assert ranked.achieved_risk is not None and ranked.achieved_risk < 0.001
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="thesis_single") as bench:
-        palpate.run(asked(*FAR), bench, out=tmp_path / "cut", progress=stop)
+        palpate.run(asked(*FAR), bench, out=tmp_path / "cut", listeners=[steps(stop)])
     assert palpate.resume(tmp_path / "cut").run.digest() == whole.run.digest()
 
 

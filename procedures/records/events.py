@@ -1,0 +1,156 @@
+"""What happens in a run, told while it goes on: in its own process, and in any other that reads its record.
+
+    for event in followed(Path("runs/20260102T030405Z-sweep-loads")):
+        print(event.kind, event.data)
+
+An event that the record holds is told once it is on disk, and is the same for a listener of the run and for `followed`.
+What the run does now (`step`) and how long it will still take (`promise`) is not recorded: only listeners hear of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from palpate.drivers.clock import WallClock
+from palpate.procedures.records.chain import NOTHING, ChainFile, check_holes, read_head
+from palpate.procedures.records.record_file import EVENT, HEAD_FILE, HEADER, POINT, RECORD, STATUS, as_json, named
+from palpate.procedures.records.run import is_written, telling_damage
+
+Kind = Literal["begun", "planned", "step", "point", "incident", "paused", "resumed", "promise", "ended"]
+
+POLL = 0.05  # s between two looks at a record that grows
+SILENCE = 2.0  # s without news after which `followed` asks whether the run is still being written
+SETTINGS = ("procedure", "simulated", "started", "scene", "seed", "settings", "planned")  # of a header that are told
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened in a run.
+
+    Attributes:
+        kind: what it is; it decides what `data` holds:
+            begun: `run` (folder), `points` (number that an earlier part of the run stored), and of the record's header
+                `procedure`, `simulated`, `started`, `scene` (its name, or None), `seed`, `settings`.
+            planned: `points` (number), `seconds` (bench time of the whole), `u` (relative standard uncertainty of the
+                result, or None).
+            step: `number` (points that are taken), `points` (of all), `what` (is done now, for people).
+            point: `id` (1, 2, 3, …) and `values`, those of the point in the record.
+            paused, resumed: `message`. The outputs are off in between.
+            incident: `of` (kind of the record's event, as "incident", "caution", "rejected"), and `message`.
+            promise: `seconds` (bench time that is left, by the plan), `u` (what the points so far give, asked again
+                whenever their number has doubled; or None).
+            ended: `status` ("complete", "stopped", "failed"; "killed" where the writing process is gone), `summary`.
+        bench_ns: bench time [ns].
+        data: what is told of it: values of JSON under the names above.
+    """
+
+    kind: Kind
+    bench_ns: int
+    data: Mapping[str, Any]
+
+    def line(self) -> str:
+        """The event as one line of JSON."""
+        return as_json({"event": self.kind, "bench_ns": self.bench_ns, **self.data})
+
+
+Listener = Callable[[Event], None]
+
+
+def unheard(_event: Event) -> None:
+    """A listener that does nothing."""
+
+
+def begun(folder: Path, header: Mapping[str, Any], points: int = 0) -> Iterator[Event]:
+    """The events that the header of a run tells.
+
+    Args:
+        folder: folder of the run.
+        header: the header, as the record has it.
+        points: number of points that the record holds already.
+    """
+    about = {name: header.get(name) for name in SETTINGS}
+    planned = about.pop("planned")
+    if isinstance(about["scene"], Mapping):
+        about["scene"] = about["scene"].get("name")
+    yield Event("begun", 0, {"run": str(folder), "points": points, **about})
+    if planned is not None:
+        yield Event("planned", 0, planned)
+
+
+def events_of(folder: Path, kind: bytes, own: int, content: bytes, bench_ns: int) -> Iterator[Event]:
+    """The events that a frame of a record tells, once it is on disk.
+
+    Args:
+        folder: folder of the run.
+        kind, own, content: of the frame.
+        bench_ns: bench time of the event before.
+    """
+    if kind not in (HEADER, POINT, EVENT, STATUS):
+        return
+    told = json.loads(content)
+    if kind == HEADER:
+        yield from begun(folder, told["header"])
+    elif kind == POINT:
+        yield Event("point", told["bench_ns"], {"id": own, "values": told["data"]})
+    elif kind == EVENT and told["kind"] in ("paused", "resumed"):
+        yield Event(told["kind"], told["bench_ns"], {"message": told["message"]})
+    elif kind == EVENT:
+        yield Event("incident", told["bench_ns"], {"of": told["kind"], "message": told["message"]})
+    elif told["status"] != "running":
+        yield Event("ended", bench_ns, {"status": told["status"], "summary": told["summary"]})
+
+
+def followed(folder: Path) -> Iterator[Event]:
+    """All events of a run in order, from its beginning: those that its record holds, then each that comes.
+
+    It ends once the run has ended, or once the process that wrote it is gone. Raises RecordError: it is damaged.
+    """
+    check_holes(folder / RECORD)
+    clock, silent = WallClock(), 0.0
+    with telling_damage(folder / RECORD), ChainFile(folder / RECORD) as file:
+        tail = _Tail(folder, file)
+        while True:
+            found = list(tail.news())
+            yield from (event for event in found if event.kind != "ended" or event is found[-1])
+            if found and found[-1].kind == "ended":
+                return
+            silent = 0.0 if found else silent + POLL
+            if silent >= SILENCE and not is_written(folder):
+                if not (found := list(tail.news())):
+                    found = [Event("ended", tail.bench_ns, {"status": "killed", "summary": {}})]
+                yield from found
+                if found[-1].kind == "ended":
+                    return
+            clock.wait(POLL)
+
+
+class _Tail:
+    """The end of a record that grows, read frame by frame as far as its head counts."""
+
+    def __init__(self, folder: Path, file: ChainFile) -> None:
+        self._folder, self._file = folder, file
+        self._at, self._number, self._before = 0, 0, NOTHING
+        self.bench_ns = 0
+
+    def news(self) -> Iterator[Event]:
+        """The events that are new. Raises ValueError: the record is damaged."""
+        head, fault = read_head(self._folder / HEAD_FILE)
+        if head is None or fault:
+            again, fault = read_head(self._folder / HEAD_FILE)
+            if again is None or (fault and again == head):
+                raise ValueError(fault)
+            return
+        while self._number < head.frames:
+            frame = self._file.frame(self._at)
+            if frame is None or (frame.number, frame.before) != (self._number, self._before):
+                raise ValueError(f"row {self._number} is missing, changed or not in its place")
+            if (content := self._file.content(frame)) is None:
+                raise ValueError(f"{named(frame)} is not as it was written")
+            self._at, self._number, self._before = frame.end, frame.number + 1, frame.hash
+            for event in events_of(self._folder, frame.kind, frame.id, content, self.bench_ns):
+                self.bench_ns = event.bench_ns
+                yield event

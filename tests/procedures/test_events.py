@@ -1,0 +1,146 @@
+"""Listeners of a run, and `palpate.watch` in any other process, hear what happens in it; the run takes no notice."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import palpate
+from palpate.testing import InStep
+from tests.procedures.conftest import Palpate
+
+SWEEP = palpate.LoadSweep(samples=("1", "2"), loads=(2.0, 3.0), dwell=0.2)
+LIVE = ("step", "promise")  # what a record does not hold
+
+
+def swept(out: Path, *listeners: Any) -> palpate.Run:
+    with palpate.open_bench(scene="noisy_lab", seed=4) as bench:
+        return palpate.run(SWEEP, bench, out=out, listeners=listeners).run
+
+
+def test_a_listener_and_a_watcher_hear_the_same_and_it_is_what_the_record_holds(tmp_path: Path) -> None:
+    heard: list[palpate.Event] = []
+    run = swept(tmp_path / "run", heard.append)
+    assert list(palpate.watch(run.folder)) == [event for event in heard if event.kind not in LIVE]
+    points = [event for event in heard if event.kind == "point"]
+    stored = [{name: value for name, value in p.items() if name not in ("id", "bench_ns")} for p in run.points()]
+    assert [event.data["values"] for event in points] == stored
+    assert [event.bench_ns for event in points] == [point["bench_ns"] for point in run.points()]
+    kinds = [event.kind for event in heard]
+    assert (kinds[:2], kinds[-1]) == (["begun", "planned"], "ended")
+    assert heard[1].data["points"] == 4
+    assert heard[-1].data["summary"] == run.summary
+
+
+def test_each_point_is_on_disk_before_anybody_hears_of_it(tmp_path: Path) -> None:
+    on_disk: list[tuple[int, int]] = []
+
+    def look(event: palpate.Event) -> None:
+        if event.kind == "point":
+            on_disk.append((event.data["id"], len(palpate.read(tmp_path / "run").points())))
+
+    swept(tmp_path / "run", InStep(look))
+    assert on_disk == [(number, number) for number in (1, 2, 3, 4)]
+
+
+def test_what_is_left_falls_to_what_comes_after_the_points_and_u_follows_the_points(tmp_path: Path) -> None:
+    heard: list[palpate.Event] = []
+    run = swept(tmp_path / "run", heard.append)
+    left = [event.data["seconds"] for event in heard if event.kind == "promise"]
+    (planned,) = (event.data for event in heard if event.kind == "planned")
+    assert left == sorted(left, reverse=True)
+    assert left[0] == planned["seconds"] == run.summary["predicted_seconds"]
+    assert left[-1] == pytest.approx(0, abs=1e-9)
+    assert [event.data["u"] for event in heard if event.kind == "promise"][-1] == run.summary["achieved_u"]
+
+
+def test_listeners_that_fail_or_hang_are_dropped_and_the_run_is_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heard: list[str] = []
+    never = threading.Event()
+
+    def failing(event: palpate.Event) -> None:
+        raise SystemExit("no more")
+
+    def hanging(event: palpate.Event) -> None:
+        never.wait()
+
+    alone = swept(tmp_path / "alone")
+    among = swept(tmp_path / "among", hanging, failing, lambda event: heard.append(event.kind))
+    never.set()
+    assert among.digest() == alone.digest()
+    assert among.summary == alone.summary
+    assert (heard.count("point"), heard[-1]) == (4, "ended")
+    told = capsys.readouterr().err.splitlines()
+    assert [line.split(" hears no more of this run: ")[1] for line in told] == [
+        "it failed: SystemExit: no more",
+        "it was busy with one event for more than 2 s when the run had ended",
+    ]
+    assert "failing" in told[0]
+
+
+def test_a_run_is_watched_while_another_process_carries_it_out_and_after_it_was_killed(tmp_path: Path) -> None:
+    script = f"""
+import os, palpate
+from palpate.testing import steps
+def kill(done, total, what):
+    if done == 3:
+        print("killed", flush=True)
+        input()
+        os._exit(9)
+with palpate.open_bench(scene="noisy_lab", seed=4) as bench:
+    palpate.run(palpate.LoadSweep(samples=("1", "2"), loads=(2.0, 3.0), dwell=0.2), bench,
+        out={str(tmp_path / "run")!r}, listeners=[steps(kill)])
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdin and other.stdout
+        assert other.stdout.readline() == "killed\n"
+        watched = palpate.watch(tmp_path / "run")
+        heard = [next(watched)]
+        while heard[-1].kind != "point" or heard[-1].data["id"] < 3:
+            heard.append(next(watched))
+        other.stdin.write("\n")
+        other.stdin.flush()
+        (end,) = watched
+    assert (end.kind, end.data) == ("ended", {"status": "killed", "summary": {}})
+    assert [event.kind for event in heard] == ["begun", "planned", "point", "point", "point"]
+    resumed: list[palpate.Event] = []
+    done = palpate.resume(tmp_path / "run", listeners=[resumed.append])
+    assert resumed[0].data["points"] == 3
+    assert [event.data["id"] for event in resumed if event.kind == "point"] == [4]
+    whole = list(palpate.watch(tmp_path / "run"))
+    assert [event.kind for event in whole if event.kind in ("point", "ended")] == ["point"] * 4 + ["ended"]
+    assert done.run.digest() == swept(tmp_path / "whole").digest()
+
+
+def test_nothing_is_told_of_a_run_that_is_none_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+    with pytest.raises(palpate.UnknownName, match="nothing"):
+        palpate.watch(tmp_path / "nothing")
+    run = swept(tmp_path / "run")
+    record = run.folder / "run.record"
+    content = bytearray(record.read_bytes())
+    content[len(content) // 2] ^= 1
+    record.write_bytes(content)
+    with pytest.raises(palpate.RecordError, match=r"run\.record is damaged"):
+        list(palpate.watch(run.folder))
+
+
+def test_a_command_writes_each_event_as_a_line_of_json(palpate: Palpate) -> None:
+    said = palpate("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--progress", "json", "--json")
+    assert said.status == 0, said.err
+    events = [json.loads(line) for line in said.err.splitlines()]
+    assert [each["event"] for each in events if each["event"] not in LIVE] == [
+        "begun", "planned", "point", "point", "ended",
+    ]  # fmt: skip
+    assert events[0]["run"] == json.loads(said.out)["run"]
+    said = palpate("sweep", "loads", "--progress", "yaml")
+    assert (said.status, "'yaml' is not one of 'bar', 'json'" in said.err) == (2, True)
