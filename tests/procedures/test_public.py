@@ -75,7 +75,7 @@ SIGNATURES = {
     "Predicted": "seconds u details lines",
     "PositionSweep": "positions sample load dwell frequency tolerance time extrapolate",
     "Procedure": "",
-    "Recorder": "folder header",
+    "Recorder": "folder header listener",
     "Reference": "name modulus u source digest sample simulated scene",
     "ReferenceSeries": "references loads dwell frequency model parameters thickness valid_days",
     "Report": "show draw",
