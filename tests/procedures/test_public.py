@@ -121,7 +121,7 @@ MEMBERS = {  # what a script or a class of its own uses
         "model_question name on pausable plan point recorded report required_loads "
         "resumable_on_real_bench save_calibration"
     ),
-    "Recorder": "close create event finish finished listener measured point points tell",
+    "Recorder": "close create event finish finished measured point points tell",
     "Run": (
         "digest events folder header open points procedure signal_digest simulated started status summary "
         "table waveform waveform_names waveforms"
