@@ -182,6 +182,7 @@ class SimulatedBench:
             **({} if scene.noise in (0.0, USUAL_NOISE) else {"noise": f"{scene.noise!r} V/√Hz"}),
             "link": {name: {**link, "timeout": timeouts.get(name, TIMEOUT)} for name, link in links.items()},
             "device": self._sections(),
+            "beside": scene.file.beside or {},
         }
         if any("exciter" in guest.kind.roles and not guest.kind.contract.has("watchdog") for guest in scene.devices):
             sections["watchdog"] = NO_WATCHDOG

@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from palpate.instrument.bench.beside import Beside, check_beside
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, Role, check_identities, device_kind, kind_in_file
 from palpate.instrument.bench.links import CAN, KIND_OF, LINE, LINKS, CanBus, Link, TcpLink, link_of
 from palpate.instrument.bench.patience import impatient, longest
@@ -183,7 +184,7 @@ def _check_inventory(where: str, kind: DeviceKind, section: _DeviceSection) -> N
         raise ConfigError(f"{where}: a {kind.name} tells its serial number; leave inventory out")
 
 
-def beside(file: Path, data: dict[str, Any]) -> dict[str, Any]:
+def placed(file: Path, data: dict[str, Any]) -> dict[str, Any]:
     """The content of a bench or scene file, in which the paths of map files no longer depend on its folder.
 
     Raises ConfigError: a path leaves the folder by `..`.
@@ -362,6 +363,7 @@ class BenchDescription(Config):
     simulated: bool = False  # whether it is simulated although no device on it says so, as twins of makers' devices
     link: dict[str, dict[str, Any]]
     device: dict[str, dict[str, Any]]
+    beside: dict[str, Beside] = Field(default_factory=dict)  # what is read beside each point
 
     @field_validator("design")
     @classmethod
@@ -383,6 +385,8 @@ class BenchDescription(Config):
             devices = self.devices
             check_places(self.links, devices)
             check_identities(each.kind for each in devices)
+            for name, given in self.beside.items():
+                check_beside(name, given, devices)
             for role in get_args(Role):
                 if role != "sensor_node" and len(several := filling(role, devices)) > 1:
                     names = " and ".join(each.name for each in several)
@@ -456,6 +460,8 @@ class BenchDescription(Config):
             data.pop("simulated", None)  # `comparison` leaves it out
         if self.withstands is None:
             data.pop("withstands", None)
+        if not self.beside:
+            data.pop("beside", None)
         if "link" in data:
             links = {name: {"kind": KIND_OF[type(link)], **_dump(link)} for name, link in self.links.items()}
             devices = {each.name: {**each.section, **_dump(each.settings)} for each in self.devices}
@@ -546,7 +552,7 @@ def read_bench(path: Path) -> BenchDescription:
             f"{path}: has older sections: {', '.join(older)}; each link and each device has a section of its "
             f"own now. Write instead (comments are left out):\n\n{tomli_w.dumps(renewed(data))}"
         )
-    bench = check(beside(path, data), BenchDescription, str(path))
+    bench = check(placed(path, data), BenchDescription, str(path))
     if problems := bench.unsafe():
         raise ConfigError("\n".join(f"{path}: {problem}" for problem in problems))
     return bench

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.instrument.bench.beside import COLUMNS
 from palpate.instrument.errors import PalpateError, RecordError
 from palpate.procedures.commands.options import BenchChoice, Output
 from palpate.procedures.console.terminal import say
@@ -93,6 +94,9 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> No
             raise done.unstored
         outcome = done.outcome
         rows, summary = [asdict(point) for point in done.result.points], done.result.summary()
+        if "beside" in outcome:
+            for row, stored in zip(rows, done.run.points(), strict=True):
+                row |= {name: value for name, value in stored.items() if name.startswith(COLUMNS)}
         report = procedure.report(done.result, done.session.lab)
         found = {**outcome, "points": rows, **summary}
         show = partial(print_points, done.result.points, summary, outcome)

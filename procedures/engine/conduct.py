@@ -16,6 +16,7 @@ from palpate.procedures.engine.returned import begun, course, evaluated, measure
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.events import unheard
 from palpate.procedures.records.record import MEASURED, Recorder
+from palpate.procedures.steps.beside import Surroundings
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
 
 ENOUGH = "enough"  # kind of the event that a run has before it ends ahead of its plan
@@ -59,6 +60,7 @@ def taken(procedure: Procedure[S, P, R], plan: Plan[S], lab: Lab, record: Record
     group: str | None = None
     changer = lab.bench.maybe(SampleChanger)
     way, why = course(procedure, plan, points, lab), ""
+    surroundings = Surroundings(lab.bench, record)
     promise = _Promise(procedure, plan, lab, record)
     while not record.measured or len(points) < len(finished):
         try:
@@ -81,8 +83,10 @@ def taken(procedure: Procedure[S, P, R], plan: Plan[S], lab: Lab, record: Record
         found = measured(procedure, work, step)
         if changer:
             changer.check()
-        record.point(asdict(found.point), found.waveforms, lab.bench.clock.now_ns())
-        points.append(found.point)
+        beside = surroundings.read()
+        point = beside.marked(found.point)
+        record.point({**asdict(point), **beside.values}, found.waveforms, lab.bench.clock.now_ns())
+        points.append(point)
         promise.point(number + 1, points)
         if found.error is not None:
             raise found.error

@@ -35,6 +35,7 @@ from palpate.procedures.records.record import PAUSED, Recorder, put_file
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.beside import BesideSummary, summed_up
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ class Outcome(Promise):
     mounting_scatter_file: NotRequired[str]
     fidelity: NotRequired[float]
     left_out: NotRequired[list[str]]
+    beside: NotRequired[list[BesideSummary]]
 
 
 class Reduced(TypedDict, total=False):
@@ -170,6 +172,8 @@ class Session:
             "predicted_results": [],
             "achieved_results": [],
         }
+        if asked := lab.bench.description.beside:
+            found["beside"] = summed_up(asked, Run.open(self.record.folder).points())
         return {**found, **_reduced(scene)}
 
     def _told(self, calibration: Calibration, key: str, role: type[Any], *of: str) -> str:

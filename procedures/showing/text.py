@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.console.terminal import console
+from palpate.procedures.steps.beside import sentence
 from palpate.procedures.steps.flags import FLAGS, Judged
 
 if TYPE_CHECKING:
@@ -123,6 +124,7 @@ def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
         "mounting": MOUNTING.get(outcome["mounting"]),
     }
     lines = [f"{name:<14} {source}" for name, source in named.items() if source]
+    lines += [f"{'beside':<14} {each['name']} {sentence(each)}" for each in outcome.get("beside", ())]
     bench, wall = outcome["bench_seconds"], outcome["wall_seconds"]
     return [
         *lines,

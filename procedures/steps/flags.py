@@ -11,6 +11,7 @@ from palpate.instrument.errors import EstimateError
 CLIPPED, NOT_FINITE, UNSETTLED, FAULT, DRIFTED = "clipped", "not finite", "unsettled", "fault", "drifted"
 FORCE, FREQUENCY = "force", "frequency"
 HUM, SHORT = "hum", "short"
+SURROUNDINGS = "surroundings"
 USED = frozenset((HUM, SHORT))
 """Flags with which a point is valid all the same. Its record is too short to tell hum from the drive, or 1/f noise from
 white noise; where the effect can be estimated, the point's uncertainty contains it."""
@@ -25,6 +26,7 @@ FLAGS: dict[str, str] = {
     FORCE: f"films and load cell measure different forces, {_APART}; check their calibrations, and look for a "
     "loose or swapped film",
     FREQUENCY: f"films and exciter have different frequencies, {_APART}; check the exciter",
+    SURROUNDINGS: "what was read beside the point is outside its limits, or could not be read; the events say which",
     HUM: "the dwell is too short to separate mains hum from the drive; the point is used, but hum may change it",
     SHORT: "the dwell is too short to know the noise well; the point is used, with a large uncertainty",
 }

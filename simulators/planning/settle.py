@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.instrument.bench.description import beside
+from palpate.instrument.bench.description import placed
 from palpate.instrument.config import check, read_data
 from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, nearest
@@ -41,7 +41,7 @@ def read_scene(name_or_file: str) -> Scene:
     path = scenes.get(name_or_file, Path(name_or_file))
     if not name_or_file or (name_or_file not in scenes and path.suffix != ".toml" and not path.exists()):
         raise UnknownName("scene", name_or_file, scenes)
-    return scene_of(check(beside(path, read_data(path)), SceneFile, str(path)), path)
+    return scene_of(check(placed(path, read_data(path)), SceneFile, str(path)), path)
 
 
 def scene_of(file: SceneFile, path: Path) -> Scene:

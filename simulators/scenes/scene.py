@@ -69,6 +69,7 @@ class SceneFile(Config):
     rig: RigParameters = RigParameters()
     effects: dict[str, Any] = Field(default_factory=dict, max_length=MOST_EFFECTS)  # a table, "on" or "auto"
     device: dict[str, dict[str, Any]] | None = None  # additional devices, see `simulators/guests.py`
+    beside: dict[str, dict[str, Any]] | None = None  # read beside each point, see `instrument/bench/beside.py`
     fault: list[dict[str, Any]] | None = None  # see `simulators/faults/`
     fidelity: float | None = Field(default=None, gt=0, lt=1, strict=True)  # by which effects were left out of this file
     left_out: tuple[str, ...] | None = None  # these effects; palpate writes both keys into the scenes of its runs

@@ -19,6 +19,7 @@ from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
 from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
 from palpate.procedures.showing.text import STAMP
+from palpate.procedures.steps.beside import sentence, summed_up
 
 TITLE = "Calibration certificate of a load cell"
 STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}table{border-collapse:collapse}\
@@ -84,7 +85,10 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[CertificateSection]:
             ("loads", f"dead weights at {STANDARD_GRAVITY} m/s², {c.least_N:.4g} to {c.greatest_N:.4g} N"),
             ("uncertainty of all loads together", f"{100 * loads_u:g} %" if loads_u else "none given"),
             ("weights and positions", PLACED.get(str(header.get("mounting")), "ASSUMED, nobody confirmed them")),
-            ("temperature, humidity", "not recorded"),
+            *(
+                [(each["name"].replace("_", " "), sentence(each)) for each in summed_up(bench.beside, points)]
+                or [("temperature, humidity", "not recorded")]
+            ),
         ]),
         _results(c),
         _classes(c),
