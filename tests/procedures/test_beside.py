@@ -1,0 +1,118 @@
+"""A field of any device of the bench is read beside each point, of every procedure, without a line for it there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import palpate
+from tests.drivers.outside import installed
+from tests.procedures.conftest import Palpate
+
+SCENE = """
+name = "beside"
+purpose = "An oven of another package stands beside the sensor."
+design = "single"
+
+[effects.white_noise]
+
+[device.oven]
+kind = "acme-oven"
+"""
+ROOM = """
+[beside.room]
+device = "oven"
+field = "temperature"
+unit = "degC"
+u = 0.3
+"""
+SWEEP = palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.5)
+
+
+def scene_with(tmp_path: Path, *tables: str) -> Path:
+    tmp_path.mkdir(exist_ok=True)
+    path = tmp_path / "scene.toml"
+    path.write_text("\n".join((SCENE, *tables)), encoding="utf-8")
+    return path
+
+
+def swept(tmp_path: Path, *tables: str) -> palpate.Finished[Any]:
+    with installed("oven"), palpate.open_bench(scene=scene_with(tmp_path, *tables)) as bench:
+        return palpate.run(SWEEP, bench, out=tmp_path / "run")
+
+
+def test_a_device_of_another_package_is_read_beside_each_point_and_told_everywhere(
+    tmp_path: Path, palpate: Palpate
+) -> None:
+    with installed("oven"):
+        chosen = ("--scene", str(scene_with(tmp_path, ROOM)), "--out", str(tmp_path / "run"))
+        said = palpate("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", *chosen, "--json")
+        assert said.status == 0, said.err
+        found = json.loads(said.out)
+        assert [(p["beside_room_degC"], p["beside_room_degC_u"]) for p in found["points"]] == [(20.0, 0.3)] * 2
+        (told,) = found["beside"]
+        assert (told["name"], told["mean"], told["unit"], told["u"], told["readings"]) == ("room", 20.0, "degC", 0.3, 2)
+        said = palpate("runs", "export", str(tmp_path / "run"), "--to", "csv", "--out", str(tmp_path / "csv"))
+        assert "beside_room_degC" in (tmp_path / "csv" / "points.csv").read_text().splitlines()[0]
+        weights = ("--scene", str(scene_with(tmp_path, ROOM)), "--out", str(tmp_path / "cell"))
+        said = palpate("calibrate", "load-cell", *weights)
+        assert "beside         room 20 degC (u 0.3)" in said.out
+    assert "| room | 20 degC (u 0.3) |" in (tmp_path / "cell" / "certificate.md").read_text(encoding="utf-8")
+
+
+def test_a_point_outside_the_limits_is_marked_or_not_used_as_the_file_says(tmp_path: Path) -> None:
+    marked = swept(tmp_path / "marked", ROOM, "high = 19.5").result.points
+    assert [(point.valid, point.flags) for point in marked] == [(True, ("surroundings",))] * 2
+    with pytest.raises(palpate.EstimateError, match="what was read beside the point is outside its limits"):
+        swept(tmp_path / "invalid", ROOM, 'high = 19.5\noutside = "invalidate"')
+    run = palpate.read(tmp_path / "invalid" / "run")
+    assert [point["valid"] for point in run.points()] == [False, False]
+    assert [event["message"] for event in run.events() if event["kind"] == "beside"] == [
+        "room is 20 degC, the limit is at most 19.5 degC"
+    ] * 2
+
+
+def test_the_point_is_kept_where_a_device_beside_it_is_silent(tmp_path: Path) -> None:
+    silent = '[[fault]]\nkind = "no_reply"\non = "oven"\nat = "10 s"\nlasts = "1000 s"'
+    done = swept(tmp_path, ROOM, silent)
+    assert [point["beside_room_degC"] for point in done.run.points()] == [None, None]
+    assert [(point.valid, point.flags) for point in done.result.points] == [(True, ("surroundings",))] * 2
+    (told,) = done.outcome["beside"]
+    assert (told["mean"], told["readings"], told["silent"]) == (None, 0, 2)
+    messages = [event["message"] for event in done.run.events() if event["kind"] == "beside"]
+    assert all(each.startswith("room could not be read: oven") for each in messages)
+
+
+def test_one_reading_serves_all_points_of_an_interval(tmp_path: Path) -> None:
+    """The oven falls silent between the two points."""
+    first, second = (point["bench_ns"] for point in swept(tmp_path / "usual", ROOM).run.points())
+    silent = f'[[fault]]\nkind = "no_reply"\non = "oven"\nat = "{(first + second) / 2e9} s"\nlasts = "1000 s"'
+    once = swept(tmp_path / "once", ROOM, 'every = "1000 s"', silent).run.points()
+    each = swept(tmp_path / "each", ROOM, silent).run.points()
+    assert [point["beside_room_degC"] for point in once] == [20.0, 20.0]
+    assert [point["beside_room_degC"] for point in each] == [20.0, None]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (ROOM.replace('"oven"', '"kiln"'), "beside.room: unknown device of this bench 'kiln'"),
+        (ROOM.replace('"temperature"', '"humidity"'), "unknown field of oven that can be read 'humidity'"),
+        (ROOM.replace("degC", "K"), "temperature of oven has the unit degC, not 'K'; write unit = 'degC'"),
+        (ROOM + "low = 30.0\nhigh = 20.0", "low = 30 is not below high = 20; exchange them"),
+        (ROOM + 'outside = "invalidate"', 'outside = "invalidate" needs a limit; give low, high or both'),
+        (ROOM + "highest = 30.0", "highest"),
+        (ROOM.replace("u = 0.3", "u = -1.0"), "beside.room.u"),
+        (ROOM.replace("beside.room", 'beside."<b>"'), "'<b>' is no name"),
+    ],
+)
+def test_what_cannot_be_read_beside_is_refused_before_anything_is_sent(
+    tmp_path: Path, palpate: Palpate, wrong: str, told: str
+) -> None:
+    with installed("oven"):
+        said = palpate("sweep", "loads", "--scene", str(scene_with(tmp_path, wrong)), "--out", str(tmp_path / "run"))
+    assert (said.status, told in said.err) == (2, True), said.err
+    assert not (tmp_path / "run").exists()
