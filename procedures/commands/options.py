@@ -151,6 +151,7 @@ class BenchChoice:
         log: file for the bus traffic; None: no log.
         assume_mounted: True: nobody is asked to confirm what was mounted or placed by hand.
         fidelity: change of the result below which effects of the scene are left out; None: all are simulated.
+        about: what the run says about itself, as it was typed.
     """
 
     bench: Path | None
@@ -160,6 +161,7 @@ class BenchChoice:
     log: Path | None = None
     assume_mounted: bool = False
     fidelity: float | None = None
+    about: tuple[str, ...] = ()
 
     def simulated_on(self, scene: str) -> BenchChoice:
         """The same choice, with this scene if neither a scene nor a bench is named."""
@@ -179,18 +181,25 @@ def bench_options(command: F) -> F:
         log: Path | None,
         assume_mounted: bool,
         fidelity: float | None,
+        about: tuple[str, ...],
         progress: str,
         as_json: bool,
         quiet: bool,
         **own: object,
     ) -> object:
-        choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity)
+        choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity, about)
         return command(choice=choice, output=Output(as_json, quiet, progress), **own)
 
     options: Callable[..., object] = gathered
     for each in (
         PROGRESS,
         assume_option,
+        option(
+            "--about",
+            multiple=True,
+            metavar="'KEY = VALUE'",
+            help="What the run says about itself, such as 'operator = AB'; may be given several times.",
+        ),
         option(
             "--log",
             type=FILE_NAME,

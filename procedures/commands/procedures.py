@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -17,9 +17,11 @@ from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.run import open_and_run, prepared
 from palpate.procedures.lab import operator
+from palpate.procedures.lab.about import completed, given
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
 from palpate.procedures.lab.session import places
+from palpate.procedures.lab.store import store
 from palpate.procedures.showing.points import print_points
 from palpate.procedures.steps.pause import NOBODY
 
@@ -59,6 +61,8 @@ def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, 
     What a run on a bench file will take is told before the bench is opened.
     """
     chosen = chosen_for(procedure, choice, output, model)
+    about = completed(given(choice.about), store(), operator.answer if operator.at_terminal() else None)
+    chosen = replace(chosen, about=about)
     if choice.bench is not None and output.for_people:
         from palpate.procedures.showing.plan import announce
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from palpate.instrument.bench.operator import Operator
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.errors import UsageError
 from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.lab.about import about_of
 from palpate.procedures.lab.lab import Target, with_kinds
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, Mounting, check_somebody
@@ -34,6 +35,7 @@ class Chosen:
         assume_mounted: True: nobody is asked to confirm what was mounted or placed by hand.
         operator: does the work by hand; None: the person at the console.
         logged: the logged run to replay; None: the bench answers itself.
+        about: what each run says about itself, by the lab's keys.
     """
 
     description: BenchDescription | None
@@ -41,11 +43,12 @@ class Chosen:
     assume_mounted: bool = False
     operator: Operator | None = None
     logged: LoggedRun | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of_log(cls, logged: LoggedRun) -> Chosen:
         """The bench whose answers a log holds."""
-        return cls(logged.wire.description, logged.scene, logged=logged)
+        return cls(logged.wire.description, logged.scene, logged=logged, about=about_of(logged.run.header))
 
     @property
     def target(self) -> Target:
@@ -125,6 +128,7 @@ def choose(
     parameters: str | None = None,
     assume_mounted: bool = False,
     operator: Operator | None = None,
+    about: Mapping[str, str] | None = None,
 ) -> Chosen:
     """The bench of a bench file or, if none is named, the simulated bench of a scene.
 
@@ -135,11 +139,11 @@ def choose(
     if bench is None:
         if assume_mounted:
             raise UsageError(f"{ASSUME}: a simulated bench mounts its samples itself; leave it out or give --bench")
-        return Chosen(None, _scene(scene, seed, model, parameters))
+        return Chosen(None, _scene(scene, seed, model, parameters), about=about or {})
     given = {"--scene": scene, "--seed": seed, "--model": model}
     if extra := [option for option, value in given.items() if value is not None]:
         raise UsageError(f"{', '.join(extra)}: only for a simulated bench; leave this out, or leave out --bench")
-    return Chosen(read_bench(bench), None, assume_mounted, operator)
+    return Chosen(read_bench(bench), None, assume_mounted, operator, about=about or {})
 
 
 def _scene(name: str | None, seed: int | None, model: str | None, parameters: str | None) -> Scene:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
@@ -22,6 +22,7 @@ from palpate.instrument.bench.operator import Operator
 from palpate.instrument.errors import BenchError, RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say
+from palpate.procedures.lab.about import completed
 from palpate.procedures.lab.before import History
 from palpate.procedures.lab.calibrations import (
     check_nameable,
@@ -35,6 +36,7 @@ from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.lab import Lab, Target, owner
 from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.operator import ConsoleOperator, assume
+from palpate.procedures.lab.store import store
 from palpate.procedures.records.resumed import Resumed
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
@@ -154,6 +156,7 @@ def open_bench(
     log: str | Path | None = None,
     operator: Operator | None = None,
     assume_mounted: bool = False,
+    about: Mapping[str, str] | None = None,
 ) -> Iterator[OpenBench]:
     """Open the bench of a bench file, or the simulated bench of a scene. Its outputs are off when the context ends.
 
@@ -166,14 +169,17 @@ def open_bench(
             beside them.
         operator: does the work by hand that no device of a real bench does; None: the person at the console is asked.
         assume_mounted: True: nobody is asked to confirm work by hand, and records say so.
+        about: what each run says about itself, such as operator, object, batch, ticket; `about.toml` in the folder of
+            the runs may ask for some, or name all that there are.
 
     Raises:
-        UsageError: arguments exclude each other, or the log exists already.
+        UsageError: arguments exclude each other, the log exists already, or `about` is not what the lab asks.
         ConfigError, UnknownName: a bench file or scene file is wrong.
         BenchError: a device cannot be opened or identified.
     """
     named = None if scene is None else str(scene)
-    chosen = choose(None if bench is None else Path(bench), named, seed, model, None, assume_mounted, operator)
+    told = completed(about or {}, store())
+    chosen = choose(None if bench is None else Path(bench), named, seed, model, None, assume_mounted, operator, told)
     if log is not None:
         check_log(Path(log))
     with opened(chosen, None if log is None else Path(log)) as opened_bench:

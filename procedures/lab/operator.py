@@ -184,16 +184,27 @@ def confirm(what: str, word: str) -> None:
             say(f"{typed!r} is not {word!r}: check the bench, then type {word}; Ctrl-C stops", err=True)
 
 
+def answer(question: str) -> str:
+    """What a person at the terminal types after a question. Raises BenchError: the input has ended."""
+    with without_bar(), _by_lines():
+        say(question, err=True)
+        return _line(question).strip()
+
+
 def assume(what: str, word: str) -> None:
     """Say what is assumed without a confirmation."""
     say(f"assumed, as {ASSUME} asks: {what}", err=True)
 
 
 def _typed(what: str) -> str:
+    return _plain(_line(what))
+
+
+def _line(what: str) -> str:
     line = sys.stdin.readline() if at_terminal() else ""
     if not line:
         raise BenchError(f"nobody answers at the console ({what.lower()}); run palpate in a terminal")
-    return _plain(line)
+    return line
 
 
 def _plain(text: str) -> str:

@@ -23,6 +23,7 @@ from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.console.terminal import say
+from palpate.procedures.lab.about import about_of
 from palpate.procedures.lab.before import BEFORE
 from palpate.procedures.lab.lab import Lab, owner
 from palpate.procedures.lab.logged import load_cell_in, mountings_in
@@ -77,6 +78,7 @@ class Outcome(Promise):
     mounting_scatter_file: NotRequired[str]
     fidelity: NotRequired[float]
     left_out: NotRequired[list[str]]
+    about: NotRequired[dict[str, str]]
     beside: NotRequired[list[BesideSummary]]
 
 
@@ -172,6 +174,8 @@ class Session:
             "predicted_results": [],
             "achieved_results": [],
         }
+        if about := about_of(self.begun) or dict(self.opened.chosen.about):
+            found["about"] = about
         if asked := lab.bench.description.beside:
             found["beside"] = summed_up(asked, Run.open(self.record.folder).points())
         return {**found, **_reduced(scene)}
@@ -291,6 +295,7 @@ def recording(
             "toml": scene.to_toml(),
         },
         "seed": None if scene is None else scene.seed,
+        **({"about": dict(opened.chosen.about)} if opened.chosen.about else {}),
         "bench": lab.bench.description.to_toml(),
         "mounting": mounting,
         "devices": {device.name: device.serial for device in lab.bench.devices},

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.instrument.quantity import counted
+from palpate.procedures.lab.about import about_of, as_text
 from palpate.procedures.records.damage import DamageReport, Repaired
 from palpate.procedures.records.run import Run, RunSummary
 from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, legend, new_table, number, print_all, stamped
@@ -76,6 +77,7 @@ def print_run(run: Run, digest: str, signal_digest: str) -> None:
         f"status       {run.status}",
         *([f"procedure    {run.procedure}, from {_origin(run)}"] if "procedure_from" in run.header else []),
         f"started      {run.started:{TIME}} UTC",
+        *([f"about        {as_text(about)}"] if (about := about_of(run.header)) else []),
         f"seed         {number(run.header.get('seed'))}",
         f"calibration  {source or '-'}",
         f"mounting     {MOUNTING.get(str(mounting), mounting or '-')}",
