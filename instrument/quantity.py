@@ -63,6 +63,26 @@ def parse(text: str, unit: str, example: str = "") -> float:
     return converted
 
 
+def unit_of(text: str) -> str:
+    """Unit in which a quantity is written; "" for a plain number and for a percentage.
+
+    Raises QuantityError: the text is no number with a unit or without one, or there is no such unit.
+    """
+    found = _QUANTITY.fullmatch(text)
+    if found is None or len(found["unit"]) > LONGEST_UNIT:
+        raise QuantityError(f"{quoted(text)} is not a quantity; write for example '24 kPa', '5 %' or '0.3'")
+    written = found["unit"]
+    if written in ("", "%"):
+        return ""
+    import pint
+
+    try:
+        _registry().Unit(_spelled(written))
+    except (pint.PintError, ValueError):
+        raise QuantityError(f"{quoted(text)}: {quoted(written)} is no unit; write for example '24 kPa'") from None
+    return written
+
+
 class Typed(float):
     """A quantity, with the text that somebody typed for it, so that messages quote it as it was typed."""
 

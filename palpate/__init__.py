@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from palpate.procedures.engine.replay import replay
     from palpate.procedures.engine.resume import resume
     from palpate.procedures.engine.run import plan, run
+    from palpate.procedures.engine.verdict import judge
     from palpate.procedures.lab.open import open_bench
     from palpate.procedures.measurements.characterise.procedure import Characterisation
     from palpate.procedures.measurements.films.procedure import FilmSeries
@@ -74,6 +75,7 @@ _PLACES = {
     "procedures.engine.replay": "replay",
     "procedures.engine.resume": "resume",
     "procedures.engine.run": "plan run",
+    "procedures.engine.verdict": "judge",
     "procedures.lab.open": "open_bench",
     "procedures.measurements.characterise.procedure": "Characterisation",
     "procedures.measurements.films.procedure": "FilmSeries",
@@ -119,6 +121,7 @@ __all__ = [
     "as_dataset",
     "get_design",
     "get_sample",
+    "judge",
     "open_bench",
     "plan",
     "read",

@@ -307,7 +307,7 @@ def _grid() -> Floats:
 def _factors(share: Floats, freedom: Floats, rest: Floats) -> Floats:
     from scipy.special import erf, stdtrit
 
-    (one, of_one), (other, of_other) = _scales(freedom, NODES[0]), _scales(rest, NODES[1])
+    (one, of_one), (other, of_other) = scales(freedom, NODES[0]), scales(rest, NODES[1])
     variance = (share[:, None] * one)[:, :, None] + ((1 - share)[:, None] * other)[:, None, :]
     with np.errstate(divide="ignore"):
         inverse = np.sqrt(0.5 / variance)
@@ -324,7 +324,7 @@ def _factors(share: Floats, freedom: Floats, rest: Floats) -> Floats:
             return factor
 
 
-def _scales(freedom: Floats, nodes: int) -> tuple[Floats, Floats]:
+def scales(freedom: Floats, nodes: int) -> tuple[Floats, Floats]:
     """Variances over their estimates (n, nodes), and their weights (nodes,), by a rule of Gauss and Legendre.
 
     The rule takes the cube root of the probability, because a scatter of few degrees of freedom may be huge.

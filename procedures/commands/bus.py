@@ -288,7 +288,7 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
 @OUT
 @PROGRESS
 @output_options
-def replay(log: Path, out: Path | None, progress: str, as_json: bool, quiet: bool) -> None:
+def replay(log: Path, out: Path | None, progress: str, as_json: bool, quiet: bool) -> int:
     """Repeat the run of a log: the drivers receive the logged answers, and the points are the same to the byte.
 
     FILE is the .pcapng file of a log, or the CAN file beside it. Neither devices nor an operator are needed, and no

@@ -49,7 +49,7 @@ def modulus(
     dry_run: bool,
     choice: options.BenchChoice,
     output: options.Output,
-) -> None:
+) -> object:
     """Measure the Young modulus of one object to a tolerance, or as well as a time allows.
 
     Before anything moves, a plan says how often the object is mounted, how many load sets there are, under which load
@@ -66,7 +66,7 @@ def modulus(
     design = chosen_by(choice).target.design
     sample = cast("Sample | None", settings.get("object"))
     touched = object_to_touch(design, sample, modulus, thickness, real=choice.bench is not None)
-    (plan if dry_run else measure)(made(ObjectModulus, {**settings, "object": touched}), choice, output)
+    return (plan if dry_run else measure)(made(ObjectModulus, {**settings, "object": touched}), choice, output)
 
 
 def object_to_touch(

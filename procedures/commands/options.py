@@ -136,6 +136,7 @@ class _FileName(click.Path):
 
 
 FILE_NAME = _FileName(path_type=Path)
+JUNIT = option("--junit", type=FILE_NAME, metavar="FILE", help="Write the verdicts to FILE as JUnit XML.")
 OUT = option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/).")
 
 
@@ -183,16 +184,28 @@ def bench_options(command: F) -> F:
         fidelity: float | None,
         about: tuple[str, ...],
         progress: str,
+        limits: Path | None,
+        junit: Path | None,
         as_json: bool,
         quiet: bool,
         **own: object,
     ) -> object:
+        if junit is not None and limits is None:
+            raise UsageError("--junit: it holds verdicts of limits; give them with --limits FILE")
         choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity, about)
-        return command(choice=choice, output=Output(as_json, quiet, progress), **own)
+        output = Output(as_json, quiet, progress, limits=limits, junit=junit)
+        return command(choice=choice, output=output, **own)
 
     options: Callable[..., object] = gathered
     for each in (
         PROGRESS,
+        JUNIT,
+        option(
+            "--limits",
+            type=FILE_NAME,
+            metavar="FILE",
+            help="Judge the result by the limits in FILE. Exit status 3: one fails; 4: one is undecided, none fails.",
+        ),
         assume_option,
         option(
             "--about",
@@ -232,12 +245,16 @@ class Output:
         as_json, quiet: one JSON object, or nothing; else it is for people.
         shown: what stderr shows during a run, BAR or EVENTS.
         budgets: whether the uncertainty budget of each result belongs to it.
+        limits: file by which the result is judged; None: it is not.
+        junit: file for the verdicts as JUnit XML; None: there is none.
     """
 
     as_json: bool
     quiet: bool
     shown: str = BAR
     budgets: bool = False
+    limits: Path | None = None
+    junit: Path | None = None
 
     @property
     def for_people(self) -> bool:

@@ -15,6 +15,7 @@ from palpate.instrument.errors import PalpateError, RecordError
 from palpate.procedures.commands.options import BenchChoice, Output
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.promise import expected_of
 from palpate.procedures.engine.run import open_and_run, prepared
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.about import completed, given
@@ -28,6 +29,10 @@ from palpate.procedures.steps.pause import NOBODY
 if TYPE_CHECKING:
     from palpate.instrument.uncertainty.budget import Budget
     from palpate.instrument.uncertainty.propagation import Propagated
+    from palpate.procedures.engine.limits import LimitsFile
+    from palpate.procedures.engine.plan import Plan
+    from palpate.procedures.engine.verdict import Judgement
+    from palpate.procedures.records.run import Run
 
 
 def chosen_by(choice: BenchChoice, model: str | None = None) -> Chosen:
@@ -55,12 +60,32 @@ def chosen_for(procedure: Procedure[S, P, R], choice: BenchChoice, output: Outpu
     return chosen
 
 
-def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, model: str | None = None) -> None:
+def limits_given(output: Output) -> LimitsFile | None:
+    """The limits of a command; None: it has none. Raises ConfigError."""
+    from palpate.procedures.engine.limits import read_limits
+
+    return None if output.limits is None else read_limits(output.limits)
+
+
+def check_limits(limits: LimitsFile, procedure: Procedure[S, P, R], ahead: Plan[S], output: Output) -> None:
+    """Refuse limits that no result of a plan can have, and tell of those that only the result will tell."""
+    left = limits.open_names(procedure.point, [each.name for each in expected_of(ahead)])
+    if left and not output.quiet:
+        names = ", ".join(left)
+        say(f"palpate: note: only the result tells whether it has what {limits.where} limits: {names}", err=True)
+
+
+def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, model: str | None = None) -> int:
     """Carry out a procedure on the bench of a command, and show its result. Raises as `open_and_run` does.
 
-    What a run on a bench file will take is told before the bench is opened.
+    Limits are checked, and what a run on a bench file will take is told, before the bench is opened.
+
+    Returns: the exit status.
     """
+    limits = limits_given(output)
     chosen = chosen_for(procedure, choice, output, model)
+    if limits is not None:
+        check_limits(limits, *prepared(procedure, chosen.target)[:2], output)
     about = completed(given(choice.about), store(), operator.answer if operator.at_terminal() else None)
     chosen = replace(chosen, about=about)
     if choice.bench is not None and output.for_people:
@@ -70,15 +95,18 @@ def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, 
     with output.prices():
         with operator.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.listener() as listener:
             done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, listener=listener, pause=pause)
-        tell(procedure, done, output)
+        return tell(procedure, done, output, limits)
 
 
 def plan(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, model: str | None = None) -> None:
     """Show what a procedure would do, without sending anything. Raises what the procedure's checks raise."""
     from palpate.procedures.showing.plan import print_plan
 
+    limits = limits_given(output)
     target = chosen_for(procedure, choice, output, model).target
     procedure, ahead, doubt = prepared(procedure, target)
+    if limits is not None:
+        check_limits(limits, procedure, ahead, output)
     with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
         pass  # this only checks that they can be written; the empty folder is removed again
     output.result(ahead.summary, lambda: print_plan(ahead))
@@ -86,10 +114,13 @@ def plan(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, mod
         say(f"palpate: note: {doubt}", err=True)
 
 
-def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> None:
-    """Draw the plot of a finished run, and show its result.
+def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output, limits: LimitsFile | None = None) -> int:
+    """Draw the plot of a finished run, and show its result with the verdicts of its limits.
+
+    Returns: the exit status: 0, or that of the verdicts.
 
     Raises:
+        ConfigError: the result has no such quantity as a limit names.
         EstimateError: the points give no result.
         RecordError: a file cannot be written, the report crashed, or the calibration is not stored.
     """
@@ -108,8 +139,30 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> No
             plot = report.draw(done.folder)
             found["plot"] = str(plot)
             show = partial(report.show, outcome, plot)
-        tell_result(output, found, show, done.result.budgets)
+        if limits is None:
+            tell_result(output, found, show, done.result.budgets)
+            procedure.check_result(done.result)
+            return 0
+        from palpate.procedures.engine.verdict import judge
+
+        judged = judge(done, limits)
+        tell_result(output, {**found, **judged.summary()}, show, done.result.budgets)
+        status = tell_verdicts(judged, done.run, output)
         procedure.check_result(done.result)
+        return status
+
+
+def tell_verdicts(judged: Judgement, run: Run, output: Output) -> int:
+    """Show verdicts to people, and write them for other programs. Returns the exit status. Raises RecordError."""
+    if output.for_people:
+        from palpate.procedures.showing.verdicts import print_verdicts
+
+        print_verdicts(judged, run.simulated)
+    if output.junit is not None:
+        from palpate.procedures.showing.junit import write_junit
+
+        write_junit(judged, run, output.junit)
+    return judged.status
 
 
 @contextmanager
@@ -132,8 +185,7 @@ def tell_result(
 ) -> None:
     """Show the result of a run, as JSON or by `show` for people, with its budgets if they are asked for."""
     if output.as_json:
-        told = {name: value for name, value in found.items() if name != "budgets"}
-        output.json({**told, "budgets": [each.summary() for each in budgets]} if output.budgets else told)
+        output.json({**found, "budgets": [each.summary() for each in budgets]} if output.budgets else found)
     elif output.for_people:
         from palpate.instrument.uncertainty.budget import Budget
         from palpate.procedures.showing.budget import print_budgets

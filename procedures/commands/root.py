@@ -15,6 +15,7 @@ from palpate.procedures.commands.bus import bus
 from palpate.procedures.commands.calibrate import calibrate
 from palpate.procedures.commands.characterise import characterise
 from palpate.procedures.commands.contracts import contracts
+from palpate.procedures.commands.judge import judge
 from palpate.procedures.commands.measure import measure
 from palpate.procedures.commands.model import model
 from palpate.procedures.commands.new import new
@@ -47,14 +48,15 @@ def palpate() -> None:
 
     Without --bench the bench is simulated: no hardware is needed. Results are stored in runs/, marked SIMULATED.
 
-    Exit status: 0 done; 1 the bench or the disk failed, or no point is valid; 2 wrong or impossible arguments; 129 the
-    terminal was closed; 130 interrupted by Ctrl-C; 141 nobody reads the output any more; 143 terminated.
+    Exit status: 0 done; 1 the bench or the disk failed, or no point is valid; 2 wrong or impossible arguments; 3 a
+    limit fails; 4 a limit is undecided, and none fails; 129 the terminal was closed; 130 interrupted by Ctrl-C; 141
+    nobody reads the output any more; 143 terminated.
     """
 
 
 for group in (
-    sweep, study, calibrate, test, softness, characterise, measure, serve, runs, contracts, model, scene, reproduce,
-    accuracy, new, bus,
+    sweep, study, calibrate, test, softness, characterise, measure, judge, serve, runs, contracts, model, scene,
+    reproduce, accuracy, new, bus,
 ):  # fmt: skip
     palpate.add_command(group)
 

@@ -104,7 +104,7 @@ def install(run: str, as_json: bool, quiet: bool) -> None:
 @output_options
 def resume(
     run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, progress: str, as_json: bool, quiet: bool
-) -> None:
+) -> int:
     """Go on with a run that was killed, stopped or failed. RUN is a folder or a name in runs/.
 
     The bench is opened again and compared with the record: settings, devices, contracts, calibrations, versions. No

@@ -114,13 +114,13 @@ def conducting(
 
     def conduct(
         settings: Mapping[str, object], choice: BenchChoice, output: Output, dry_run: bool, model: str | None = None
-    ) -> None:
+    ) -> object:
         from palpate.procedures.commands.procedures import measure, plan
         from palpate.procedures.engine.catalogue import procedure_class
         from palpate.procedures.engine.settings import made
 
         chosen = choice if scene is None else choice.simulated_on(scene)
-        (plan if dry_run else measure)(made(procedure_class(procedure), settings), chosen, output, model)
+        return (plan if dry_run else measure)(made(procedure_class(procedure), settings), chosen, output, model)
 
     benched = bench_options(budget_option(conduct))
     epilog = "\n\n  ".join(("Examples:", *examples))

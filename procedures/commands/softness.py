@@ -41,7 +41,7 @@ def softness(
     dry_run: bool,
     choice: options.BenchChoice,
     output: options.Output,
-) -> None:
+) -> object:
     """Measure the softness of objects: the Young modulus with two uncertainties, and their order.
 
     On a real bench, without --samples and --modulus, one unknown object is mounted. If the ratio says little about the
@@ -63,7 +63,7 @@ def softness(
     if "sets" in settings and "risk" not in settings:
         raise UsageError("--sets is for --risk: without it each of --loads is one set; name a load twice for two")
     test = made(SoftnessTest, {"model": default_model(design), **settings, "objects": objects})
-    (plan if dry_run else measure)(test, choice, output)
+    return (plan if dry_run else measure)(test, choice, output)
 
 
 def _objects(

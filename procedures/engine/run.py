@@ -164,7 +164,8 @@ def record_run(
         if resumed is None or resumed.run.header["scene"] is not None:  # else nobody knows what lay between
             promise["achieved_seconds"] = outcome["bench_seconds"] - before
         done = stored(Finished(procedure, result, session, {**outcome, **promise}))
-        session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"], **promise})
+        found = {**result.summary(), "budgets": [each.summary() for each in result.budgets]}
+        session.record.finish("complete", {**found, "bench_seconds": outcome["bench_seconds"], **promise})
     return done
 
 

@@ -103,7 +103,7 @@ class CalibrationKeys(TypedDict, total=False):
 
 def reserved() -> frozenset[str]:
     """Names of values that palpate gives for every run, which no value of a result can have."""
-    return frozenset({*Outcome.__annotations__, "points", "plot"})
+    return frozenset({*Outcome.__annotations__, "points", "plot", "budgets", "verdict", "verdicts"})
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,6 +59,7 @@ from tests.benchmarks import (
     study,
     sweep,
     uncertainty,
+    verdicts,
     walk_through,
 )
 from tests.benchmarks.row import Row
@@ -74,6 +75,7 @@ PARTS = {
     "characterise": characterise.measure,
     "uncertainty": uncertainty.measure,
     "coverage": coverage.measure,
+    "verdicts": verdicts.measure,
     "models": models.measure,
     "modulus_wire": modulus_wire.measure,
     "solid": solid.measure,

@@ -261,7 +261,6 @@ class CharacteriseResult:
             **({"stopped": self.stopped} if self.stopped else {}),
             "rows": [asdict(row) for row in self.rows],
             "elsewhere": named.elsewhere(),
-            "budgets": [budget.summary() for budget in self.budgets],
         }
 
 

@@ -128,7 +128,6 @@ class SweepResult:
             "samples": [asdict(s) for s in self.samples],
             "softness_order": self.softness_order,
             **({} if self.tolerance is None else {"tolerance_for": self.tolerance_for}),
-            "budgets": [budget.summary() for budget in self.budgets],
         }
 
 

@@ -220,7 +220,6 @@ class ObjectModulusResult:
             "shares": shares,
             "binds": max(shares, key=lambda name: shares[name], default=None),
             "validation_line": self.prospect.found.validation.summary(),
-            "budgets": [budget.summary() for budget in self.budgets],
         }
 
 

@@ -162,7 +162,6 @@ class SoftnessResult:
             "answered_by": self.model,
             "price": self.price,
             "validation_line": self.validation.summary(),
-            "budgets": [budget.summary() for budget in self.budgets],
         }
 
 

@@ -1,0 +1,262 @@
+"""Whether a result lies within its limits: a verdict for each of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.instrument.errors import ConfigError, RecordError, UnknownName, UsageError
+from palpate.instrument.quantity import counted, show
+from palpate.instrument.uncertainty.decision import (
+    FAIL,
+    PASS,
+    UNDECIDED,
+    Bounds,
+    Decision,
+    Estimate,
+    NormalPrior,
+    Outcome,
+    decide,
+    deciding_u,
+    guard_band,
+)
+from palpate.procedures.engine.catalogue import procedure_class
+from palpate.procedures.engine.limits import LimitsFile, number_columns, read_limits
+from palpate.procedures.engine.procedure import Finished
+from palpate.procedures.records.run import Run
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from palpate.procedures.engine.result import Result
+
+WORST = (FAIL, UNDECIDED, PASS)
+STATUS: dict[Outcome, int] = {PASS: 0, FAIL: 3, UNDECIDED: 4}  # exit status
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """A value of a quantity; `estimate`: None: it is not known, or without its uncertainty; `point`: None: a result."""
+
+    value: float | None
+    estimate: Estimate | None
+    point: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Quantity:
+    unit: str
+    values: Sequence[_Value]
+    left_out: int = 0
+
+
+def _of_budgets(budgets: Iterable[Mapping[str, Any]]) -> dict[str, _Quantity]:
+    found: dict[str, _Quantity] = {}
+    for told in budgets:
+        budget = told.get("budget", told)
+        freedom = math.inf if budget["degrees_of_freedom"] is None else budget["degrees_of_freedom"]
+        ends = None if budget is told else (told["low"], told["high"])
+        value = _Value(told["value"], Estimate(told["value"], told["u"], freedom, ends))
+        same = found.get(budget["quantity"], _Quantity(budget["unit"], ()))
+        found[budget["quantity"]] = _Quantity(same.unit, (*same.values, value))
+    return found
+
+
+def _of_points(kind: type[DataclassInstance], points: Sequence[Mapping[str, Any]]) -> dict[str, _Quantity]:
+    valid = [(number, point) for number, point in enumerate(points, 1) if point.get("valid", True)]
+    return {
+        name: _Quantity(
+            column.unit,
+            [_measured(*cell, number) for number, point in valid for cell in _cells(point, name, column.u)],
+            len(points) - len(valid),
+        )
+        for name, column in number_columns(kind).items()
+    }
+
+
+def _of_run(run: Run) -> dict[str, _Quantity]:
+    """The quantities of a run's points; none if its procedure is that of a script or of a package that is not here."""
+    try:
+        kind = procedure_class(run.procedure)
+    except UnknownName:
+        return {}
+    return _of_points(kind.point, run.points())
+
+
+def _cells(point: Mapping[str, Any], name: str, u: str) -> Iterator[tuple[Any, Any]]:
+    """The values of a column in a point, each with its standard uncertainty or None."""
+    outer, dot, inner = name.partition(".")
+    if dot:
+        for row in point[outer]:
+            yield from _cells(row, inner, u)
+    elif isinstance(point[name], (list, tuple)):
+        yield from zip(point[name], point[u] if u else [None] * len(point[name]), strict=True)
+    else:
+        yield point[name], point[u] if u else None
+
+
+def _measured(value: float | None, u: float | None, point: int) -> _Value:
+    known = [None if each is None or not math.isfinite(each) else float(each) for each in (value, u)]
+    return _Value(known[0], None if None in known else Estimate(*known), point)  # type: ignore[arg-type]
+
+
+def _quantities(of: Finished[Any] | Result | Run) -> dict[str, _Quantity]:
+    if isinstance(of, Run):
+        if of.status != "complete":
+            raise UsageError(f"{of.folder} is {of.status}, so it has no result; end it with palpate runs resume")
+        budgets: Any = of.summary.get("budgets", ())
+        try:
+            return _of_run(of) | _of_budgets(budgets)
+        except (KeyError, TypeError) as error:
+            raise RecordError(f"{of.folder}: another version of palpate recorded it ({error}); run it anew") from None
+    result = of.result if isinstance(of, Finished) else of
+    points = [asdict(point) for point in result.points]
+    columns = _of_points(type(result.points[0]), points) if points else {}
+    return columns | _of_budgets(each.summary() for each in result.budgets)
+
+
+# --- verdicts ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class LimitVerdict:
+    """What a limit says; of several values, as of a column, it tells that of the worst.
+
+    Attributes:
+        quantity: its name in the file of limits.
+        outcome: "pass", "fail" or "undecided".
+        value, u, unit: the value and its standard uncertainty; None: not known.
+        low, high, risk: the limits, in that unit; None: there is none.
+        prior: what was known beforehand; None: there is no prior information.
+        outside: probability to lie outside the limits; None: not known.
+        deciding_u: greatest standard uncertainty that would decide the same value; None: it is decided, or none would.
+        values: how many values were judged.
+        point: number of the point whose value it is, from 1; None: it is one of the result.
+        reason: why, for people.
+    """
+
+    quantity: str
+    outcome: Outcome
+    value: float | None
+    u: float | None
+    unit: str
+    low: float | None
+    high: float | None
+    risk: float
+    prior: NormalPrior | None
+    outside: float | None
+    deciding_u: float | None
+    values: int
+    point: int | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The verdicts of all limits of a file, in its order."""
+
+    verdicts: tuple[LimitVerdict, ...]
+
+    @property
+    def outcome(self) -> Outcome:
+        """That of all limits together: "fail" if one fails, else "undecided" if one is."""
+        return min((each.outcome for each in self.verdicts), key=WORST.index)
+
+    @property
+    def status(self) -> int:
+        """Exit status: 0 all pass, 3 one fails, 4 one is undecided and none fails."""
+        return STATUS[self.outcome]
+
+    def summary(self) -> dict[str, Any]:
+        """The judgement as JSON has it."""
+        return {"verdict": self.outcome, "verdicts": [asdict(each) for each in self.verdicts]}
+
+    def __str__(self) -> str:
+        return "\n".join(f"{each.quantity}: {each.outcome}: {each.reason}" for each in self.verdicts)
+
+
+def judge(of: Finished[Any] | Result | Run, limits: str | Path | Mapping[str, Any] | LimitsFile) -> Judgement:
+    """Judge a result by limits.
+
+    Args:
+        of: a finished run, its result, or a run on disk.
+        limits: the file of limits, or a mapping with the same tables.
+
+    Raises:
+        ConfigError: the limits are wrong, or the result has no such quantity, or one of another unit.
+        UsageError: the run has not ended.
+    """
+    asked = limits if isinstance(limits, LimitsFile) else read_limits(limits)
+    found = _quantities(of)
+    for name in asked.tables:
+        if name not in found:
+            raise ConfigError(f"{asked.where}: {UnknownName('quantity of this result', name, found)}")
+    return Judgement(tuple(_verdict(name, found[name], asked.of(name, found[name].unit)) for name in asked.tables))
+
+
+def _verdict(name: str, quantity: _Quantity, bounds: Bounds) -> LimitVerdict:
+    judged = [_of_value(name, each, quantity, bounds) for each in quantity.values]
+    if not judged:
+        judged = [_of_value(name, _Value(None, None), quantity, bounds)]
+    return min(judged, key=lambda each: (WORST.index(each.outcome), -(each.outside or 0.0)))
+
+
+def _of_value(name: str, value: _Value, quantity: _Quantity, bounds: Bounds) -> LimitVerdict:
+    unit, estimate, outcome = quantity.unit, value.estimate, UNDECIDED
+    outside = least = None
+    if estimate is not None:
+        decision = decide(estimate, bounds)
+        outcome, outside = decision.outcome, None if math.isnan(decision.outside) else decision.outside
+        least = deciding_u(estimate, bounds) if outcome == UNDECIDED else None
+        why = _reason(estimate, bounds, unit, decision, least)
+    elif value.value is not None:
+        why = f"{show(value.value, unit)} has no standard uncertainty, so the risk is not known"
+    else:
+        why = "there is no valid value"
+    if quantity.left_out:
+        why += f"; without {counted(quantity.left_out, 'point')} that are not valid"
+    return LimitVerdict(
+        quantity=name,
+        outcome=outcome,
+        value=value.value,
+        u=None if estimate is None else estimate.u,
+        unit=unit,
+        low=bounds.low,
+        high=bounds.high,
+        risk=bounds.risk,
+        prior=bounds.prior,
+        outside=outside,
+        deciding_u=least,
+        values=len(quantity.values),
+        point=value.point,
+        reason=why if value.point is None else f"point {value.point}: {why}",
+    )
+
+
+def _reason(estimate: Estimate, bounds: Bounds, unit: str, decision: Decision, least: float | None) -> str:
+    value, nearest = show(estimate.value, unit), bounds.nearest(estimate.value)
+    if math.isnan(decision.outside):
+        return f"{value} is so far from its prior that they contradict each other; state another prior"
+    told = f"outside with a probability of {percent(decision.outside)}"
+    if decision.outcome == PASS:
+        return f"{value} is {told}"
+    if decision.outcome == FAIL:
+        side = "below" if decision.below > decision.above else "above"
+        return f"{value} is {side} {show(nearest, unit)} with a probability of {percent(decision.outside)}"
+    band = guard_band(estimate, bounds)
+    if bounds.prior is None and abs(estimate.value - nearest) <= band:
+        told = f"within the guard band of {show(band, unit, 2)} on each side of {show(nearest, unit)}, {told}"
+    told = f"{value} is {told}, and the risk is {percent(bounds.risk)}"
+    if least is None:
+        return f"{told}; no uncertainty would decide it"
+    would = "pass" if bounds.hold(estimate.value) else "fail"
+    now = show(estimate.u, unit, 2)
+    return f"{told}; with a u of {show(least, unit, 2)} or less in the place of {now} it would {would}"
+
+
+def percent(probability: float) -> str:
+    """A probability for people."""
+    return f"{100 * probability:.3g} %"
