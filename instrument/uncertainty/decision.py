@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.uncertainty.budget import NODES, coverage_factor, scales
+from palpate.instrument.uncertainty.budget import coverage_factor, scales
 
 Outcome = Literal["pass", "fail", "undecided"]
 PASS: Outcome = "pass"
@@ -25,6 +25,7 @@ UNDECIDED: Outcome = "undecided"
 RISK = 0.05
 SMALLEST = 1e-9  # the smallest share of its uncertainty with which a value is asked whether it would be decided
 HALVINGS = 60
+NODES = 100  # normal distributions of which Student's is mixed where there is a prior
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +184,7 @@ def _mass(measured: Estimate, prior: NormalPrior, low: float, high: float) -> fl
     from scipy.special import ndtr
 
     value, found = measured.value, 0.0
-    variances, weights = scales(np.array([measured.degrees_of_freedom]), NODES[0])
+    variances, weights = scales(np.array([measured.degrees_of_freedom]), NODES)
     for width, (start, stop) in zip(measured.sides, ((-math.inf, value), (value, math.inf)), strict=True):
         first, last = max(low, start), min(high, stop)
         if first >= last:
