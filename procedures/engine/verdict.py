@@ -259,4 +259,4 @@ def _reason(estimate: Estimate, bounds: Bounds, unit: str, decision: Decision, l
 
 def percent(probability: float) -> str:
     """A probability for people."""
-    return f"{100 * probability:.3g} %"
+    return "below 0.001 %" if 0 < probability < 1e-5 else f"{100 * probability:.3g} %"

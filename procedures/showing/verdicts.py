@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from palpate.instrument.quantity import show, show_with_u
+from palpate.instrument.uncertainty.decision import PASS
 from palpate.procedures.engine.verdict import percent
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def print_verdicts(judged: Judgement, simulated: bool) -> None:
-    """Print each limit with its value and what was known beforehand, and a reason below the table."""
+    """Print each limit with its value and what was known beforehand, and below the table why one does not pass."""
     table = new_table(
         stamped(simulated, "Verdicts"), "limit", "value", "u", "low", "high", "risk", "prior", "outside", "verdict"
     )
@@ -22,7 +23,8 @@ def print_verdicts(judged: Judgement, simulated: bool) -> None:
         ends = ("-" if limit is None else show(limit, each.unit) for limit in (each.low, each.high))
         outside = "-" if each.outside is None else percent(each.outside)
         table.add_row(each.quantity, *_value(each), *ends, percent(each.risk), _prior(each), outside, each.outcome)
-    print_all(table, *(f"{each.outcome:<14} {each.quantity}: {each.reason}" for each in judged.verdicts))
+    others = (each for each in judged.verdicts if each.outcome != PASS)
+    print_all(table, *(f"{each.outcome:<14} {each.quantity}: {each.reason}" for each in others))
 
 
 def _value(verdict: LimitVerdict) -> tuple[str, str]:

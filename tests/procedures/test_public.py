@@ -97,6 +97,7 @@ SIGNATURES = {
     "gathered": "kind sources own",
     "get_design": "name",
     "get_sample": "name",
+    "judge": "of limits",
     "open_bench": "scene bench seed model log operator assume_mounted",
     "plan": "procedure bench",
     "read": "folder",
