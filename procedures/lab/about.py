@@ -54,7 +54,7 @@ def schema_in(folder: Path) -> dict[str, AboutKey] | None:
             raise ConfigError(f"{where}: is no table; write [{key}] on a line of its own")
         found[key] = check(table, AboutKey, where)
         if found[key].default:
-            _check_value(key, found[key].default, found[key], where)
+            _check_value(f"default of {key} in {path}", found[key].default, found[key], str(path))
     return found
 
 
