@@ -41,7 +41,7 @@ class Event:
         paused    message; the outputs are off until the run is resumed
         resumed   message
         promise   seconds (bench time that is left, by the plan), u (what the points so far
-                  give, asked again whenever their number has doubled; or None)
+                  give, asked again once there are four times as many; or None)
         ended     status (complete, stopped, failed; killed: the writing process is gone),
                   summary
 
