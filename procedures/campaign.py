@@ -48,7 +48,9 @@ from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.records.events import Listener
 from palpate.procedures.records.record import new_run_folder
-from palpate.procedures.records.run import Run, is_run, list_runs, storing
+from palpate.procedures.records.run import Run, storing
+from palpate.procedures.records.run_folder import is_run
+from palpate.procedures.records.run_list import list_runs
 from palpate.procedures.steps.pause import NOBODY
 
 STATE = "campaign.json"

@@ -17,8 +17,9 @@ from typing import Any, Literal
 
 from palpate.drivers.clock import WallClock
 from palpate.procedures.records.chain import NOTHING, ChainFile, check_holes, read_head
-from palpate.procedures.records.record_file import EVENT, HEAD_FILE, HEADER, POINT, RECORD, STATUS, as_json, named
-from palpate.procedures.records.run import is_written, telling_damage
+from palpate.procedures.records.record_file import EVENT, HEADER, POINT, STATUS, as_json, named
+from palpate.procedures.records.run import telling_damage
+from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_written
 
 Kind = Literal["begun", "planned", "step", "point", "incident", "paused", "resumed", "promise", "ended"]
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.quantity import counted
 from palpate.procedures.lab.about import about_of, as_text
-from palpate.procedures.records.damage import DamageReport, Repaired
-from palpate.procedures.records.run import Run, RunSummary
 from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, legend, new_table, number, print_all, stamped
 from palpate.procedures.steps.flags import FLAGS
+
+if TYPE_CHECKING:  # the list of runs needs no record to be read
+    from palpate.procedures.records.damage import DamageReport, Repaired
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import RunSummary
 
 TIME = "%Y-%m-%d %H:%M:%S"
 
