@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from palpate.procedures.engine.resume import resume
     from palpate.procedures.engine.run import plan, run
     from palpate.procedures.lab.open import open_bench
+    from palpate.procedures.lab.run_table import runs
     from palpate.procedures.measurements.characterise.procedure import Characterisation
     from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.measurements.frequency.procedure import FrequencySweep
@@ -75,6 +76,7 @@ _PLACES = {
     "procedures.engine.resume": "resume",
     "procedures.engine.run": "plan run",
     "procedures.lab.open": "open_bench",
+    "procedures.lab.run_table": "runs",
     "procedures.measurements.characterise.procedure": "Characterisation",
     "procedures.measurements.films.procedure": "FilmSeries",
     "procedures.measurements.frequency.procedure": "FrequencySweep",
@@ -128,6 +130,7 @@ __all__ = [
     "response",
     "resume",
     "run",
+    "runs",
     "unknown_object",
     "watch",
 ]

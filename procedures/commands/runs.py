@@ -148,12 +148,23 @@ for command in (resume, check, repair, install):
     runs.add_command(command)
 
 
-@runs.command("list", epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --out elsewhere --json")
+@runs.command(
+    "list",
+    epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --where 'batch = B7' --where 'points >= 10' --json",
+)
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
+@option(
+    "--where",
+    multiple=True,
+    metavar="'NAME = VALUE'",
+    help="Only runs for which this holds; NAME is what --about told, or one of run, procedure, started, status, "
+    "simulated, scene, seed, points and settings.NAME. May be given several times.",
+)
 @output_options
-def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
+def list_(out: Path | None, where: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
     from palpate.instrument.errors import UsageError
+    from palpate.procedures.lab.run_table import chosen
     from palpate.procedures.records.run_list import list_runs
     from palpate.procedures.showing.runs import print_runs, run_row
 
@@ -161,7 +172,7 @@ def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     folder = out or store()
     if not folder.is_dir() and (out is not None or folder.exists()):
         raise UsageError(f"{folder} is no folder; name one that holds runs with --out")
-    found = list_runs(folder)
+    found = [run for run, _ in chosen(list_runs(folder), where)]
     output.result(lambda: {"runs": [run_row(run) for run in found]}, lambda: print_runs(found, folder))
 
 

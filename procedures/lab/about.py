@@ -18,7 +18,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from palpate.instrument.config import Config, check, read_data
 from palpate.instrument.errors import ConfigError, UnknownName, UsageError, quoted
@@ -128,14 +127,3 @@ def _check_value(key: str, value: str, asked: AboutKey | None, where: str) -> No
         )
     if asked is not None and asked.values and value not in asked.values:
         raise UnknownName(f"{key}", value, asked.values)
-
-
-def about_of(header: Mapping[str, Any]) -> dict[str, str]:
-    """What a run says about itself, by the header of its record."""
-    found = header.get("about")
-    return dict(found) if isinstance(found, dict) else {}
-
-
-def as_text(about: Mapping[str, str]) -> str:
-    """What a run says about itself, in one line."""
-    return ", ".join(f"{key} {value}" for key, value in about.items())

@@ -70,6 +70,12 @@ class Run:
                 raise TypeError("its header does not say whether it is simulated")
             return cls(folder, header["procedure"], header["simulated"], started, status, header, summary)
 
+    @property
+    def about(self) -> dict[str, str]:
+        """What the run says about itself, by the lab's keys."""
+        found = self.header.get("about")
+        return dict(found) if isinstance(found, dict) else {}
+
     def points(self) -> list[dict[str, Any]]:
         """All points in order, as they were stored, with `id` and `bench_ns`; null is None."""
         with reading(self.folder) as stored:

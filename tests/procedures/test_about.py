@@ -101,3 +101,40 @@ def test_what_a_lab_does_not_want_is_refused_before_a_bench_is_opened(
     said = palpate(*COMMAND, *(part for each in given for part in ("--about", each)), "--out", "run")
     assert (said.status, told in said.err) == (2, True), said.err
     assert not Path("run").exists()
+
+
+def test_runs_are_found_again_by_what_they_say_and_what_they_are(store: Path, palpate: Palpate) -> None:
+    for batch, load in (("B6", "2 N"), ("B7", "2 N"), ("B7", "3 N")):
+        assert palpate(*COMMAND[:4], "--loads", load, "--about", f"batch = {batch}", "--quiet").status == 0
+    assert palpate("calibrate", "load-cell", "--quiet").status == 0
+
+    def found(*conditions: str) -> list[str | None]:
+        given = [part for each in conditions for part in ("--where", each)]
+        return [run["about"].get("batch") for run in palpate("runs", "list", "--json", *given).object["runs"]]
+
+    assert sorted(found("batch = B7")) == ["B7", "B7"]
+    assert found("batch != B7") == ["B6"]
+    assert found("procedure = calibrate-load-cell", "points >= 2") == [None]
+    assert found("points > 1000") == []
+    assert found("simulated = true", "batch=B6") == ["B6"]
+    said = palpate("runs", "list", "--where", "bach = B7")
+    assert (said.status, "unknown value of these runs 'bach' (did you mean 'batch'?)" in said.err) == (2, True)
+    said = palpate("runs", "list", "--where", "batch")
+    assert (said.status, "'batch' is no condition; give a name, one of" in said.err) == (2, True)
+
+
+def test_all_runs_of_a_store_are_one_table(store: Path) -> None:
+    with palpate.open_bench(about={"batch": "B7"}) as bench:
+        palpate.run(SWEEP, bench, out=store / "one")
+    with palpate.open_bench(scene="noisy_lab", seed=4) as bench:
+        palpate.run(SWEEP, bench, out=store / "other")
+    (store / "damaged").mkdir()
+    (store / "damaged" / "run.record").write_bytes(b"nothing")
+    table = palpate.runs().set_index("run")
+    assert table.loc["one", ["procedure", "status", "points", "scene", "batch"]].tolist() == [
+        "sweep-loads", "complete", 1, "thesis_single", "B7",
+    ]  # fmt: skip
+    assert (table.loc["other", "seed"], table.loc["damaged", "status"]) == (4, "damaged")
+    assert list(table.loc["one", "settings.loads"]) == [2.0]
+    assert palpate.runs(where=["scene = noisy_lab"])["run"].tolist() == ["other"]
+    assert len(palpate.runs(store / "nothing")) == 0
