@@ -30,7 +30,8 @@ from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import Fault, places, struck
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import SceneFile, shipped
+from palpate.simulators.scenes.heads import shipped
+from palpate.simulators.scenes.scene import SceneFile
 
 PLACE = re.compile(r"^<!-- generated: (\w+) -->$", flags=re.MULTILINE)
 

@@ -14,7 +14,6 @@ import importlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
 from typing import Any
 
 from palpate.instrument.errors import ConfigError, UnknownName, UsageError
@@ -58,6 +57,8 @@ class Addition:
 @cache
 def additions(group: str) -> Mapping[str, Sequence[Addition]]:
     """All additions to a group of entry points, sorted by name; a name with several additions is a conflict."""
+    from importlib.metadata import entry_points  # takes longer to import than many a command that has no use for it
+
     found: dict[str, list[Addition]] = {}
     for entry in sorted(entry_points(group=group), key=lambda entry: (entry.name, entry.value)):
         package, version = (entry.dist.name, entry.dist.version) if entry.dist is not None else ("", "")

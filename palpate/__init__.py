@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from palpate.procedures.engine.run import plan, run
     from palpate.procedures.engine.verdict import judge
     from palpate.procedures.lab.open import open_bench
+    from palpate.procedures.lab.run_table import runs
     from palpate.procedures.measurements.characterise.procedure import Characterisation
     from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.measurements.frequency.procedure import FrequencySweep
@@ -77,6 +78,7 @@ _PLACES = {
     "procedures.engine.run": "plan run",
     "procedures.engine.verdict": "judge",
     "procedures.lab.open": "open_bench",
+    "procedures.lab.run_table": "runs",
     "procedures.measurements.characterise.procedure": "Characterisation",
     "procedures.measurements.films.procedure": "FilmSeries",
     "procedures.measurements.frequency.procedure": "FrequencySweep",
@@ -131,6 +133,7 @@ __all__ = [
     "response",
     "resume",
     "run",
+    "runs",
     "unknown_object",
     "watch",
 ]

@@ -25,9 +25,9 @@ from palpate.procedures.records import chain
 from palpate.procedures.records.chain import AROUND
 from palpate.procedures.records.damage import check, salvaging
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run, reading
+from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
 from palpate.procedures.study.run import CellOutcome, Store, stored
 
 Files = dict[str, bytes]

@@ -30,7 +30,8 @@ from palpate.instrument.quantity import Unit
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import places, struck
-from palpate.simulators.scenes.scene import RigParameters, SceneFile, shipped
+from palpate.simulators.scenes.heads import shipped
+from palpate.simulators.scenes.scene import RigParameters, SceneFile
 
 HOSTILE = (0.0, -1.0, 1e-308, -1e-308, 1e308, -1e308, math.nan, math.inf)
 STEEP = tuple(sign * 10.0**power for power in (-100, -30, -12, -6, -3, 3, 6, 12, 30, 100) for sign in (1, -1))

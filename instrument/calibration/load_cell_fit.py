@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from palpate.instrument.calibration.classification import (
 )
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_curve import load_cell_curve
-from palpate.instrument.config import check
+from palpate.instrument.config import check, read_hashed
 
 STANDARD_GRAVITY = 9.80665
 """m/s², turns the gram-force of dead weights into newtons."""
@@ -104,23 +105,9 @@ def _greatest(values: npt.NDArray[np.float64] | None) -> float | None:
     return None if values is None else float(values.max())
 
 
-THESIS_LOAD_CELL = calibrate_load_cell(
-    np.arange(140.0, 741.0, 100.0) * 1e-3 * STANDARD_GRAVITY,
-    [
-        WeightRun(
-            0.0,
-            np.array([16.0, 26.0, 36.0, 47.0, 56.0, 67.0, 77.0]),
-            np.array([16.0, 26.0, 36.0, 46.0, 57.0, 66.0, 76.0]),
-        )
-    ],
-    1.0,
-    gage_factor=8.98,
-    device="thesis load cell",
-    simulated=False,
-    source="thesis Table 5.1",
-    created="not recorded",
-)
+THESIS_LOAD_CELL = read_hashed(Path(__file__).with_name("thesis_load_cell.toml"), LoadCellCalibration)
 """Load cell of thesis Table 5.1 [T]: 10.306 ± 0.056 mV/N, zero 1.81 mV, resolution 1 mV.
 
-A simulated bench without a calibration of its own uses it.
+A simulated bench without a calibration of its own uses it. It is stored, since every command would fit it anew;
+`tests/instrument/test_calibration.py` fits it to the table and compares.
 """

@@ -9,14 +9,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Self
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Self
 
 from palpate.instrument.errors import RangeError
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:  # the designs are known before numpy is imported, which takes longer than to list the scenes
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +42,16 @@ class FilmMaterial:
 
     def __post_init__(self) -> None:
         numbers = (*self.compliance, *self.strain, self.permittivity)
-        if not all(map(math.isfinite, numbers)) or min(np.linalg.eigvalsh(self._compliance())) <= 0:
+        s11, s22, s33, s23, s13, s12 = self.compliance[:6]
+        d31, d32, d33 = self.strain
+        # the minors of the compliance, all of which are above 0 if the matrix is positive definite
+        m11, m22, m33 = s22 * s33 - s23**2, s11 * s33 - s13**2, s11 * s22 - s12**2
+        m23, m13, m12 = s12 * s13 - s11 * s23, s12 * s23 - s13 * s22, s13 * s23 - s12 * s33
+        determinant = s11 * m11 + s12 * m12 + s13 * m13
+        if not all(map(math.isfinite, numbers)) or min(s11, m33, determinant) <= 0:
             raise RangeError(f"film material {self.name!r}: its compliances are no stable material's; give others")
-        if min(self.compliance[6:]) <= 0 or not self.stiff()[2] > 0:
+        energy = d31**2 * m11 + d32**2 * m22 + d33**2 * m33 + 2 * (d32 * d33 * m23 + d31 * d33 * m13 + d31 * d32 * m12)
+        if min(self.compliance[6:]) <= 0 or not self.permittivity * determinant > energy:
             raise RangeError(
                 f"film material {self.name!r}: shear compliances and the permittivity at constant strain must be"
                 " above 0; give others"
@@ -80,6 +88,8 @@ class FilmMaterial:
     @property
     def law(self) -> Array:
         """Stress of axes a and d by the derivative along axis e of the displacement along axis b [Pa], (3, 3, 3, 3)."""
+        import numpy as np
+
         law: Array = np.einsum("ab,ad,be->adbe", self.stiff()[0], np.eye(3), np.eye(3))
         for (a, d), shear in zip(((1, 2), (0, 2), (0, 1)), self.shear, strict=True):
             law[a, d, a, d] = law[a, d, d, a] = law[d, a, a, d] = law[d, a, d, a] = shear
@@ -87,6 +97,8 @@ class FilmMaterial:
 
     def stiff(self) -> tuple[Array, Array, float]:
         """Stiffness c [Pa] (3, 3), piezoelectric e = d c [C/m2] (3,), permittivity at constant strain [F/m]."""
+        import numpy as np
+
         stiffness: Array = np.linalg.inv(self._compliance()).astype(np.float64)
         strain = np.array(self.strain)
         stress: Array = strain @ stiffness
@@ -101,6 +113,8 @@ class FilmMaterial:
         return replace(self, compliance=compliance, strain=((d31 + d32) / 2, (d31 + d32) / 2, d33))
 
     def _compliance(self) -> Array:
+        import numpy as np
+
         s11, s22, s33, s23, s13, s12 = self.compliance[:6]
         return np.array([[s11, s12, s13], [s12, s22, s23], [s13, s23, s33]])
 

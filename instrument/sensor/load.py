@@ -6,18 +6,21 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import TYPE_CHECKING
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.sensor.sample import Sample
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 # --- Checks of numbers that designs and models share, with their messages ------------------------------
 
 
 def require_positive(value: ArrayLike, label: str, unit: str, of: str = "") -> None:
     """Check that a number, or each number of an array, is above 0 and finite. Raises RangeError."""
+    import numpy as np  # not with the module: designs are known before
+
     values = np.atleast_1d(np.asarray(value, dtype=np.float64))
     bad = ~((values > 0) & np.isfinite(values))
     if bad.any():

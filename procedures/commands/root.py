@@ -13,6 +13,7 @@ import click
 from palpate.procedures.commands.accuracy import accuracy
 from palpate.procedures.commands.bus import bus
 from palpate.procedures.commands.calibrate import calibrate
+from palpate.procedures.commands.campaign import campaign
 from palpate.procedures.commands.characterise import characterise
 from palpate.procedures.commands.contracts import contracts
 from palpate.procedures.commands.judge import judge
@@ -56,7 +57,7 @@ def palpate() -> None:
 
 for group in (
     sweep, study, calibrate, test, softness, characterise, measure, judge, serve, runs, contracts, model, scene,
-    reproduce, accuracy, new, bus,
+    reproduce, accuracy, new, bus, campaign,
 ):  # fmt: skip
     palpate.add_command(group)
 

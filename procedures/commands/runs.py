@@ -33,7 +33,7 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
     or changed row is found. A run that has not ended is not damaged.
     """
     from palpate.procedures.records.damage import check as look_over
-    from palpate.procedures.records.run import find_run
+    from palpate.procedures.records.run_list import find_run
     from palpate.procedures.showing.runs import check_object, print_check
 
     output = Output(as_json, quiet)
@@ -53,7 +53,7 @@ def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
     is lost. A run that lost only its end can be resumed.
     """
     from palpate.procedures.records.damage import repair as salvage
-    from palpate.procedures.records.run import find_run
+    from palpate.procedures.records.run_list import find_run
     from palpate.procedures.showing.runs import print_repaired, repaired_object
 
     output = Output(as_json, quiet)
@@ -77,7 +77,8 @@ def install(run: str, as_json: bool, quiet: bool) -> None:
     from datetime import UTC, datetime
 
     from palpate.procedures.lab.calibrations import install_of
-    from palpate.procedures.records.run import Run, find_run
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))
@@ -116,7 +117,8 @@ def resume(
     from palpate.procedures.engine.catalogue import class_of
     from palpate.procedures.engine.resume import begun, go_on
     from palpate.procedures.lab.operator import keyboard
-    from palpate.procedures.records.run import Run, find_run
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import find_run
 
     opened = Run.open(find_run(run, store()))
     output = Output(as_json, quiet, progress)
@@ -146,20 +148,31 @@ for command in (resume, check, repair, install):
     runs.add_command(command)
 
 
-@runs.command("list", epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --out elsewhere --json")
+@runs.command(
+    "list",
+    epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --where 'batch = B7' --where 'points >= 10' --json",
+)
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
+@option(
+    "--where",
+    multiple=True,
+    metavar="'NAME = VALUE'",
+    help="Only runs for which this holds; NAME is what --about told, or one of run, procedure, started, status, "
+    "simulated, scene, seed, points and settings.NAME. May be given several times.",
+)
 @output_options
-def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
+def list_(out: Path | None, where: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
     from palpate.instrument.errors import UsageError
-    from palpate.procedures.records.run import list_runs
+    from palpate.procedures.lab.run_table import chosen
+    from palpate.procedures.records.run_list import list_runs
     from palpate.procedures.showing.runs import print_runs, run_row
 
     output = Output(as_json, quiet)
     folder = out or store()
     if not folder.is_dir() and (out is not None or folder.exists()):
         raise UsageError(f"{folder} is no folder; name one that holds runs with --out")
-    found = list_runs(folder)
+    found = [run for run, _ in chosen(list_runs(folder), where)]
     output.result(lambda: {"runs": [run_row(run) for run in found]}, lambda: print_runs(found, folder))
 
 
@@ -175,7 +188,8 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     Every row is checked against its hash. Runs with the same measured values have the same digest. The
     digest of signals counts settings, times and waveforms alone, and is the same by any arithmetic.
     """
-    from palpate.procedures.records.run import Run, find_run
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import find_run
     from palpate.procedures.showing.runs import print_run, run_object
 
     output = Output(as_json, quiet)
@@ -194,7 +208,8 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""
     from palpate.procedures.records.export import export as export_run
-    from palpate.procedures.records.run import Run, find_run
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))

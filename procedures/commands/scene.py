@@ -87,7 +87,7 @@ scene.add_command(explain)
 @output_options
 def list_(as_json: bool, quiet: bool) -> None:
     """List the scenes that come with palpate, with the purpose of each."""
-    from palpate.procedures.virtual.explained import all_shipped, print_list
+    from palpate.procedures.virtual.scene_list import all_shipped, print_list
 
     output = Output(as_json, quiet)
     scenes = all_shipped()

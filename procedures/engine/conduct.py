@@ -19,6 +19,7 @@ from palpate.procedures.records.record import MEASURED, Recorder
 from palpate.procedures.steps.beside import Surroundings
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
 
+ASKED_AT = frozenset(4**n for n in range(16))  # numbers of points at which the uncertainty so far is asked: it halves
 ENOUGH = "enough"  # kind of the event that a run has before it ends ahead of its plan
 
 
@@ -125,7 +126,7 @@ class _Promise:
     def point(self, number: int, points: Sequence[object]) -> None:
         """Tell what is left with so many steps behind, and these points."""
         if self._heard:
-            if len(points).bit_count() == 1:
+            if len(points) in ASKED_AT:
                 self._u = self._reached(points)
             self._tell(number)
 

@@ -19,7 +19,8 @@ from palpate.procedures.lab.store import store
 from palpate.procedures.records.events import Listener
 from palpate.procedures.records.record import MEASURED, put_file
 from palpate.procedures.records.resumed import Resumed, header_of
-from palpate.procedures.records.run import Run, find_run
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import find_run
 from palpate.procedures.steps.pause import NOBODY, Pause
 
 if TYPE_CHECKING:

@@ -18,7 +18,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from palpate.instrument.config import Config, check, read_data
 from palpate.instrument.errors import ConfigError, UnknownName, UsageError, quoted
@@ -54,7 +53,7 @@ def schema_in(folder: Path) -> dict[str, AboutKey] | None:
             raise ConfigError(f"{where}: is no table; write [{key}] on a line of its own")
         found[key] = check(table, AboutKey, where)
         if found[key].default:
-            _check_value(key, found[key].default, found[key], where)
+            _check_value(f"default of {key} in {path}", found[key].default, found[key], str(path))
     return found
 
 
@@ -128,14 +127,3 @@ def _check_value(key: str, value: str, asked: AboutKey | None, where: str) -> No
         )
     if asked is not None and asked.values and value not in asked.values:
         raise UnknownName(f"{key}", value, asked.values)
-
-
-def about_of(header: Mapping[str, Any]) -> dict[str, str]:
-    """What a run says about itself, by the header of its record."""
-    found = header.get("about")
-    return dict(found) if isinstance(found, dict) else {}
-
-
-def as_text(about: Mapping[str, str]) -> str:
-    """What a run says about itself, in one line."""
-    return ", ".join(f"{key} {value}" for key, value in about.items())

@@ -14,7 +14,6 @@ from palpate.instrument.bench.operator import Operator
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.errors import UsageError
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.lab.about import about_of
 from palpate.procedures.lab.lab import Target, with_kinds
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, Mounting, check_somebody
@@ -48,7 +47,7 @@ class Chosen:
     @classmethod
     def of_log(cls, logged: LoggedRun) -> Chosen:
         """The bench whose answers a log holds."""
-        return cls(logged.wire.description, logged.scene, logged=logged, about=about_of(logged.run.header))
+        return cls(logged.wire.description, logged.scene, logged=logged, about=logged.run.about)
 
     @property
     def target(self) -> Target:

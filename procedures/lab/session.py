@@ -23,7 +23,6 @@ from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.console.terminal import say
-from palpate.procedures.lab.about import about_of
 from palpate.procedures.lab.before import BEFORE
 from palpate.procedures.lab.lab import Lab, owner
 from palpate.procedures.lab.logged import load_cell_in, mountings_in
@@ -174,8 +173,8 @@ class Session:
             "predicted_results": [],
             "achieved_results": [],
         }
-        if about := about_of(self.begun) or dict(self.opened.chosen.about):
-            found["about"] = about
+        if about := self.begun.get("about", self.opened.chosen.about):
+            found["about"] = dict(about)
         if asked := lab.bench.description.beside:
             found["beside"] = summed_up(asked, Run.open(self.record.folder).points())
         return {**found, **_reduced(scene)}

@@ -17,8 +17,9 @@ from typing import Any, Literal
 
 from palpate.drivers.clock import WallClock
 from palpate.procedures.records.chain import NOTHING, ChainFile, check_holes, read_head
-from palpate.procedures.records.record_file import EVENT, HEAD_FILE, HEADER, POINT, RECORD, STATUS, as_json, named
-from palpate.procedures.records.run import is_written, telling_damage
+from palpate.procedures.records.record_file import EVENT, HEADER, POINT, STATUS, as_json, named
+from palpate.procedures.records.run import telling_damage
+from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_written
 
 Kind = Literal["begun", "planned", "step", "point", "incident", "paused", "resumed", "promise", "ended"]
 
@@ -29,21 +30,24 @@ SETTINGS = ("procedure", "simulated", "started", "scene", "seed", "settings", "p
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened in a run.
+    """Something that happened in a run. What `data` holds follows from the kind::
+
+        begun     run (folder), points (stored by an earlier part of the run), and of the
+                  record's header procedure, simulated, started, scene, seed, settings
+        planned   points (number), seconds (bench time of the whole), u (relative standard
+                  uncertainty of the result; or None)
+        step      number (of points that are taken), points (of all), what (is done now)
+        point     id (1, 2, 3, …), values (those of the point in the record)
+        incident  of (kind of the record's event: incident, caution, …), message
+        paused    message; the outputs are off until the run is resumed
+        resumed   message
+        promise   seconds (bench time that is left, by the plan), u (what the points so far
+                  give, asked again once there are four times as many; or None)
+        ended     status (complete, stopped, failed; killed: the writing process is gone),
+                  summary
 
     Attributes:
-        kind: what it is; it decides what `data` holds:
-            begun: `run` (folder), `points` (number that an earlier part of the run stored), and of the record's header
-                `procedure`, `simulated`, `started`, `scene` (its name, or None), `seed`, `settings`.
-            planned: `points` (number), `seconds` (bench time of the whole), `u` (relative standard uncertainty of the
-                result, or None).
-            step: `number` (points that are taken), `points` (of all), `what` (is done now, for people).
-            point: `id` (1, 2, 3, …) and `values`, those of the point in the record.
-            paused, resumed: `message`. The outputs are off in between.
-            incident: `of` (kind of the record's event, as "incident", "caution", "rejected"), and `message`.
-            promise: `seconds` (bench time that is left, by the plan), `u` (what the points so far give, asked again
-                whenever their number has doubled; or None).
-            ended: `status` ("complete", "stopped", "failed"; "killed" where the writing process is gone), `summary`.
+        kind: what it is.
         bench_ns: bench time [ns].
         data: what is told of it: values of JSON under the names above.
     """

@@ -26,8 +26,6 @@ from palpate.instrument.own_process import Ends
 from palpate.procedures.records.chain import ChainWriter, Content, create
 from palpate.procedures.records.events import Event, Kind, Listener, events_of, unheard
 from palpate.procedures.records.record_file import (
-    HEAD_FILE,
-    RECORD,
     SIMULATED,
     WAVE,
     Waveforms,
@@ -37,7 +35,8 @@ from palpate.procedures.records.record_file import (
     point_frames,
     status_frame,
 )
-from palpate.procedures.records.run import is_run, reading, storing
+from palpate.procedures.records.run import reading, storing
+from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_run
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 PAUSED = "paused"  # kind of the event that a pause begins with

@@ -28,8 +28,8 @@ import numpy as np
 from palpate.instrument.errors import RangeError
 from palpate.procedures.records import chain
 from palpate.procedures.records.chain import LARGEST_ROW, ChainFile, Content, HashChain, Head, RecordFrame
+from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
 
-RECORD, HEAD_FILE = "run.record", "run.head"
 FORMAT = 4
 HEADER, WAVE, POINT, EVENT, STATUS = b"HEAD", b"WAVE", b"POIN", b"EVNT", b"STAT"
 SIMULATED = 1

@@ -1,4 +1,4 @@
-"""A run on disk, for reading, and the runs of a store.
+"""A run on disk, for reading.
 
 A run is a folder with `run.record` and `run.head` (`record_file.py`); copy both. Reading never changes a run; it works
 while the run is being written, and in a folder that is read-only. `record.py` writes runs.
@@ -8,22 +8,21 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 
-from palpate.instrument.errors import RecordError, UnknownName, UsageError, check_path, reason
+from palpate.instrument.errors import RecordError, UnknownName, check_path, reason
 from palpate.procedures.records import record_file
-from palpate.procedures.records.chain import check_holes, read_head
-from palpate.procedures.records.record_file import HEAD_FILE, RECORD, Status, Waveform
+from palpate.procedures.records.chain import check_holes
+from palpate.procedures.records.record_file import Status, Waveform
+from palpate.procedures.records.run_folder import RECORD
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,6 +69,12 @@ class Run:
             if not isinstance(header["simulated"], bool):
                 raise TypeError("its header does not say whether it is simulated")
             return cls(folder, header["procedure"], header["simulated"], started, status, header, summary)
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What the run says about itself, by the lab's keys."""
+        found = self.header.get("about")
+        return dict(found) if isinstance(found, dict) else {}
 
     def points(self) -> list[dict[str, Any]]:
         """All points in order, as they were stored, with `id` and `bench_ns`; null is None."""
@@ -158,51 +163,6 @@ def read(folder: str | Path) -> Run:
     return Run.open(Path(folder))
 
 
-def is_run(folder: Path) -> bool:
-    """Whether a folder holds a run or what is left of one; not if its writer was killed before the run had begun."""
-    if _is_there(folder / RECORD):
-        return True
-    head = read_head(folder / HEAD_FILE)[0]
-    return head is not None and head.frames > 0
-
-
-def _is_there(path: Path) -> bool:
-    """Whether anything has that name, even a broken link or a file that may not be read; its reader reports that."""
-    try:
-        path.lstat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    except OSError:
-        return True
-    return True
-
-
-def is_written(folder: Path) -> bool:
-    """Whether a process is writing the run in a folder. It is asked for an instant only, so that none is kept out."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    finally:
-        os.close(handle)
-    return False
-
-
-def last_modified(folder: Path) -> datetime:
-    """Time of the last write to any file in a folder; to the folder itself where its files may not be listed."""
-    times = [0.0]
-    with contextlib.suppress(OSError):
-        times = [folder.lstat().st_mtime]
-        times = [path.lstat().st_mtime for path in folder.iterdir()] or times
-    return datetime.fromtimestamp(max(times), UTC)
-
-
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[record_file.Record]:
     """Open a run as it is now for reading. Raises RecordError, also for damage that is found inside the block."""
@@ -260,54 +220,3 @@ def _add_waveforms(total: hashlib._Hash, waveforms: Iterable[Waveform]) -> None:
     for waveform in waveforms:
         row = (waveform.point_id, waveform.name, waveform.rate, waveform.samples.size)
         total.update(json.dumps(row).encode() + b"\n" + waveform.samples.tobytes())
-
-
-# --- the runs of a store -------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class RunSummary:
-    """A line in a list of runs. Of a damaged run only `folder`, `started` (time of its file) and `fault` are known."""
-
-    folder: Path
-    started: datetime
-    procedure: str = ""
-    simulated: bool | None = None
-    status: Status | Literal["damaged"] = "damaged"
-    points: int = 0
-    fault: str = ""
-
-
-def list_runs(store: Path) -> list[RunSummary]:
-    """The runs in `store`, newest first; folders without a run are left out."""
-    runs = [_summary(folder) for folder in _folders(store)]
-    return sorted(runs, key=lambda run: (run.started, run.folder.name), reverse=True)
-
-
-def _summary(folder: Path) -> RunSummary:
-    try:
-        run = Run.open(folder)
-        with reading(run.folder) as stored:
-            points = stored.count()
-    except RecordError as error:
-        return RunSummary(folder, last_modified(folder), fault=str(error))
-    return RunSummary(folder, run.started, run.procedure, run.simulated, run.status, points)
-
-
-def _folders(store: Path) -> Iterator[Path]:
-    return (path for path in store.glob("*") if path.is_dir() and is_run(path))
-
-
-def find_run(text: str, store: Path) -> Path:
-    """The folder of the run that `text` names: a path, or a name in `store`.
-
-    Raises:
-        UnknownName: there is no such run; the message lists the runs of the store. UsageError: it is a file.
-    """
-    check_path(Path(text))
-    for folder in (Path(text), store / text):
-        if is_run(folder):
-            return folder
-    if Path(text).is_file():
-        raise UsageError(f"{text} is a file, and no run; give the folder of a run")
-    raise UnknownName("run", text, (path.name for path in _folders(store)))

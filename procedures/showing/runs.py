@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.quantity import counted
-from palpate.procedures.lab.about import about_of, as_text
-from palpate.procedures.records.damage import DamageReport, Repaired
-from palpate.procedures.records.run import Run, RunSummary
-from palpate.procedures.showing.text import MOUNTING, STAMP, blocks, legend, new_table, number, print_all, stamped
+from palpate.procedures.showing.text import (
+    MOUNTING,
+    STAMP,
+    about_itself,
+    blocks,
+    legend,
+    new_table,
+    number,
+    print_all,
+    stamped,
+)
 from palpate.procedures.steps.flags import FLAGS
+
+if TYPE_CHECKING:  # the list of runs needs no record to be read
+    from palpate.procedures.records.damage import DamageReport, Repaired
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import RunSummary
 
 TIME = "%Y-%m-%d %H:%M:%S"
 
@@ -38,6 +50,7 @@ def run_row(run: RunSummary) -> dict[str, Any]:
         "status": run.status,
         "points": run.points,
         "fault": run.fault or None,
+        "about": dict(run.header.get("about", {})),
     }
 
 
@@ -77,7 +90,7 @@ def print_run(run: Run, digest: str, signal_digest: str) -> None:
         f"status       {run.status}",
         *([f"procedure    {run.procedure}, from {_origin(run)}"] if "procedure_from" in run.header else []),
         f"started      {run.started:{TIME}} UTC",
-        *([f"about        {as_text(about)}"] if (about := about_of(run.header)) else []),
+        *([f"about        {about_itself(run.about)}"] if run.about else []),
         f"seed         {number(run.header.get('seed'))}",
         f"calibration  {source or '-'}",
         f"mounting     {MOUNTING.get(str(mounting), mounting or '-')}",

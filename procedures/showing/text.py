@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.console.terminal import console
-from palpate.procedures.lab.about import as_text
 from palpate.procedures.steps.beside import sentence
 from palpate.procedures.steps.flags import FLAGS, Judged
 
@@ -117,10 +116,15 @@ MOUNTING: dict[str, str] = {  # how samples, weights and the like were mounted; 
 }
 
 
+def about_itself(about: Mapping[str, str]) -> str:
+    """What a run says about itself, in one line."""
+    return ", ".join(f"{key} {value}" for key, value in about.items())
+
+
 def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
     """Lines about a run: its calibrations, its time, its folder and its plot."""
     named = {
-        "about": as_text(outcome.get("about", {})),
+        "about": about_itself(outcome.get("about", {})),
         "calibration": outcome["calibration"],
         "films": outcome.get("film_calibration"),
         "mounting": MOUNTING.get(outcome["mounting"]),

@@ -7,14 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.bench.beside import Beside
 from palpate.instrument.errors import BenchError, UnknownName
-from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.flags import SURROUNDINGS, Judged
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+
+    from palpate.drivers.bench import Bench
+    from palpate.instrument.bench.beside import Beside
+    from palpate.procedures.records.record import Recorder
 
 P = TypeVar("P", bound="DataclassInstance")
 

@@ -24,7 +24,8 @@ from palpate.procedures.lab.operator import ConsoleOperator
 from palpate.procedures.testing.wire import Traffic
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene, with_faults
-from palpate.simulators.scenes.scene import Scene, shipped
+from palpate.simulators.scenes.heads import shipped
+from palpate.simulators.scenes.scene import Scene
 
 CYCLE = 0.002  # s that closing a bus waits; short, because tests close many
 

@@ -16,7 +16,8 @@ from palpate.simulators.planning.prices import PRICE, PRICE_OF, PriceLine, Progr
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import waveforms
 from palpate.simulators.planning.weights import DRAWS, Weight, priced, weigh
-from palpate.simulators.scenes.scene import Scene, shipped
+from palpate.simulators.scenes.heads import Head, head_of
+from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,58 +30,26 @@ if TYPE_CHECKING:
 __all__ = ["GROUP", "effect_names"]
 
 
-# --- Lists the scenes, shows all parameters of one, and checks whether it can be simulated -------------
+# --- Shows all parameters of one, and checks whether it can be simulated -------------
 
 SHOWN = 12  # digits
-
-
-def all_shipped() -> list[dict[str, Any]]:
-    """A row for JSON about each scene that comes with palpate."""
-    return [_head(read_scene(name)) for name in shipped()]
 
 
 def parameters(scene: str) -> dict[str, Any]:
     """All parameters of a scene, for JSON. Raises ConfigError, UnknownName: the scene is wrong."""
     chosen = read_scene(scene)
     return {
-        **_head(chosen),
+        **head_of(chosen),
         "rig": chosen.rig.model_dump(mode="json"),
         "parameters": {name: effect.model_dump(mode="json") for name, effect in chosen.effects.items()},
     }
 
 
-def run_briefly(scene: str) -> dict[str, Any]:
+def run_briefly(scene: str) -> Head:
     """Simulate a scene for a moment; a row for JSON about it. Raises PalpateError: it cannot be simulated."""
     chosen = read_scene(scene)
     waveforms(chosen, Question(), periods=1)
-    return _head(chosen)
-
-
-def _head(scene: Scene) -> dict[str, Any]:
-    return {
-        "scene": scene.name,
-        "purpose": scene.purpose,
-        "design": scene.design.name,
-        "model": scene.model,
-        "parameter_set": scene.file.parameters,
-        "seed": scene.seed,
-        "nodes": scene.nodes,
-        "effects": list(scene.effects),
-    }
-
-
-def print_list(scenes: Sequence[dict[str, Any]]) -> None:
-    """Print a row for each scene, with its purpose."""
-    from rich.table import Table
-
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for column in ("scene", "design", "nodes", "effects", "purpose"):
-        table.add_column(column, justify="right" if column in ("nodes", "effects") else "left")
-    for scene in scenes:
-        table.add_row(
-            scene["scene"], scene["design"], str(scene["nodes"]), str(len(scene["effects"])), scene["purpose"]
-        )
-    console().print(table)
+    return head_of(chosen)
 
 
 def print_scene(scene: dict[str, Any]) -> None:

@@ -21,8 +21,8 @@ from palpate.instrument.errors import BenchError, PalpateError, RangeError, Usag
 from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.console.terminal import console, say
-from palpate.procedures.records.record_file import RECORD
 from palpate.procedures.records.run import storing
+from palpate.procedures.records.run_folder import RECORD
 from palpate.procedures.virtual.person import Person, TransactionRate, status
 from palpate.simulators.bench import NAMED, BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.bench.description import placed
 from palpate.instrument.config import check, read_data
-from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.response import AUTO
@@ -21,7 +20,8 @@ from palpate.simulators.effects import EFFECTS, effect_class, effect_names, in_o
 from palpate.simulators.guests import Guest, guests
 from palpate.simulators.physics.effect import Bound, Effect
 from palpate.simulators.physics.in_order import rival
-from palpate.simulators.scenes.scene import ON, WHEN, Scene, SceneFile, load_of, shipped
+from palpate.simulators.scenes.heads import fewest_nodes, shipped
+from palpate.simulators.scenes.scene import ON, WHEN, Scene, SceneFile, load_of
 
 if TYPE_CHECKING:
     from palpate.simulators.faults.fault import Fault
@@ -52,7 +52,7 @@ def scene_of(file: SceneFile, path: Path) -> Scene:
         model, tolerance, why = _chosen(design, file)
     except (UnknownName, RangeError) as error:
         raise ConfigError(f"{path}: {error}") from None
-    needed = max(place(film.channel)[0] for film in design.films)
+    needed = fewest_nodes(design)
     if file.nodes is not None and file.nodes < needed:
         raise ConfigError(
             f"{path}: nodes: {file.nodes} cannot take the {len(design.films)} films of design {design.name!r};"

@@ -8,8 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from importlib import resources
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
@@ -215,9 +213,3 @@ def load_of(file: SceneFile, sample: Sample) -> Load:
     if file.parameters is None:
         return Load(force=1.0, sensed=sample)
     return get_parameter_set(file.parameters, file.model).load(sample.modulus)
-
-
-def shipped() -> dict[str, Path]:
-    """The scenes that come with palpate, by name."""
-    folder = Path(str(resources.files("palpate.simulators.scenes")))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}

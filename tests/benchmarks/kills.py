@@ -16,8 +16,8 @@ from pathlib import Path
 
 from palpate.instrument.errors import RecordError
 from palpate.procedures.records.damage import check
-from palpate.procedures.records.record_file import RECORD
 from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_folder import RECORD
 from tests.benchmarks.row import Row
 from tests.kills import Commands
 

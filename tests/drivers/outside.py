@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import metadata
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -22,7 +23,7 @@ def installed(*names: str) -> Iterator[list[EntryPoint]]:
     with pytest.MonkeyPatch.context() as patch:
         for name in names:
             patch.syspath_prepend(str(EXAMPLES / name))
-        patch.setattr(modules, "entry_points", lambda group: entries if group == kinds.GROUP else [])
+        patch.setattr(metadata, "entry_points", lambda group: entries if group == kinds.GROUP else [])
         modules.additions.cache_clear()
         yield entries
     modules.additions.cache_clear()

@@ -29,7 +29,7 @@ from palpate.instrument.models import price_list
 from palpate.instrument.models.finite_elements.kept import SUFFIX, read
 from palpate.instrument.models.stored.surface import STORED, RoundMesh, SolidMesh
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import shipped
+from palpate.simulators.scenes.heads import shipped
 from tests.fuzz.quantities import value_of
 from tests.fuzz.target import Target, require
 

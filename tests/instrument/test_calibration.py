@@ -13,14 +13,16 @@ from palpate.instrument.calibration.calibration import CalibrationOwner
 from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL, calibrate_load_cell
+from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import ConfigError, EstimateError, RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.interpolation import best_degree, interpolate
 
-# Thesis Table 5.1 [T]: dead weights in gf, mean of loading and unloading in counts of 1 mV.
-WEIGHTS_N = np.array([140, 240, 340, 440, 540, 640, 740]) * 1e-3 * 9.80665
-MEANS_MV = np.array([16, 26, 36, 46.5, 56.5, 66.5, 76.5])
+# Thesis Table 5.1 [T]: dead weights in gf, readings in counts of 1 mV while they are put on and taken off.
+WEIGHTS_N = np.arange(140.0, 741.0, 100.0) * 1e-3 * STANDARD_GRAVITY
+LOADING_MV = np.array([16.0, 26.0, 36.0, 47.0, 56.0, 67.0, 77.0])
+UNLOADING_MV = np.array([16.0, 26.0, 36.0, 46.0, 57.0, 66.0, 76.0])
+MEANS_MV = (LOADING_MV + UNLOADING_MV) / 2
 
 
 def calibrate(
@@ -46,6 +48,21 @@ def calibrate(
         created="2020-01-01T00:00:00Z",
         expires="2021-01-01",
     )
+
+
+def test_the_stored_load_cell_is_what_the_fit_makes_of_table_5_1() -> None:
+    fitted = calibrate_load_cell(
+        WEIGHTS_N,
+        [WeightRun(0.0, LOADING_MV, UNLOADING_MV)],
+        1.0,
+        gage_factor=8.98,
+        device="thesis load cell",
+        simulated=False,
+        source="thesis Table 5.1",
+        created="not recorded",
+    )
+    assert fitted == THESIS_LOAD_CELL
+    assert fitted.sha256() == THESIS_LOAD_CELL.sha256()
 
 
 def test_table_5_1_gives_10_306_counts_per_newton_and_a_zero_of_1_81_counts() -> None:

@@ -27,7 +27,8 @@ from palpate.procedures.records.chain import (
     packed,
 )
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.record_file import RECORD, SIMULATED
+from palpate.procedures.records.record_file import SIMULATED
+from palpate.procedures.records.run_folder import RECORD
 
 CHAIN = b"0123456789abcdef"
 FRAMES: list[Content] = [(b"PART", 3, [b"first ", b"content"]), (b"MORE", 4, [b"second"])]

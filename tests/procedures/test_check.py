@@ -14,8 +14,8 @@ from palpate.procedures.records import chain
 from palpate.procedures.records.chain import FRAME, ChainFile, RecordFrame
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
 from tests.procedures.conftest import HEADER, Palpate
 
 POINTS, SAMPLES = 5, 100

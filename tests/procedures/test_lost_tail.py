@@ -15,8 +15,8 @@ from palpate.procedures.records import chain
 from palpate.procedures.records.chain import SECTOR
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
 from tests.procedures.conftest import HEADER
 
 POINTS = 10

@@ -98,7 +98,7 @@ SIGNATURES = {
     "get_design": "name",
     "get_sample": "name",
     "judge": "of limits",
-    "open_bench": "scene bench seed model log operator assume_mounted",
+    "open_bench": "scene bench seed model log operator assume_mounted about",
     "plan": "procedure bench",
     "read": "folder",
     "read_calibration": "path kind edited",
@@ -107,6 +107,7 @@ SIGNATURES = {
     "response": "design load model tolerance",
     "resume": "run kind bench accept_change listeners pause",
     "run": "procedure bench out listeners pause",
+    "runs": "folder where",
     "unknown_object": "design thickness modulus name",
     "watch": "run",
 }
@@ -124,7 +125,7 @@ MEMBERS = {  # what a script or a class of its own uses
     ),
     "Recorder": "close create event finish finished measured point points tell",
     "Run": (
-        "digest events folder header open points procedure signal_digest simulated started status summary "
+        "about digest events folder header open points procedure signal_digest simulated started status summary "
         "table waveform waveform_names waveforms"
     ),
     "StaticLoadWork": "arrange end load",

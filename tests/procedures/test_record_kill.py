@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.procedures.records.record_file import RECORD
-from palpate.procedures.records.run import Run, list_runs
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_folder import RECORD
+from palpate.procedures.records.run_list import list_runs
 
 pytestmark = pytest.mark.slow
 

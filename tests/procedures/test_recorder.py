@@ -12,8 +12,8 @@ import pytest
 
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.procedures.records.record import Recorder, new_run_folder, put_file
-from palpate.procedures.records.record_file import HEAD_FILE, RECORD
 from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
 
 HEADER: dict[str, object] = {"procedure": "sweep", "simulated": False, "started": "2025-03-14T15:09:26Z"}
 FILM = {"film": (250.0, np.zeros(3, np.float32))}

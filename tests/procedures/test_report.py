@@ -22,7 +22,8 @@ from palpate.procedures.measurements.load_cell.result import LoadCellPoint, Load
 from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
 from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run, RunSummary
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import RunSummary
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.runs import print_run, print_runs
 from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all, stamped

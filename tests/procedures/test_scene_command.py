@@ -17,7 +17,7 @@ from palpate.procedures.virtual import waveforms as drawing
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
-from palpate.simulators.scenes.scene import shipped
+from palpate.simulators.scenes.heads import shipped
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 if TYPE_CHECKING:
@@ -34,9 +34,50 @@ def test_the_list_names_every_shipped_scene_with_its_purpose(palpate: Palpate) -
     assert [scene["scene"] for scene in scenes] == list(shipped())
     for scene in scenes:
         assert set(scene) == HEAD
-        assert scene["purpose"] == read_scene(scene["scene"]).purpose
     for name in shipped():
         assert name in palpate("scene", "list").out
+
+
+def test_the_list_says_of_each_scene_what_is_found_when_the_scene_is_read_whole(palpate: Palpate) -> None:
+    listed = palpate("scene", "list", "--json").object["scenes"]
+    assert listed == [palpate("scene", "check", name, "--json").object for name in shipped()]
+
+
+@pytest.mark.parametrize(
+    ("written", "changed", "refusal"),
+    [
+        ('design = "single"', 'design = "singel"', "unknown design 'singel' (did you mean 'single'?)"),
+        ('purpose = "', 'purpse = "', "purpose: is missing"),
+        ("seed = 1", "seed = 1.5", "seed: 1.5"),
+        ("seed = 1", "seed = ", "is not TOML"),
+    ],
+)
+def test_a_damaged_file_of_a_shipped_scene_is_told_by_the_list(
+    written: str, changed: str, refusal: str, palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "ideal.toml"
+    text = shipped()["ideal"].read_text(encoding="utf-8")
+    assert written in text
+    file.write_text(text.replace(written, changed), encoding="utf-8")
+    for place in ("procedures.virtual.scene_list", "simulators.planning.settle"):
+        monkeypatch.setattr(f"palpate.{place}.shipped", lambda: {"ideal": file})
+    done = palpate("scene", "list")
+    assert (done.status, done.out) == (2, "")
+    assert f"{file}: " in done.err and refusal in done.err
+
+
+def test_a_scene_whose_effects_are_chosen_by_calculation_is_listed_with_those_that_were_chosen(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "ideal.toml"
+    file.write_text(
+        f'{shipped()["ideal"].read_text(encoding="utf-8")}\n[effects.current_limit]\nwhen = "auto"\nlimit = "100 A"\n'
+    )
+    for place in ("procedures.virtual.scene_list", "simulators.planning.settle"):
+        monkeypatch.setattr(f"palpate.{place}.shipped", lambda: {"ideal": file})
+    listed = palpate("scene", "list", "--json").object["scenes"]
+    assert listed == [palpate("scene", "check", "ideal", "--json").object]
+    assert listed[0]["effects"] == []
 
 
 def test_a_shown_scene_names_every_parameter_with_its_unit_and_those_left_to_their_defaults(palpate: Palpate) -> None:

@@ -36,7 +36,8 @@ from palpate.procedures.virtual.served_bench import Wish, serve_until_told, serv
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.rig.rig import STANDARD_GRAVITY
-from palpate.simulators.scenes.scene import Scene, shipped
+from palpate.simulators.scenes.heads import shipped
+from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import Palpate, happens_in
 
 STANDING = 1.0  # s of an Enter, in a bench whose time stands still otherwise

@@ -29,7 +29,8 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.planning.settle import read_scene, with_model
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.scenes.scene import LARGEST_SEED, Scene, shipped
+from palpate.simulators.scenes.heads import shipped
+from palpate.simulators.scenes.scene import LARGEST_SEED, Scene
 
 HEAD = 'name = "try"\npurpose = "a test"\ndesign = "single"\n'
 EVERYTHING = {

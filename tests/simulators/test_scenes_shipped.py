@@ -19,7 +19,8 @@ from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.scenes.scene import Scene, shipped
+from palpate.simulators.scenes.heads import shipped
+from palpate.simulators.scenes.scene import Scene
 
 SCENES = (
     "array_16", "everything", "humid_body", "ideal", "long_drift", "noisy_lab", "overdriven", "poor_seating",

@@ -16,7 +16,6 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.durable import put_whole
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
-from palpate.procedures.lab.about import about_of
 from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
 from palpate.procedures.showing.text import STAMP
@@ -68,7 +67,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[CertificateSection]:
             ("load cell with indicator", c.device),
             ("bench", bench.name),
             *((name, serial or "unknown") for name, serial in header["devices"].items()),
-            *about_of(header).items(),
+            *run.about.items(),
             ("record", run.folder.name),
             ("software", f"palpate {header['versions']['palpate']}, commit {header['commit'] or 'unknown'}"),
         ]),

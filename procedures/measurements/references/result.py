@@ -40,7 +40,8 @@ from palpate.procedures.measurements.softness.procedure import object_of
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.records.columns import Column
 from palpate.procedures.records.resumed import values_of
-from palpate.procedures.records.run import Run, find_run
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import find_run
 
 # --- References: objects whose Young modulus is known, by a statement or by a compression test ---------
 #

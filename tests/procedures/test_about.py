@@ -1,0 +1,140 @@
+"""Each run says who measured what and why, in the lab's own keys, which are said once for a bench."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import palpate
+from palpate.testing import InStep
+from tests.procedures.conftest import Palpate
+
+SWEEP = palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=0.5)
+COMMAND = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.5 s")
+SCHEMA = """
+[operator]
+ask = "Who measures?"
+required = true
+
+[batch]
+values = ["B6", "B7"]
+
+[ticket]
+default = "none"
+"""
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PALPATE_STORE", raising=False)
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    return folder
+
+
+def test_it_is_said_once_for_a_bench_and_stands_in_each_of_its_runs(store: Path) -> None:
+    about = {"operator": "AB", "object": "<script>", "note": "=1+1"}
+    with palpate.open_bench(about=about) as bench:
+        done = [palpate.run(SWEEP, bench) for _ in range(2)]
+    assert [each.run.header["about"] for each in done] == [about, about]
+    assert done[0].outcome["about"] == about
+    with palpate.open_bench() as bench:
+        plain = palpate.run(SWEEP, bench)
+    assert "about" not in plain.run.header
+    assert plain.run.digest() == done[0].run.digest()
+
+
+def test_a_command_takes_it_and_shows_it(store: Path, palpate: Palpate) -> None:
+    said = palpate(*COMMAND, "--about", "operator = AB", "--about", "batch=B7", "--out", "run")
+    assert "about          operator AB, batch B7" in said.out.splitlines(), said.err
+    assert "about        batch B7, operator AB" in palpate("runs", "show", "run").out.splitlines()
+    said = palpate("calibrate", "load-cell", "--about", "operator = <b>", "--out", "cell")
+    assert "| operator | &lt;b&gt; |" in Path("cell/certificate.md").read_text(encoding="utf-8")
+    assert "<td>&lt;b&gt;</td>" in Path("cell/certificate.html").read_text(encoding="utf-8")
+
+
+def test_the_labs_own_file_asks_and_adds_and_knows_all_keys(store: Path, palpate: Palpate) -> None:
+    (store / "about.toml").write_text(SCHEMA, encoding="utf-8")
+    said = palpate(*COMMAND, "--about", "batch = B6", "--about", "operator = AB", "--json")
+    assert json.loads(said.out)["about"] == {"operator": "AB", "batch": "B6", "ticket": "none"}
+
+
+def test_a_resumed_run_keeps_what_it_said_although_the_lab_asks_for_more_now(store: Path) -> None:
+    def stop(event: palpate.Event) -> None:
+        if event.kind == "point":
+            raise KeyboardInterrupt
+
+    sweep = palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.5)
+    with pytest.raises(KeyboardInterrupt), palpate.open_bench(about={"operator": "AB"}) as bench:
+        palpate.run(sweep, bench, out=store / "cut", listeners=[InStep(stop)])
+    (store / "about.toml").write_text(SCHEMA.replace("batch", "lot"), encoding="utf-8")
+    done = palpate.resume("cut")
+    assert done.run.header["about"] == done.outcome["about"] == {"operator": "AB"}
+
+
+@pytest.mark.parametrize(
+    ("schema", "given", "told"),
+    [
+        (SCHEMA, (), "asks each run for operator, which is not told; give --about 'operator = …'"),
+        (SCHEMA, ("operator = AB", "bach = B6"), "unknown key of"),
+        (SCHEMA, ("operator = AB", "batch = B8"), "unknown batch 'B8'; valid: B6, B7"),
+        ("", ("operator",), "give a key and a value, such as --about 'operator = AB'"),
+        ("", ("operator = ",), "operator: '' is no value"),
+        ("", ("operator = A\nB",), "no value; give 1 to 200 printable characters in one line"),
+        ("", ("Operator = AB",), "'Operator' is no key; give small letters, digits and _"),
+        ("", ("scene = dark",), "palpate says scene of each run itself; take another key"),
+        ("", ("operator = A", "operator = B"), "operator is given twice, as 'A' and 'B'; give it once"),
+        ("operator = 1", ("operator = AB",), "operator: is no table; write [operator] on a line of its own"),
+        ('[batch]\ndefault = "B"\nvalues = ["B6"]', (), "about.toml 'B' (did you mean 'B6'?); valid: B6"),
+        ("[batch]\nasked = true", (), "asked"),
+        ("[batch", (), "about.toml"),
+    ],
+)
+def test_what_a_lab_does_not_want_is_refused_before_a_bench_is_opened(
+    store: Path, palpate: Palpate, schema: str, given: tuple[str, ...], told: str
+) -> None:
+    if schema:
+        (store / "about.toml").write_text(schema, encoding="utf-8")
+    said = palpate(*COMMAND, *(part for each in given for part in ("--about", each)), "--out", "run")
+    assert (said.status, told in said.err) == (2, True), said.err
+    assert not Path("run").exists()
+
+
+def test_runs_are_found_again_by_what_they_say_and_what_they_are(store: Path, palpate: Palpate) -> None:
+    for batch, load in (("B6", "2 N"), ("B7", "2 N"), ("B7", "3 N")):
+        assert palpate(*COMMAND[:4], "--loads", load, "--about", f"batch = {batch}", "--quiet").status == 0
+    assert palpate("calibrate", "load-cell", "--quiet").status == 0
+
+    def found(*conditions: str) -> list[str | None]:
+        given = [part for each in conditions for part in ("--where", each)]
+        return [run["about"].get("batch") for run in palpate("runs", "list", "--json", *given).object["runs"]]
+
+    assert sorted(found("batch = B7")) == ["B7", "B7"]
+    assert found("batch != B7") == ["B6"]
+    assert found("procedure = calibrate-load-cell", "points >= 2") == [None]
+    assert found("points > 1000") == []
+    assert found("simulated = true", "batch=B6") == ["B6"]
+    said = palpate("runs", "list", "--where", "bach = B7")
+    assert (said.status, "unknown value of these runs 'bach' (did you mean 'batch'?)" in said.err) == (2, True)
+    said = palpate("runs", "list", "--where", "batch")
+    assert (said.status, "'batch' is no condition; give a name, one of" in said.err) == (2, True)
+
+
+def test_all_runs_of_a_store_are_one_table(store: Path) -> None:
+    with palpate.open_bench(about={"batch": "B7"}) as bench:
+        palpate.run(SWEEP, bench, out=store / "one")
+    with palpate.open_bench(scene="noisy_lab", seed=4) as bench:
+        palpate.run(SWEEP, bench, out=store / "other")
+    (store / "damaged").mkdir()
+    (store / "damaged" / "run.record").write_bytes(b"nothing")
+    table = palpate.runs().set_index("run")
+    assert table.loc["one", ["procedure", "status", "points", "scene", "batch"]].tolist() == [
+        "sweep-loads", "complete", 1, "thesis_single", "B7",
+    ]  # fmt: skip
+    assert (table.loc["other", "seed"], table.loc["damaged", "status"]) == (4, "damaged")
+    assert list(table.loc["one", "settings.loads"]) == [2.0]
+    assert palpate.runs(where=["scene = noisy_lab"])["run"].tolist() == ["other"]
+    assert len(palpate.runs(store / "nothing")) == 0

@@ -1,0 +1,153 @@
+"""A campaign carries out what is due, in the order of need, and goes on wherever it was killed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import palpate
+from tests.procedures.conftest import Palpate
+
+NIGHTLY = """
+name = "nightly"
+scene = "noisy_lab"
+
+[step.sweep]
+procedure = "sweep-loads"
+needs = ["films"]
+settings = { samples = "1,2", loads = ["2 N", "3 N"], dwell = "0.5 s" }
+
+[step.films]
+procedure = "calibrate-films"
+needs = ["cell"]
+due = "7 d"
+settings = { loads = "1.5 N, 2 N, 3 N, 4 N", dwell = "0.5 s" }
+
+[step.cell]
+procedure = "calibrate-load-cell"
+due = "30 d"
+"""
+
+
+@pytest.fixture
+def file() -> str:
+    Path("nightly.toml").write_text(NIGHTLY, encoding="utf-8")
+    return "nightly.toml"
+
+
+def digests(store: str = "runs") -> dict[str, str]:
+    runs = [palpate.read(path.parent) for path in Path(store).glob("*/run.record")]
+    assert {run.status for run in runs} == {"complete"}
+    return {run.procedure: run.digest() for run in runs}
+
+
+def test_what_is_due_is_done_in_the_order_of_need_and_not_again(palpate: Palpate, file: str) -> None:
+    ahead = palpate("campaign", file, "--dry-run", "--json").object
+    assert [(step["name"], step["due"]) for step in ahead["steps"]] == [
+        ("cell", True),
+        ("films", True),
+        ("sweep", True),
+    ]
+    assert ahead["seconds"] == pytest.approx(sum(step["seconds"] for step in ahead["steps"]))
+    assert not Path("runs").exists()
+    done = palpate("campaign", file, "--json").object
+    assert [step["why"] for step in done["steps"]] == [
+        "there is none on this bench yet", "cell is done anew", "in each campaign",
+    ]  # fmt: skip
+    sweep = palpate("runs", "show", done["steps"][2]["run"], "--json").object
+    assert sweep["header"]["about"] == {"campaign": "nightly"}
+    assert sweep["header"]["calibration"]["source"] == done["steps"][0]["run"].removeprefix("runs/")
+    again = palpate("campaign", file, "--json").object
+    assert [(step["name"], step["due"]) for step in again["steps"]] == [
+        ("cell", False), ("films", False), ("sweep", True),
+    ]  # fmt: skip
+    assert again["steps"][0]["why"].endswith("is younger than 30 d")
+    assert len(list(Path("runs").glob("*/run.record"))) == 4
+
+
+@pytest.mark.parametrize("cuts", [(1,), (7, 30), pytest.param((25, 31, 36, 40, 44), marks=pytest.mark.slow)])
+def test_killed_anywhere_it_goes_on_and_gives_the_same(
+    palpate: Palpate, file: str, on_progress: Callable[[Callable[[int, int, str], None]], None], cuts: tuple[int, ...]
+) -> None:
+    """The reports of progress are counted over all runs, and at some of them Ctrl-C comes."""
+    palpate("campaign", file, "--out", "whole")
+    expected = digests()
+    Path("runs").rename("first")
+    seen = 0
+
+    def cut(_done: int, _total: int, _what: str) -> None:
+        nonlocal seen
+        seen += 1
+        if seen in cuts:
+            raise KeyboardInterrupt
+
+    on_progress(cut)
+    for number in range(len(cuts)):
+        said = palpate("campaign", file, "--out", "cut")
+        assert said.status == 130, (number, said.err)
+        assert f"go on with: palpate campaign {file} --out cut" in said.err
+    assert palpate("campaign", file, "--out", "cut").status == 0
+    assert digests() == expected
+    assert len(list(Path("runs").glob("*/run.record"))) == 3
+
+
+def test_a_count_of_runs_or_a_drift_makes_a_step_due(palpate: Palpate, file: str) -> None:
+    drift = 'drift = {}\nof = "sensitivity_mV_per_N"'
+
+    def cell(rule: str) -> tuple[bool, str]:
+        Path(file).write_text(NIGHTLY.replace('due = "30 d"', rule), encoding="utf-8")
+        (step,) = (s for s in palpate("campaign", file, "--dry-run", "--json").object["steps"] if s["name"] == "cell")
+        return step["due"], step["why"]
+
+    assert palpate("calibrate", "load-cell", "--scene", "noisy_lab", "--out", "runs/first").status == 0
+    assert cell("every = 2") == (False, "0 of 2 runs since the last one")
+    assert cell(drift.format(0.5)) == (False, "one is stored")
+    for number in range(2):
+        where = ("--scene", "noisy_lab", "--out", f"runs/{number}")
+        assert palpate("sweep", "loads", "--samples", "1", "--loads", "2 N", *where).status == 0
+    assert cell("every = 2") == (True, "2 runs since the last one")
+    palpate("calibrate", "load-cell", "--scene", "noisy_lab", "--runs", "2", "--out", "runs/second")
+    due, why = cell(drift.format(1e-9))
+    assert (due, why.startswith("sensitivity_mV_per_N changed by ")) == (True, True)
+    assert cell(drift.format(0.5)) == (False, why)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('needs = ["cell"]', 'needs = ["sweep"]', "sweep needs films needs sweep, so none of them can be the first"),
+        ('needs = ["cell"]', 'needs = ["sell"]', "unknown step 'sell' (did you mean 'cell'?)"),
+        ('"calibrate-films"', '"calibrate-film"', "step.films: unknown procedure 'calibrate-film'"),
+        ("samples =", "sample =", "unknown setting of sweep-loads 'sample'"),
+        ('"2 N", "3 N"', '"2 kg", "3 N"', "step.sweep: --loads"),
+        ('due = "7 d"', 'due = "7 moons"', "'7 moons' is no age; write hours, days or weeks"),
+        ('due = "7 d"', "drift = 0.1", "drift and of belong together"),
+        ('due = "7 d"', 'run = "rm -r /"', "run"),
+        ("step.films", 'step."../films"', "'../films' is no name"),
+        ('scene = "noisy_lab"', 'scene = "noisy_lab"\nbench = "lab.toml"', "--scene"),
+        ('"1,2"', '"1,99"', "unknown sample '99'"),
+    ],
+)
+def test_a_campaign_that_cannot_be_is_refused_before_anything_is_begun(
+    palpate: Palpate, file: str, old: str, new: str, told: str
+) -> None:
+    Path(file).write_text(NIGHTLY.replace(old, new), encoding="utf-8")
+    said = palpate("campaign", file)
+    assert (said.status, told in said.err) == (2, True), said.err
+    assert not Path("runs").exists()
+
+
+def test_a_state_of_another_file_or_one_that_is_no_state_is_refused(palpate: Palpate, file: str) -> None:
+    palpate("campaign", file, "--out", "state")
+    Path(file).write_text(NIGHTLY.replace("0.5 s", "0.6 s"), encoding="utf-8")
+    said = palpate("campaign", file, "--out", "state")
+    assert (said.status, "state holds a campaign of another file; give another --out" in said.err) == (2, True)
+    Path(file).write_text(NIGHTLY, encoding="utf-8")
+    state = json.loads(Path("state/campaign.json").read_text())
+    state["steps"]["cell"]["run"] = "../../elsewhere"
+    Path("state/campaign.json").write_text(json.dumps(state))
+    said = palpate("campaign", file, "--out", "state")
+    assert (said.status, "'../../elsewhere' is no folder of the store" in said.err) == (1, True), said.err
