@@ -29,7 +29,8 @@ def judge(run: str, limits: Path, junit: Path | None, as_json: bool, quiet: bool
     from palpate.procedures.engine.limits import read_limits
     from palpate.procedures.engine.verdict import judge as judged_by
     from palpate.procedures.lab.store import store
-    from palpate.procedures.records.run import Run, find_run
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import find_run
 
     output = Output(as_json, quiet, limits=limits, junit=junit)
     asked, opened = read_limits(limits), Run.open(find_run(run, store()))
