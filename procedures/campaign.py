@@ -25,7 +25,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from graphlib import CycleError, TopologicalSorter
 from hashlib import sha256
@@ -37,11 +37,14 @@ from pydantic import AfterValidator, Field
 from palpate.instrument.config import Config, Name, check, read_data
 from palpate.instrument.durable import make_folder, put_whole
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UnknownName, UsageError, quoted
+from palpate.instrument.uncertainty.decision import PASS
 from palpate.procedures.engine.catalogue import procedure_class
-from palpate.procedures.engine.procedure import Finished, Procedure
+from palpate.procedures.engine.limits import read_limits
+from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.engine.resume import go_on
 from palpate.procedures.engine.run import open_and_run, prepared
 from palpate.procedures.engine.settings import asked_of, made
+from palpate.procedures.engine.verdict import Judgement, judge
 from palpate.procedures.lab.about import FILE as ABOUT
 from palpate.procedures.lab.about import completed
 from palpate.procedures.lab.calibrations import is_unstored
@@ -85,6 +88,7 @@ class CampaignStep(Config):
     every: int | None = Field(default=None, ge=1, strict=True)  # number of other runs on the bench since then
     drift: float | None = Field(default=None, gt=0, lt=1, strict=True)  # relative change between the last two runs
     of: str | None = None  # of which number of their results
+    limits: str | None = None  # file by which its result is judged, beside this file
 
 
 class CampaignFile(Config):
@@ -152,6 +156,11 @@ class Campaign:
             about.setdefault("campaign", self.file.name)
         about = completed(about, store)
         self.chosen: Chosen = choose(bench, self.file.scene, self.file.seed, None, None, assume_mounted, about=about)
+        self._limits = {
+            name: read_limits(path.absolute().parent / step.limits)
+            for name, step in self.file.step.items()
+            if step.limits is not None
+        }
         self._procedures = {name: self._made(name, step) for name, step in self.file.step.items()}
         self.order = _ordered(self.file.step, str(path))
         text = self.file.model_dump_json()
@@ -256,21 +265,35 @@ class Campaign:
 
     def carried_out(
         self, listener: Callable[[], AbstractContextManager[Listener]]
-    ) -> Iterator[tuple[PlannedStep, Finished[Any] | None]]:
-        """Each step with its finished run, once it is done; None: it was not due, or was complete before.
+    ) -> Iterator[tuple[PlannedStep, Judgement | None]]:
+        """Carry out what is left to do: each step once it is done, with its verdicts; None: it has no limits.
+
+        A step that needs one whose verdict is not "pass" is left out.
 
         Args:
             listener: makes a listener for a run.
 
-        Raises what a run raises; the error then tells how the campaign goes on.
+        Raises what a run and `judge` raise; the error then tells how the campaign goes on.
         """
         renewed: set[str] = set()
+        bad: list[str] = []
         for name in self.order:
-            step = self._planned(name, sorted(renewed & set(self.file.step[name].needs)))
+            needs = self.file.step[name].needs
+            step = self._planned(name, sorted(renewed & set(needs)))
+            if stopping := [each for each in needs if each in bad]:
+                bad.append(name)
+                yield replace(step, due=False, why=f"{stopping[0]} did not pass", seconds=0.0), None
+                continue
             if step.due:
                 renewed.add(name)
             try:
-                yield step, self._done(step, listener)
+                self._carry_out(step, listener)
+                folder, judged = self.folder_of(name), None
+                if folder is not None and name in self._limits:
+                    judged = judge(Run.open(folder), self._limits[name])
+                    if judged.outcome != PASS:
+                        bad.append(name)
+                yield step, judged
             except BaseException as error:
                 on = f"palpate campaign {self._path} --out {self.folder}"
                 error.add_note(f"this was step {name} of the campaign; go on with: {on}")
@@ -281,9 +304,8 @@ class Campaign:
         name = self._runs.get(step, {}).get("run")
         return None if name is None else self._store / name
 
-    def _done(
-        self, step: PlannedStep, listener: Callable[[], AbstractContextManager[Listener]]
-    ) -> Finished[Any] | None:
+    def _carry_out(self, step: PlannedStep, listener: Callable[[], AbstractContextManager[Listener]]) -> None:
+        """Do what is left of a step."""
         if step.name not in self._runs:
             entry: dict[str, Any] = {"why": step.why}
             if step.due:
@@ -292,18 +314,19 @@ class Campaign:
             self._store_state()
         folder = self.folder_of(step.name)
         if folder is None:
-            return None
+            return
         with listener() as heard:
             if not is_run(folder):
-                return open_and_run(step.procedure, self.chosen, out=folder, listener=heard)
+                open_and_run(step.procedure, self.chosen, out=folder, listener=heard)
+                return
             run = Run.open(folder)
-            if run.status == "complete" and not is_unstored(folder, step.procedure.calibrates):
-                return None
-            procedure = type(step.procedure).recorded(run)
-            assumed = self.chosen.assume_mounted
-            return go_on(
-                procedure, run, bench=None, accept_change=False, assume_mounted=assumed, listener=heard, pause=NOBODY
-            )
+            if run.status != "complete" or is_unstored(folder, step.procedure.calibrates):
+                procedure = type(step.procedure).recorded(run)
+                assumed = self.chosen.assume_mounted
+                go_on(
+                    procedure, run, bench=None, accept_change=False, assume_mounted=assumed, listener=heard,
+                    pause=NOBODY,
+                )  # fmt: skip
 
 
 def _ordered(steps: Mapping[str, CampaignStep], where: str) -> list[str]:

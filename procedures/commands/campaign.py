@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,9 @@ from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
     from palpate.procedures.campaign import PlannedStep
+    from palpate.procedures.engine.verdict import Judgement
+
+BY_WEIGHT = (0, 4, 3)  # exit statuses, the heaviest last
 
 
 @click.command(
@@ -35,11 +39,12 @@ if TYPE_CHECKING:
 @output_options
 def campaign(
     campaign: Path, dry_run: bool, out: Path | None, assume_mounted: bool, progress: str, as_json: bool, quiet: bool
-) -> None:
+) -> int:
     """Carry out the procedures in CAMPAIGN.toml in the order in which they need each other.
 
     A calibration that is not due is left out. A campaign that was killed goes on, with the same --out: what is complete
-    stays, the run that was begun is resumed, the others follow.
+    stays, the run that was begun is resumed, the others follow. A step may have limits: if its result does not pass,
+    the steps that need it are left out. Exit status 3: a limit fails; 4: one is undecided, and none fails.
     """
     from palpate.procedures.campaign import Campaign
 
@@ -51,26 +56,45 @@ def campaign(
         seconds = sum(step.seconds for step in planned)
         rows = [step.summary() for step in planned]
         told |= {"dry_run": True, "seconds": seconds, "steps": rows}
-        output.result(lambda: told, lambda: _show(planned, {}))
-        return
-    rows = []
+        output.result(lambda: told, lambda: _show_ahead(planned))
+        return 0
+    rows, judged = [], []
     with output.prices():
-        for step, _ in found.carried_out(output.listener):
-            folder = found.folder_of(step.name)
-            rows.append({**step.summary(), "run": None if folder is None else str(folder)})
-    output.result(lambda: {**told, "steps": rows}, lambda: _show(planned, {row["name"]: row["run"] for row in rows}))
+        for step, verdicts in found.carried_out(output.listener):
+            folder = found.folder_of(step.name) if step.due else None
+            told_of = {} if verdicts is None else verdicts.summary()
+            rows.append({**step.summary(), "run": None if folder is None else str(folder), **told_of})
+            judged.append((step, verdicts))
+    output.result(lambda: {**told, "steps": rows}, lambda: _show_done(rows, judged))
+    return max((verdicts.status for _, verdicts in judged if verdicts is not None), key=BY_WEIGHT.index, default=0)
 
 
-def _show(planned: list[PlannedStep], runs: dict[str, Any]) -> None:
-    """Print the steps: what each is expected to take before a campaign, where each is stored after it."""
+def _show_ahead(planned: Sequence[PlannedStep]) -> None:
+    """Print what is due, how long that takes, and what a person does for it."""
     from palpate.procedures.showing.plan import duration
     from palpate.procedures.showing.text import new_table, print_all
 
-    last = "run" if runs else "time"
-    table = new_table(None, "step", "procedure", "due", "why", last)
+    table = new_table(None, "step", "procedure", "due", "why", "time")
     for step in planned:
-        end = (runs.get(step.name) or "-") if runs else duration(step.seconds) if step.due else "-"
-        table.add_row(step.name, step.procedure.name, "yes" if step.due else "no", step.why, end)
+        time = duration(step.seconds) if step.due else "-"
+        table.add_row(step.name, step.procedure.name, "yes" if step.due else "no", step.why, time)
     person = [f"{step.name}: a person {step.person}" for step in planned if step.person]
-    total = [] if runs else [f"all together   {duration(sum(step.seconds for step in planned))}"]
-    print_all(table, *total, *person)
+    print_all(table, f"all together   {duration(sum(step.seconds for step in planned))}", *person)
+
+
+def _show_done(rows: Sequence[Mapping[str, Any]], judged: Sequence[tuple[PlannedStep, Judgement | None]]) -> None:
+    """Print the runs, and why limits do not pass."""
+    from palpate.procedures.showing.text import new_table, print_all
+
+    table = new_table(None, "step", "procedure", "why", "run", "verdict")
+    for row in rows:
+        table.add_row(row["name"], row["procedure"], row["why"], row["run"] or "-", row.get("verdict", "-"))
+    print_all(
+        table,
+        *(
+            f"{step.name}: {each.quantity}: {each.outcome}: {each.reason}"
+            for step, verdicts in judged
+            for each in (() if verdicts is None else verdicts.verdicts)
+            if each.outcome != "pass"
+        ),
+    )

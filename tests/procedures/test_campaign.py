@@ -151,3 +151,27 @@ def test_a_state_of_another_file_or_one_that_is_no_state_is_refused(palpate: Pal
     Path("state/campaign.json").write_text(json.dumps(state))
     said = palpate("campaign", file, "--out", "state")
     assert (said.status, "'../../elsewhere' is no folder of the store" in said.err) == (1, True), said.err
+
+
+@pytest.mark.parametrize(("high", "status", "verdict"), [(1.0, 0, "pass"), (0.1, 3, "fail")])
+def test_what_needs_a_step_that_does_not_pass_its_limits_is_left_out(
+    palpate: Palpate, file: str, high: float, status: int, verdict: str
+) -> None:
+    Path("limits.toml").write_text(f'["force ratio of sample 1"]\nhigh = {high}', encoding="utf-8")
+    after = '[step.after]\nprocedure = "sweep-loads"\nneeds = ["sweep"]\nsettings = { samples = "1", loads = "2 N" }'
+    limits = '[step.sweep]\nlimits = "limits.toml"\nprocedure'
+    Path(file).write_text(NIGHTLY.replace("[step.sweep]\nprocedure", limits) + after, encoding="utf-8")
+    said = palpate("campaign", file, "--json", "--out", "one")
+    assert said.status == status, said.err
+    rows = {row["name"]: row for row in json.loads(said.out)["steps"]}
+    assert rows["sweep"]["verdict"] == verdict
+    assert rows["after"]["due"] == (status == 0)
+    assert status == 0 or rows["after"]["why"] == "sweep did not pass"
+    said = palpate("campaign", file, "--out", "one")
+    assert (said.status, verdict in said.out) == (status, True)
+
+
+def test_limits_are_read_before_anything_is_begun(palpate: Palpate, file: str) -> None:
+    Path(file).write_text(NIGHTLY.replace('due = "7 d"', 'limits = "nothing.toml"'), encoding="utf-8")
+    said = palpate("campaign", file)
+    assert (said.status, "nothing.toml" in said.err, Path("runs").exists()) == (2, True, False)
