@@ -164,7 +164,7 @@ def test_an_amplifier_that_nobody_has_claimed_is_anybody_s_and_any_request_feeds
 def test_to_release_it_switches_it_off(bench: Bench, sim: SimulatedBench) -> None:
     drive(bench)
     bench.device("shaker_amplifier").release()
-    assert (sim.amplifier.settings["enable"], sim.amplifier._owner.token) == (0.0, 0)
+    assert (sim.amplifier.settings["enable"], sim.amplifier.read("token")) == (0.0, 0)
 
 
 # --- two programs, on two machines ---------------------------------------------------------------------

@@ -230,16 +230,6 @@ def test_closing_a_bus_within_this_process_wakes_the_thread_that_listens(monkeyp
     assert heard == []
 
 
-@pytest.mark.parametrize("error", [can.CanOperationError("pulled out"), OSError("pulled out")])
-def test_a_bus_that_failed_meanwhile_is_told_when_it_is_closed(
-    error: Exception, link: CanLink, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    link.open()
-    monkeypatch.setattr(canopen.Network, "disconnect", fails(error))
-    with pytest.raises(LinkError, match=r"^CAN bus pcan:USB1 failed: pulled out; check adapter and termination$"):
-        link.close()
-
-
 # --- transfers -----------------------------------------------------------------------------------------
 
 
@@ -294,13 +284,6 @@ def test_where_all_answers_came_too_soon_the_message_says_so(link: CanLink, node
     node.sdo.upload, node.sdo.too_soon = fails(SdoCommunicationError("none")), 2
     with pytest.raises(LinkTimeout, match=r"; 2 answers came sooner than 125000 bit/s can .*its true bitrate$"):
         link.upload("node 1", node, 0x2000, 0)
-
-
-def test_a_transfer_writes_what_it_is_given(link: CanLink, node: Any) -> None:
-    told: list[tuple[object, ...]] = []
-    node.sdo.download = lambda *asked: told.append(asked)
-    link.download("node 1", node, 0x2000, 3, b"ab")
-    assert told == [(0x2000, 3, b"ab")]
 
 
 @pytest.mark.parametrize(("late", "refused"), [(LATE_ANSWERS - 1, False), (LATE_ANSWERS, True)])

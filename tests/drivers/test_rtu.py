@@ -21,7 +21,7 @@ from palpate.drivers.links.modbus import ModbusLink, read_registers
 from palpate.drivers.links.rtu import ReplyFramer, RtuClient
 from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, reply_begins
 from palpate.instrument.contracts.contract import PROBE
-from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.instrument.errors import LinkError, LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.virtual_line import BITS, VirtualLine, checked
@@ -122,32 +122,7 @@ NOTHING: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-@pytest.mark.parametrize("said", NOTHING)
-def test_what_is_no_reply_is_a_time_out_and_no_reading(said: str) -> None:
-    driver, _ = line(MicroPositioner, lambda request: [(0.0, NOTHING[said](request))])
-    with pytest.raises(LinkTimeout, match=r"no valid answer.* bytes came that are no valid .*check baudrate"):
-        read(driver)
-
-
-def test_an_echo_of_a_write_confirms_nothing() -> None:
-    driver, _ = line(MicroPositioner, lambda request: [(0.0, request)])
-    with pytest.raises(LinkTimeout):
-        driver.set(target=2e-3, speed=1e-3, command="move")
-
-
 # --- replies that are late -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("baudrate", [1200, 9600, 115200])
-def test_what_comes_sooner_than_the_wire_allows_is_refused(baudrate: int) -> None:
-    """The repeated reply comes while the request is still being sent, the reply at the first moment that it can."""
-
-    def device(request: bytes) -> list[tuple[float, bytes]]:
-        return [(-SILENCE * BITS / baudrate, registers(LIMITS, 4, 9)), (0.0, answered(request))]
-
-    driver, client = line(MicroPositioner, device, baudrate=baudrate)
-    assert read(driver) == HELD
-    assert client.too_soon == len(registers(LIMITS, 4))
 
 
 def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_to_do() -> None:
@@ -195,21 +170,6 @@ def test_a_reply_that_was_read_too_late_to_tell_is_used() -> None:
     assert read(driver) == HELD
 
 
-def test_reads_that_follow_each_other_differ_in_length_where_the_contract_allows() -> None:
-    asked = []
-
-    def device(request: bytes) -> list[tuple[float, bytes]]:
-        asked.append(struct.unpack(">HH", request[2:6]))
-        return [(0.0, answered(request))]
-
-    driver, _ = line(MicroPositioner, device)
-    for _ in range(3):
-        read(driver)
-    driver.get_many("position", "status")  # nothing stands beside them
-    driver.get_many("position", "status")
-    assert asked == [(0x14, 4), (0x13, 5), (0x14, 4), (0x20, 3), (0x20, 3)]
-
-
 def test_a_reply_that_is_repeated_when_the_next_has_been_asked_does_not_answer_it() -> None:
     """A slow adapter does so 3 ms later: it gives the reply to the read before, then the one to this read."""
     before: list[bytes] = []
@@ -224,25 +184,6 @@ def test_a_reply_that_is_repeated_when_the_next_has_been_asked_does_not_answer_i
         for number in range(1, 21):
             low, _ = driver.get_many("limit_low", "limit_high")
             assert round(1e6 * low) >> 16 == number
-
-
-def test_a_display_that_was_renewed_less_often_than_before_is_a_late_reply() -> None:
-    updates = iter([5, 6, 4, 7, 65535, 8])
-
-    def device(request: bytes) -> list[tuple[float, bytes]]:
-        count = int.from_bytes(request[4:6], "big")
-        display = struct.pack(">HHifHH", 1, 1, 10, 1.0, next(updates), 0)[: 2 * count]
-        return [(0.0, checked(bytes([UNIT, 3, 2 * count]) + display))]
-
-    driver, _ = line(StrainIndicator, device)
-    assert isinstance(driver, StrainIndicator)
-    for _ in range(2):
-        assert driver.read().reading_mV == 1.0
-    with pytest.raises(DeviceError, match="updated 4 times, but 6 times at the reading before; the reply is late"):
-        driver.read()
-    assert driver.read().valid
-    driver.read_attempts = 2
-    assert driver.read().valid  # the late one is passed over, and it is asked again
 
 
 def test_a_part_of_an_echo_whose_check_sum_fits_by_chance_is_no_confirmation() -> None:

@@ -150,10 +150,10 @@ def test_a_setting_that_a_stranger_has_changed_and_taken_back_is_noticed_once(
 def test_a_generator_that_was_off_meanwhile_is_noticed_though_it_holds_its_settings(
     bench: Bench, sim: SimulatedBench
 ) -> None:
-    before = {name: sim.generator.settings[name] for name in bench.device("signal_generator")._settings}
+    before = dict(sim.generator.settings)
     sim.generator.reset()
     sim.generator.turn(before)
-    with pytest.raises(SettingsLost, match=r"counts 1 writes instead of \d+"):
+    with pytest.raises(SettingsLost, match=r"counts \d+ writes instead of \d+"):
         bench.check_settings()
 
 

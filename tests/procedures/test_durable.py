@@ -79,6 +79,7 @@ BREAKS: dict[str, tuple[Break, str]] = {
     "record removed": (removed(RECORD), f"{RECORD}: No such file or directory"),
     "head removed": (removed(HEAD_FILE), f"{HEAD_FILE}: No such file or directory"),
     "record replaced": (replaced(RECORD), f"{RECORD}: it was replaced while the run was being written"),
+    "head replaced": (replaced(HEAD_FILE), f"{HEAD_FILE}: it was replaced while the run was being written"),
 }
 
 
