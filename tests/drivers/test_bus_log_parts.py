@@ -257,3 +257,9 @@ def test_a_log_that_cannot_be_ended_is_incomplete(bench: Any, tmp_path: Path, mo
         log_of(bench, tmp_path / "t.pcapng"),
     ):
         pass
+
+
+def test_a_log_that_cannot_be_begun_is_told_before_the_bench_is_opened(bench: Any, tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"no/t.blf: the bus log cannot be written: No such file or directory; cho"):
+        log_of(bench, tmp_path / "no" / "t.blf").__enter__()
+    assert bench.taps == {}

@@ -162,6 +162,13 @@ def test_an_order_that_is_refused_says_why(failure: DeviceError, kind: type[Benc
     assert caught.value.device == driver.name
 
 
+def test_only_an_amplifier_without_the_register_of_the_owner_counts_as_one_without_owners() -> None:
+    link: Any = Registers(CONTRACT)
+    link.failures = [refused(4)]
+    with pytest.raises(DeviceError, match="answered exception 4, to a read of ticket"):
+        ShakerAmplifier(link, 1, VirtualClock()).claim()
+
+
 def test_an_amplifier_that_has_no_owners_takes_settings_and_any_request() -> None:
     link: Any = Registers(CONTRACT)
     clock: Any = None

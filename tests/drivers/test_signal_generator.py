@@ -58,14 +58,6 @@ def test_a_phase_reset_restarts_the_waveform_at_zero(bench: Bench, sim: Simulate
     assert volts_at(sim.generator, 0.0, 0.025, 0.075) == pytest.approx([0.0, 2.0, -2.0], abs=1e-12)
 
 
-def test_the_phase_is_exact_after_a_month(bench: Bench, sim: SimulatedBench) -> None:
-    bench.device("signal_generator").sine(9.999, 1.0)
-    bench.device("signal_generator").output(True)
-    generator, month = sim.generator, 30 * 86_400 * 1_000_000_000
-    phase = generator.voltage().phase(np.array([generator.clock.now_ns() + month]))
-    assert phase.tolist() == [9_999 * month % 10**12]
-
-
 def test_the_output_relay_opens_and_closes(bench: Bench, sim: SimulatedBench) -> None:
     bench.device("signal_generator").sine(10.0, 2.0, offset=1.0)
     assert volts_at(sim.generator, 0.025).tolist() == [0.0]

@@ -14,7 +14,7 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from palpate.instrument.errors import RangeError, RecordError, UsageError
+from palpate.instrument.errors import RangeError, RecordError
 from palpate.procedures.records.chain import AHEAD, HASH
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import IN_A_FRAME, LARGEST_ROW
@@ -135,14 +135,6 @@ def test_a_point_that_cannot_be_stored_as_meant_is_refused_whole(
             recorder.point(data, waveforms, 0)
         assert recorder.point({"load_N": 1.5}, {}, 0) == 1
     assert list(Run.open(tmp_path).waveforms()) == []
-
-
-def test_a_folder_takes_one_run_only(tmp_path: Path) -> None:
-    run = write(tmp_path)
-    with pytest.raises(UsageError, match="already holds a run; choose another --out") as raised:
-        Recorder.create(tmp_path, HEADER)
-    assert raised.value.exit_code == 2
-    assert run.points() == Run.open(tmp_path).points()
 
 
 @pytest.mark.slow

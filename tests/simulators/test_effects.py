@@ -198,31 +198,6 @@ def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name
     assert name == "white_noise" or np.abs(counts - plain).std() > 5
 
 
-def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -> None:
-    period = MS // 10
-
-    def sampled(size: int, count: int) -> tuple[bytes, bytes, list[int]]:
-        clock = VirtualClock()
-        rig = Rig(replace(scene(), effects=together()), clock)
-        pressed(rig, "1", BALANCE + 7e-3, 4.0)
-        node = SimulatedSensorNode(clock, 1, 1, rig)
-        times = 17 * MS + np.arange(1, count + 1) * period
-        blocks = [
-            node.sample(t, node.film_channels @ rig.film_voltages(t), period)
-            for t in (times[i : i + size] for i in range(0, count, size))
-        ]
-        counts = b"".join(block.counts.tobytes() for block in blocks)
-        flags = b"".join(block.saturation.tobytes() for block in blocks)
-        return counts, flags, [block.counter for block in blocks]
-
-    whole = sampled(1000, 1000)
-    for size, count in ((1, 50), (7, 350), (333, 1000)):
-        cut = sampled(size, count)
-        for joined, all_of_them in zip(cut[:2], whole[:2], strict=True):
-            assert joined == all_of_them[: len(all_of_them) * count // 1000]
-        assert cut[2] == list(range(1, count + 1, size))
-
-
 # --- gain scatter --------------------------------------------------------------------------------------
 
 

@@ -8,7 +8,6 @@ import select
 import socket
 import tty
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -139,18 +138,6 @@ def test_one_register_is_echoed_as_written_though_a_command_falls_back(
     address = served.generator.contract["phase_reset"].address
     assert asked(client, f"06 {address:04x} 0001") == f"06{address:04x}0001"
     assert served.generator.settings["phase_reset"] == 0.0
-
-
-@pytest.mark.parametrize(
-    "rubbish", [b"GET / HTTP/1.1\r\n\r\n", bytes(64), b"\xff" * 300, framed(b"\x03", unit=1)[:4] + b"\xff\xff"]
-)
-def test_rubbish_ends_its_own_connection_alone(client: socket.socket, served: SimulatedBench, rubbish: bytes) -> None:
-    address = served.description.links["signal_generator"]
-    with socket.create_connection((address.host, address.port), timeout=5) as other:
-        other.sendall(rubbish)
-        with suppress(ConnectionResetError):
-            assert other.recv(100) == b""
-    assert asked(client, "03 7000 0001") == "8302"
 
 
 # --- the serial line -----------------------------------------------------------------------------------

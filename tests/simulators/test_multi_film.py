@@ -85,20 +85,6 @@ def test_films_that_fit_on_one_node_stand_on_every_node(tmp_path: Path) -> None:
     assert all(other.voltage.tobytes() == first.voltage.tobytes() for other in others)
 
 
-def test_a_reset_on_the_last_node_shorts_the_film_of_the_base_alone(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, "array_16", '[effects.charge_amplifier]\ntime_constant = "1000 s"\n')
-    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        bench.operator.mount(SAMPLES["1"])
-        bench.device("positioner").move(20e-3, speed=5e-3)
-        now = np.array([sim.clock.now_ns()])
-        before = sim.rig.film_voltages(now)[:, 0]
-        bench.device("sensor_node_5").set("reset_1", 1)
-        after = sim.rig.film_voltages(now)[:, 0]
-    assert np.abs(before).min() > 1e-5
-    assert after[16] == pytest.approx(0, abs=1e-12)
-    assert after[:16] == pytest.approx(before[:16], rel=1e-9)
-
-
 def test_teeth_that_share_a_load_share_it_alike(tmp_path: Path) -> None:
     for design in ("common_base", "array_16"):
         scene = scene_of(tmp_path, design)

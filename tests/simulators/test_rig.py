@@ -171,22 +171,6 @@ def test_the_bridge_filter_equals_stepping_when_load_and_filter_change() -> None
 # --- looking does not change anything ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["sine", "square"])
-@pytest.mark.parametrize("loss_of_contact", [False, True])
-def test_blocks_of_any_size_give_the_same_bytes(kind: str, loss_of_contact: bool) -> None:
-    clock = VirtualClock()
-    rig = Rig(scene("charge_amplifier", "gain_scatter"), clock)
-    pressed(rig, "2", BALANCE + (1e-3 if loss_of_contact else 8e-3), 2.0, kind)
-    clock.wait(0.0123)
-    times = clock.now_ns() + np.arange(0, 1020) * MS
-    for look in (rig.film_voltages, lambda t: rig.cell_force(t)[np.newaxis]):
-        whole = look(times)
-        for size in (1, 7, 333, 1000):
-            some = times[: 20 * size]
-            blocks = [look(some[i : i + size]) for i in range(0, len(some), size)]
-            assert np.concatenate(blocks, axis=1).tobytes() == whole[:, : len(some)].tobytes(), size
-
-
 def seen(pieces: int, *, looking: bool) -> tuple[bytes, float]:
     """The films after a life with changes at fixed times, waited for in pieces."""
     clock = VirtualClock()
