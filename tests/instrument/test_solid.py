@@ -154,8 +154,6 @@ def test_rubber_does_not_lock(poisson: float) -> None:
         {},
         # No gap and an object as soft as the ring: the stress at the tooth's edge is at its most singular.
         {"ring_inner_radius": 1.4e-3, "interface": "bonded", "sensed_modulus": 2.5e4, "sensed_thickness": 1.1e-3},
-        {"sensed_modulus": 140e9, "sensed_poisson": 0.5, "sensed_thickness": 0.5e-3},
-        {"compliant_poisson": 0.499999, "sensed_thickness": 0.3e-3, "sensed_modulus": 1.49e4},
     ]),
 )  # fmt: skip
 def test_the_error_estimate_covers_the_distance_to_the_round_model(change: dict[str, Any]) -> None:

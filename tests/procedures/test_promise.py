@@ -59,15 +59,15 @@ QUICK = [
     Case(LoadSweep(("1",), (2.0, 4.0), 0.2), (0.95, 1.05)),
 ]
 THOROUGH = [
-    Case(LoadCellSeries(runs=2, positions=(0.0, 120.0)), (0.7, 1.3), seeds=4),
+    Case(LoadCellSeries(runs=2, positions=(0.0, 120.0)), (0.7, 1.3), seeds=2),
     Case(LoadSweep(("1", "5")), (0.97, 1.03), seeds=2),
-    Case(SoftnessTest(tuple(get_sample(name) for name in "34"), model="auto"), (0.9, 1.1), seeds=3),
+    Case(SoftnessTest(tuple(get_sample(name) for name in "34"), model="auto"), (0.9, 1.1), seeds=2),
     Case(FilmSeries((2.0, 3.0, 4.0), (5.0, 20.0)), (0.6, 1.4), "thesis_different_base", seeds=8),
     Case(FrequencySweep((0.2, 1.0, 10.0, 50.0), load=4.0), (0.85, 1.15), seeds=2),
-    Case(ModulusTest("1", strain=0.2, steps=6), (0.9, 1.1), seeds=3),
-    Case(Characterisation(drift_time=60.0), (0.4, 1.7), seeds=4),
-    Case(PositionSweep(), (0.5, 1.7), "thesis_common_base", seeds=4),
-    Case(ReferenceSeries(REFERENCES), (0.85, 1.25), seeds=3),
+    Case(ModulusTest("1", strain=0.2, steps=6), (0.9, 1.1), seeds=2),
+    Case(Characterisation(drift_time=60.0), (0.4, 1.7), seeds=2),
+    Case(PositionSweep(), (0.5, 1.7), "thesis_common_base", seeds=2),
+    Case(ReferenceSeries(REFERENCES), (0.85, 1.25), seeds=2),
     Case(TemperatureSweep(), (0.95, 1.15), "humid_body"),
 ]
 TARGETED = [

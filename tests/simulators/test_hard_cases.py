@@ -1,7 +1,7 @@
 """Hard cases of simulation, each with the naive method beside it, shown failing, and the shipped one holding.
 
-Cases that other files hold with their naive method: phase after 1e9 samples, 1 us under Euler, nearly parallel modes
-(test_lti), short dips (test_path), short records, near saturation, times (test_hard_estimates), large offsets
+Cases that other files hold with their naive method: phase after 1e9 samples (test_periodic), nearly parallel modes
+(test_free_motion), short dips (test_path), short records, near saturation, times (test_hard_estimates), large offsets
 (test_estimate, test_calibration).
 """
 
