@@ -19,7 +19,7 @@ from palpate.instrument.contracts.contract import Identity
 from palpate.instrument.errors import BenchError, IdentityError, LinkError, SafetyError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
-from tests.drivers.benches import altered, drive, driving, is_closed, open_bench
+from tests.drivers.benches import altered, driving, is_closed, open_bench
 
 # --- opening -------------------------------------------------------------------------------------------
 
@@ -94,13 +94,6 @@ def test_an_amplifier_that_tripped_is_refused_with_its_fault(sim: SimulatedBench
     sim.amplifier._latched = 0b1
     with pytest.raises(SafetyError, match=r"shaker amplifier .* tripped on over_current"):
         open_bench(sim).__enter__()
-
-
-def test_the_watchdog_that_ended_a_killed_run_is_cleared(sim: SimulatedBench) -> None:
-    sim.amplifier._latched = 0b1_0000
-    with open_bench(sim) as bench:
-        drive(bench)
-        assert driving(sim)
 
 
 # --- simulated or not ----------------------------------------------------------------------------------

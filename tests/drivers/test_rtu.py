@@ -21,7 +21,7 @@ from palpate.drivers.links.modbus import ModbusLink, read_registers
 from palpate.drivers.links.rtu import ReplyFramer, RtuClient
 from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, reply_begins
 from palpate.instrument.contracts.contract import PROBE
-from palpate.instrument.errors import LinkError, LinkTimeout
+from palpate.instrument.errors import LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.virtual_line import BITS, VirtualLine, checked
@@ -156,12 +156,6 @@ def test_only_a_uart_is_held_to_its_baud_rate(port: str, speed: int) -> None:
     assert RtuClient(port, baudrate=9600).speed == speed
 
 
-def test_a_pseudo_terminal_answers_at_once_whatever_baud_rate_it_was_told() -> None:
-    """A USB device without a UART does so, too, and a gateway behind a pseudo-terminal."""
-    with terminal(lambda request: [answered(request)], baudrate=1200) as driver:
-        assert read(driver) == HELD
-
-
 def test_a_reply_that_was_read_too_late_to_tell_is_used() -> None:
     """A busy machine may look only when the reply has long come: it is not thrown away."""
     driver, client = line(MicroPositioner, lambda request: [(-1e-6, answered(request))])
@@ -206,17 +200,6 @@ def test_a_simulated_line_answers_no_sooner_than_a_wire_of_its_clients_baud_rate
     positioner = MicroPositioner(link, 2, sim.clock)
     assert [positioner.get("probe") for _ in range(3)] == [PROBE] * 3
     link.close()
-
-
-def test_a_line_that_is_unplugged_is_a_link_error_before_anything_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An adapter that is gone can always be read, and gives nothing."""
-    driver, client = line(MicroPositioner, lambda _: [])
-    monkeypatch.setattr(client, "_ready", lambda _within: True)
-    monkeypatch.setattr(client, "_read", lambda: b"")
-    monkeypatch.setattr(client, "connect", lambda: False)
-    monkeypatch.setattr(client, "_write", lambda _request: pytest.fail("something was sent"))
-    with pytest.raises(LinkError, match=r"there is no serial port virtual line; .*or plug the adapter in"):
-        read(driver)
 
 
 # --- a line that several devices share -------------------------------------------------------------------

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import BenchError, DeviceError, LinkTimeout, SettingsLost
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive, open_bench
@@ -34,36 +33,6 @@ def unconfirmed(bench: Bench, monkeypatch: pytest.MonkeyPatch, *, carried_out: b
 
 
 # --- one device ----------------------------------------------------------------------------------------
-
-
-def test_what_makes_a_node_do_something_is_no_setting(bench: Bench, sim: SimulatedBench) -> None:
-    node = bench.device("sensor_node_1")
-    node.set_range(2, "500 mV")
-    node.reset_integrators()
-    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
-    sim.nodes[0].settings["sync_cob_id"] = SYNC_COB_ID
-    assert node.differences() == []
-    sim.nodes[0].settings["range_2"] = 0.0
-    assert node.differences() == [f"{node.name}: range_2 is 0, was set to 500 mV"]
-    node.restore()
-    assert sim.nodes[0].settings["range_2"] == 1.0
-
-
-def test_a_command_is_no_setting(bench: Bench) -> None:
-    bench.device("strain_indicator").command("clear_zero")
-    bench.device("positioner").move(0.001)
-    assert bench.device("strain_indicator").differences() == bench.device("positioner").differences() == []
-
-
-def test_a_positioner_that_was_moved_from_where_it_was_sent_is_noticed(bench: Bench, sim: SimulatedBench) -> None:
-    bench.device("positioner").move(0.004)
-    bench.device("positioner").set(target=0.003, speed=1e-3, command="move")  # as another client would
-    sim.clock.wait(2.0)
-    assert bench.device("positioner").differences() == [
-        f"{bench.device('positioner').name}: stands at 3 mm, was sent to 4 mm"
-    ]
-    bench.device("positioner").stop()
-    assert bench.device("positioner").differences() == []
 
 
 def test_a_sine_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_it_is_said(bench: Bench) -> None:

@@ -235,16 +235,6 @@ def test_meshes_see_too_little_of_a_load_in_one_point_on_a_flat_object(thickness
     assert ladders.is_hard(replace(shaped, load_at=(5e-3, 4e-3))) == hard
 
 
-@pytest.mark.parametrize(("sensor", "luck"), [(FEW, 0.05), (POINT, 0.12)])
-def test_the_solid_model_does_not_trust_meshes_that_hardly_differ(sensor: SolidParameters, luck: float) -> None:
-    at = np.array([1e5])
-    before, after = (
-        np.array(solid.estimates([COARSE, *meshes], sensor, at, known_of(sensor, 1 + len(meshes), COARSE)))
-        for meshes in ([FINE], [FINE, FINE])
-    )
-    assert after - [[1e-8], [0.0]] == pytest.approx(luck * (before - [[1e-8], [0.0]]))
-
-
 def test_the_solid_model_asks_what_the_degree_along_the_height_leaves() -> None:
     at = np.array([1e5])
     plain, asked = (np.array(solid.estimates([FINE] * 3, FEW, at, [FINE, each])) for each in (FINE, COARSE))

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import can
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.sensor_node import acquire
-from palpate.drivers.roles import SensorNode
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import DeviceError, LinkError
 from palpate.procedures.testing.wire import frames, payloads
@@ -72,19 +69,6 @@ def test_a_refused_heartbeat_period_changes_nothing(sim: SimulatedBench, bench: 
     assert payloads(frames(listener), HEARTBEAT + 1) == [PRE_OPERATIONAL]
 
 
-def test_only_an_operational_node_samples(bench: Bench, listener: can.BusABC) -> None:
-    node = bench.device("sensor_node_1")
-    sync(listener)
-    assert node.get("sample_counter") == 0
-    node.arm()
-    sync(listener)
-    assert node.get("sample_counter") == 1
-    node.disarm()
-    sync(listener)
-    assert node.get("sample_counter") == 1
-    assert len(payloads(frames(listener), 0x181)) == 1
-
-
 # --- SYNC ----------------------------------------------------------------------------------------------
 
 
@@ -112,18 +96,6 @@ def test_a_node_samples_at_the_sync_of_a_master(sim: SimulatedBench, bench: Benc
         sync(listener)
         assert node.get("sample_counter") == number
     assert node.collect(3).voltage.shape == (4, 3)
-
-
-def test_frames_come_sync_by_sync(scene: Scene) -> None:
-    with (
-        SimulatedBench(replace(scene, nodes=2)) as sim,
-        can.Bus(interface="virtual", channel=sim.description.links["can"].channel) as listener,
-        Bench(sim.description, sim.clock, sim.operator) as bench,
-    ):
-        acquire(bench.all(SensorNode), 0.003)
-        ids = [message.arbitration_id for message in frames(listener)]
-    samples = [cob_id for cob_id in ids if cob_id in (0x80, 0x181, 0x182, 0x281, 0x282)]
-    assert samples == 3 * [0x80, 0x181, 0x281, 0x182, 0x282]
 
 
 def test_the_sample_counter_goes_on_from_zero_after_its_largest_number(

@@ -13,7 +13,6 @@ from palpate.drivers.devices.sensor_node import acquire
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.plan import Question, driven
@@ -32,16 +31,6 @@ def scene_of(tmp_path: Path, design: str, more: str = "") -> Scene:
 
 def test_films_fill_node_after_node() -> None:
     assert [place(channel) for channel in (1, 4, 5, 8, 9, 17)] == [(1, 1), (1, 4), (2, 1), (2, 4), (3, 1), (5, 1)]
-
-
-@pytest.mark.parametrize(
-    ("design", "nodes"),
-    [("single", 1), ("single_round", 1), ("common_base", 1), ("different_base", 1), ("array", 4), ("array_16", 5)],
-)
-def test_a_scene_has_as_many_nodes_as_its_films_need(design: str, nodes: int, tmp_path: Path) -> None:
-    assert scene_of(tmp_path, design).nodes == nodes
-    assert scene_of(tmp_path, design, "nodes = 7").nodes == 7
-    assert {"single", "array_16"} <= set(DESIGNS)
 
 
 def test_fewer_nodes_than_the_films_need_are_refused(tmp_path: Path) -> None:
