@@ -14,7 +14,6 @@ import pytest
 from pymodbus.pdu import DecodePDU
 
 from palpate.drivers.clock import WallClock
-from palpate.drivers.devices.load_indicator import StrainIndicator
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.links.modbus import ModbusLink, read_registers
@@ -80,14 +79,9 @@ def _without_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.instrument.contracts.contract.Contract.misread", lambda *_: "")
 
 
-def line(
-    driver: type[ModbusDevice], device: Callable[[bytes], list[tuple[float, bytes]]], **settings: int
-) -> tuple[ModbusDevice, VirtualLine]:
+def line(device: Callable[[bytes], list[tuple[float, bytes]]], **settings: int) -> tuple[MicroPositioner, VirtualLine]:
     client = VirtualLine(device, **settings)
-    link = ModbusLink("virtual line", client)
-    if driver is StrainIndicator:
-        return StrainIndicator(link, UNIT, VirtualClock()), client
-    return MicroPositioner(link, UNIT, VirtualClock()), client
+    return MicroPositioner(ModbusLink("virtual line", client), UNIT, VirtualClock()), client
 
 
 # --- an adapter that adds to what the device says --------------------------------------------------------
@@ -126,7 +120,7 @@ NOTHING: dict[str, Callable[[bytes], bytes]] = {
 
 
 def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_to_do() -> None:
-    driver, _ = line(MicroPositioner, lambda _: [(-SILENCE * BITS / 9600, registers(LIMITS, 4))], baudrate=9600)
+    driver, _ = line(lambda _: [(-SILENCE * BITS / 9600, registers(LIMITS, 4))], baudrate=9600)
     with pytest.raises(LinkTimeout, match=r"13 bytes came sooner than 9600 bit/s.* give the line its true baudrate"):
         read(driver)
 
@@ -134,7 +128,7 @@ def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_t
 @pytest.mark.parametrize("baudrate", [1200, 9600, 115200])
 def test_a_device_that_keeps_no_silence_is_understood_byte_by_byte_or_all_at_once(baudrate: int) -> None:
     """Its reply begins as the request ends, and its clock is 2 % fast."""
-    driver, client = line(MicroPositioner, lambda request: [], baudrate=baudrate)
+    driver, client = line(lambda request: [], baudrate=baudrate)
     for pieces in (1, 13):
 
         def device(request: bytes, pieces: int = pieces) -> list[tuple[float, bytes]]:
@@ -158,10 +152,15 @@ def test_only_a_uart_is_held_to_its_baud_rate(port: str, speed: int) -> None:
 
 def test_a_reply_that_was_read_too_late_to_tell_is_used() -> None:
     """A busy machine may look only when the reply has long come: it is not thrown away."""
-    driver, client = line(MicroPositioner, lambda request: [(-1e-6, answered(request))])
-    now = iter([0.0, 0.0])
-    client._now = lambda: next(now, 1.0)  # type: ignore[method-assign]
-    assert read(driver) == HELD
+
+    class Late(VirtualLine):
+        looks = iter([0.0, 0.0])
+
+        def _now(self) -> float:
+            return next(self.looks, 1.0)
+
+    link = ModbusLink("virtual line", Late(lambda request: [(-1e-6, answered(request))]))
+    assert read(MicroPositioner(link, UNIT, VirtualClock())) == HELD
 
 
 def test_a_reply_that_is_repeated_when_the_next_has_been_asked_does_not_answer_it() -> None:

@@ -100,14 +100,16 @@ def test_a_saturated_channel_is_flagged_and_reported_once(
     assert node.emergencies == [SATURATED] * 2  # starting clears the error
 
 
-def test_the_last_count_before_the_rail_is_not_saturated(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sim.nodes[0]._inputs, "_added", {})
-    for total, saturated in ((32767 * 5 / 32768, False), (5.0, True), (-5.0, False), (-32769 * 5 / 32768, True)):
-        put_on_films(sim, monkeypatch, total)
-        assert bench.device("sensor_node_1").acquire(0.001).saturated[1].tolist() == [saturated], total
-    assert len(bench.device("sensor_node_1").emergencies) == 2
+def test_the_last_count_before_the_rail_is_not_saturated(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    with (
+        SimulatedBench(replace(scene, effects={"adc": scene.effects["adc"]})) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        node = bench.device("sensor_node_1")
+        for total, saturated in ((32767 * 5 / 32768, False), (5.0, True), (-5.0, False), (-32769 * 5 / 32768, True)):
+            put_on_films(sim, monkeypatch, total)
+            assert node.acquire(0.001).saturated[1].tolist() == [saturated], total
+        assert len(node.emergencies) == 2
 
 
 def test_a_node_without_converter_effect_still_saturates_at_16_bits(
@@ -157,7 +159,7 @@ def test_an_emergency_that_comes_during_a_look_is_told_at_the_next(bench: Bench)
         def __getitem__(self, which: Any) -> Any:
             found = super().__getitem__(which)
             if len(self) == 1:
-                node._on_emergency(0x81, bytearray(SATURATED), 0.0)
+                node.link.network.notify(0x81, bytearray(SATURATED), 0.0)
             return found
 
     node.emergencies = Coming([SATURATED])

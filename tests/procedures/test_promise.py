@@ -166,12 +166,6 @@ def test_a_run_with_a_target_has_each_result_that_its_plan_predicts(case: Case) 
     _check(case)
 
 
-def test_a_dry_run_tells_people_the_uncertainty_of_each_result(palpate: Palpate) -> None:
-    said = palpate("calibrate", "films", "--dry-run").out
-    assert "sensitivity of film rigid" in said
-    assert "1.6 %" in said
-
-
 def test_four_times_the_load_sets_halve_what_is_expected() -> None:
     target = _target()
     one, four = (LoadSweep(("1",), (4.0,) * sets).plan(target).predicted.u for sets in (2, 8))

@@ -64,7 +64,7 @@ def test_the_heartbeat_follows_its_period_and_tells_the_state(
 def test_a_refused_heartbeat_period_changes_nothing(sim: SimulatedBench, bench: Bench, listener: can.BusABC) -> None:
     node = bench.device("sensor_node_1")
     with pytest.raises(DeviceError, match="0x06090031"):
-        node.link.download(node.name, node._node, 0x1017, 0, (60_001).to_bytes(2, "little"))
+        node.link.download(node.name, node.link.add_node(node.id), 0x1017, 0, (60_001).to_bytes(2, "little"))
     sim.clock.wait(1.0)
     assert payloads(frames(listener), HEARTBEAT + 1) == [PRE_OPERATIONAL]
 

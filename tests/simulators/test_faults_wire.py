@@ -268,11 +268,3 @@ def test_a_stuck_reading_stays_and_a_drifting_zero_runs_away(scene: Scene) -> No
 
 
 # --- replay --------------------------------------------------------------------------------------------
-
-
-def test_on_a_bench_without_faults_nothing_stands_in_between(sim: SimulatedBench) -> None:
-    """A transaction therefore costs what it would cost if there were no faults at all."""
-    for device in (sim.generator, sim.amplifier, sim.indicator, sim.positioner, *sim.nodes):
-        assert not {"read", "write", "requested", "sample"} & vars(device).keys()
-    assert "send" not in vars(sim.can._bus)
-    assert "injection" not in vars(sim)

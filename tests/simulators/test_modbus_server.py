@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import select
 import socket
 import tty
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from pymodbus.framer import FramerRTU
@@ -16,7 +14,6 @@ from pymodbus.framer import FramerRTU
 from palpate.instrument.contracts.contract import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.terminal import Terminal
 
 LOST = 40  # requests after rubbish on a line, at most: 320 bytes
 
@@ -209,37 +206,3 @@ def test_a_request_that_is_broken_off_does_not_swallow_the_next(line: int, serve
         os.write(line, checked(f"02 03 {probe:04x} 0002"))
         assert select.select([line], [], [], 10.0)[0]
         assert os.read(line, 256) == checked(f"02 03 04 {PROBE:08x}")
-
-
-class Listener:
-    """What a terminal tells a server."""
-
-    def __init__(self) -> None:
-        self.recv_buffer = b""
-
-    def connection_made(self, _transport: object) -> None:
-        pass
-
-    def data_received(self, data: bytes) -> None:
-        self.recv_buffer += data
-
-
-@pytest.mark.parametrize(("silence", "held"), [(-10.0, b"\x02\x03\x00\x20"), (1.0, b"\x00\x20")])
-def test_the_rest_of_a_request_is_none_after_a_silence(silence: float, held: bytes) -> None:
-    """More than 3.5 characters end a frame, "MODBUS over serial line" 2.5.1.1."""
-
-    async def hear() -> bytes:
-        server: Any = Listener()
-        terminal = Terminal(server)
-        client = os.open(terminal.path, os.O_RDWR | os.O_NOCTTY)
-        for part in (b"\x02\x03", b"\x00\x20"):
-            terminal._heard_at = terminal._loop.time() - silence
-            os.write(client, part)
-            assert select.select([terminal._own], [], [], 10.0)[0]
-            terminal._heard()
-        os.close(client)
-        terminal.close()
-        buffer: bytes = server.recv_buffer
-        return buffer
-
-    assert asyncio.run(hear()) == held
