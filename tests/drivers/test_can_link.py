@@ -14,10 +14,9 @@ import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.links.can import CanLink, _Listener, _Tapped
-from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
+from palpate.drivers.links.sdo import LATE_ANSWERS
 from palpate.instrument.bench import links
 from palpate.instrument.bench.links import MULTICAST
-from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
 
 
@@ -198,16 +197,6 @@ def test_nothing_is_kept_for_ever_of_what_nobody_asks_for(link: CanLink) -> None
     node: Any = link.add_node(1)
     heard_of(link, frame(0x81, bytes(8)))
     assert (node.emcy.log, node.emcy.active) == ([], [])
-
-
-def test_a_node_has_the_time_out_of_its_bus_and_knows_how_long_a_transfer_takes(link: CanLink) -> None:
-    link.open()
-    node: Any = link.add_node(5)
-    assert isinstance(node.sdo, CheckedSdoClient)
-    assert node.sdo_channels == [node.sdo]
-    assert (node.sdo.rx_cobid, node.sdo.tx_cobid) == (0x605, 0x585)
-    assert (node.sdo.RESPONSE_TIMEOUT, node.sdo.shortest) == (0.25, shortest_transfer(125e3))
-    assert link.network[5] is node
 
 
 def test_a_closed_link_is_not_open(link: CanLink, monkeypatch: pytest.MonkeyPatch) -> None:

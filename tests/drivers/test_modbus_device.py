@@ -8,21 +8,10 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import DevicePlace
 from palpate.instrument.errors import DeviceError, IdentityError, RangeError, UsageError
-from tests.drivers.registers import Oven, Registers, oven
+from tests.drivers.registers import oven
 
 # --- who answers ---------------------------------------------------------------------------------------
-
-
-def test_a_driver_knows_its_place_and_is_called_by_it() -> None:
-    link: Any = Registers(Oven.contract)
-    clock: Any = None
-    driver = Oven.at(DevicePlace(link, 7, None, clock))
-    assert (driver.name, driver.link, driver.unit) == ("oven at rack unit 7", link, 7)
-    assert (driver.serial, driver.simulated, driver.broken) == ("", False, "")
-    driver.get("warmth")
-    assert link.asked == [("read_registers", 0x20, 1, 7)]
 
 
 @pytest.mark.parametrize("revision", ["1.2", "1.3", "1"])

@@ -144,16 +144,6 @@ def test_a_link_that_cannot_be_connected_again_is_told_by_the_device_that_was_as
     assert client.done == ["close", "connect"] * 2
 
 
-def test_a_reply_that_is_distrusted_has_the_next_request_asked_on_a_fresh_connection() -> None:
-    client = Tcp()
-    link = ModbusLink("rack", client)
-    link.open()
-    link.distrust()
-    link.transact("oven", answers())
-    link.close()
-    assert client.done == ["connect", "close", "connect", "close"]
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [

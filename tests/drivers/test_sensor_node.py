@@ -12,7 +12,6 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
@@ -60,26 +59,6 @@ def test_twenty_nodes_at_1_kHz_lose_no_sample(scene: Scene, nothing_left_behind:
             assert node.get("sample_counter") == 1000
         assert recordings[0].time[[0, -1]].tolist() == [0.001, 1.0]
         assert len({recording.voltage.tobytes() for recording in recordings}) == 20
-
-
-def test_the_films_sine_stands_in_its_channels_and_nowhere_else(bench: Bench) -> None:
-    shake(bench)
-    bench.clock.wait(5.0)
-    voltage = bench.device("sensor_node_1").acquire(1.0).voltage
-    spectrum = np.abs(np.fft.rfft(voltage, axis=1))[:, 10] * 2 / 1000
-    films = get_design(bench.description.design).films
-    rigid, total = (film.channel - 1 for film in sorted(films, key=lambda film: film.name))
-    assert spectrum[total] > 10 * spectrum[rigid] > 100 * spectrum[2:].max()
-
-
-def test_a_range_ten_times_smaller_resolves_ten_times_finer(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    node = bench.device("sensor_node_1")
-    steps = []
-    for range_ in ("5 V", "500 mV"):
-        node.set_range(1, range_)
-        levels = np.unique(node.acquire(0.5).voltage[0])
-        steps.append(np.diff(levels).min())
-    assert steps == pytest.approx([5 / 32768, 0.5 / 32768])
 
 
 # --- saturation ----------------------------------------------------------------------------------------
