@@ -48,6 +48,27 @@ def test_a_log_gives_the_header_of_its_run_and_the_bench_of_it(tmp_path: Path) -
     assert replay.goes_on  # nobody reads its clock to feed a watchdog
 
 
+def test_a_log_in_which_no_run_began_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        ConfigError, match=r"t\.pcapng: no run began in this log; replay a log that --log recorded of a"
+    ):
+        BusReplay(log_of(tmp_path), shown)
+
+
+def test_a_damaged_log_and_one_that_cannot_be_read_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = log_of(tmp_path, RUN)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(ConfigError, match=r"t\.pcapng: damaged: cut short at byte \d+; only a whole log can be"):
+        BusReplay(path, shown)
+
+    def refused(*_: object, **__: object) -> Any:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)
+    with pytest.raises(UsageError, match=r"t\.pcapng: cannot be read: Permission denied; check the name$"):
+        BusReplay(path, shown)
+
+
 def test_beside_a_can_log_stands_the_one_that_is_replayed(tmp_path: Path) -> None:
     path = log_of(tmp_path, RUN)
     path.with_suffix(".blf").touch()

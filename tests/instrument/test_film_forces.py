@@ -50,16 +50,6 @@ def test_the_teeth_of_an_array_add_up() -> None:
     assert found.force_ratio == pytest.approx(math.fsum(tooth.force_ratio for tooth in found.teeth))
 
 
-@pytest.mark.parametrize("name", ["common_base", "different_base"])
-def test_the_stated_noise_is_the_scatter_of_repeats(name: str) -> None:
-    design = get_design(name)
-    force = [0.3 if film.kind == "rigid" else 2.0 for film in design.films]
-    repeats = [film_forces(design, fitted(design, force, noise=1e-4, seed=seed)) for seed in range(200)]
-    assert np.std([r.force_ratio for r in repeats]) == pytest.approx(np.mean([r.noise_u for r in repeats]), rel=0.15)
-    first = [r.teeth[0] for r in repeats]
-    assert np.std([t.force_ratio for t in first]) == pytest.approx(np.mean([t.noise_u for t in first]), rel=0.15)
-
-
 def test_a_dead_base_film_is_named() -> None:
     design = get_design("different_base")
     with pytest.raises(EstimateError, match=r"film 'total_2' on channel 4 gives .* too little for a ratio"):
