@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from palpate.simulators.scenes.scene import Scene
 
 SLOW = 300  # s
-collect_ignore = ["examples"]  # projects of their own: see tests/procedures/test_plugin.py
+collect_ignore = ["examples"]  # projects of their own, which CI installs
 
 
 def hasty(description: BenchDescription) -> BenchDescription:

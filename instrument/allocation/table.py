@@ -286,14 +286,6 @@ def allocate(
     return Table.of(ways, rounds=rounds, fewest=fewest, most=most).for_tolerance(tolerance)
 
 
-def allocate_time(
-    lines: Sequence[BudgetLine], costs: Costs, seconds: float, between: Sequence[float] = (SHORTEST,), fewest: int = 1
-) -> Allocation:
-    """The plan of one mounting with the least half-width in a bench time [s]. Raises as `Table.for_time`."""
-    ways = [RunOption(lines, costs, dwell) for dwell in between]
-    return Table.of(ways, fewest=fewest, by_time=True).for_time(seconds)
-
-
 def first_of(each: Numbers) -> Numbers:
     """Number of first sets, whose scatter decides how many there are in all, where so many are planned a mounting."""
     found: Numbers = np.maximum(FIRST, -(-each // 2))

@@ -40,7 +40,7 @@ def measure() -> Iterator[Row]:
                     ROUNDS,
                 ),
             )
-            remote = node._node
+            remote = node.link.add_node(node.id)
             yield _row(
                 "node read (CANopen SDO), driver / canopen",
                 *interleaved(lambda: node.get("sync_period"), lambda: remote.sdo.upload(0x1006, 0), ROUNDS),

@@ -16,11 +16,10 @@ from palpate.drivers import ownership
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.contracts.contract import Identity
-from palpate.instrument.errors import BenchError, IdentityError, LinkError, LinkTimeout, SafetyError
+from palpate.instrument.errors import BenchError, IdentityError, LinkError, SafetyError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
-from tests.conftest import hasty
-from tests.drivers.benches import altered, drive, driving, is_closed, open_bench
+from tests.drivers.benches import altered, driving, is_closed, open_bench
 
 # --- opening -------------------------------------------------------------------------------------------
 
@@ -55,14 +54,6 @@ def test_another_device_at_an_address_is_refused_and_the_rest_closed_again(
         assert bench.simulated
 
 
-def test_another_node_is_refused_and_the_rest_closed_again(sim: SimulatedBench) -> None:
-    sim.nodes[0].settings["product"] = 7.0
-    bench = open_bench(sim)
-    with pytest.raises(IdentityError, match=r"sensor node 1 at .*0x00000007"):
-        bench.__enter__()
-    assert is_closed(bench)
-
-
 def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(
     sim: SimulatedBench, closed_port: int
 ) -> None:
@@ -75,26 +66,6 @@ def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(
     ):
         bench.__enter__()
     assert is_closed(bench)
-
-
-def test_an_absent_unit_on_the_line_is_named(sim: SimulatedBench) -> None:
-    description = hasty(sim.description)
-    elsewhere = altered(description, device={"positioner": {"unit": 9}})
-    with pytest.raises(
-        LinkTimeout,
-        match=r"micro-positioner at .* unit 9: no valid answer .* nothing came; check .*unit in \[device.positioner\]",
-    ):
-        open_bench(sim, elsewhere).__enter__()
-
-
-def test_an_absent_node_is_named(sim: SimulatedBench) -> None:
-    description = hasty(sim.description)
-    another = {"kind": "sensor_node", "link": "can", "node": 9}
-    elsewhere = description.model_copy(update={"device": {**description.device, "another": another}})
-    with pytest.raises(
-        LinkTimeout, match=r"sensor node 9 at .*: no valid answer .*other nodes talk .*node in \[device.another\]"
-    ):
-        open_bench(sim, elsewhere).__enter__()
 
 
 def test_a_bench_whose_opening_fails_leaves_the_outputs_off(
@@ -123,13 +94,6 @@ def test_an_amplifier_that_tripped_is_refused_with_its_fault(sim: SimulatedBench
     sim.amplifier._latched = 0b1
     with pytest.raises(SafetyError, match=r"shaker amplifier .* tripped on over_current"):
         open_bench(sim).__enter__()
-
-
-def test_the_watchdog_that_ended_a_killed_run_is_cleared(sim: SimulatedBench) -> None:
-    sim.amplifier._latched = 0b1_0000
-    with open_bench(sim) as bench:
-        drive(bench)
-        assert driving(sim)
 
 
 # --- simulated or not ----------------------------------------------------------------------------------

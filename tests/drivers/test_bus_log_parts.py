@@ -15,7 +15,6 @@ from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.bus_log import (
     BusLog,
-    check_log,
     kind_called,
     log_files,
     logged,
@@ -46,30 +45,6 @@ STARTED_NS = 1_767_323_045 * 1_000_000_000
 )
 def test_a_log_has_one_file_for_everything_and_one_for_can_where_its_name_says_so(name: str, files: list[str]) -> None:
     assert log_files(Path(name)) == [Path(file) for file in files]
-
-
-@pytest.mark.parametrize("name", ["t.pcapng", "t.blf", "t.asc"])
-def test_a_log_that_can_be_written_is_not_begun_by_the_check(name: str, tmp_path: Path) -> None:
-    check_log(tmp_path / name)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("there", ["t.pcapng", "t.blf"])
-def test_a_log_in_the_place_of_another_file_is_refused_and_leaves_it(there: str, tmp_path: Path) -> None:
-    (tmp_path / there).write_text("precious")
-    with pytest.raises(UsageError, match=f"^--log .*t.blf: .*{there} exists already; give another name$"):
-        check_log(tmp_path / "t.blf")
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["precious"]
-
-
-def test_a_log_of_an_unknown_format_or_in_no_folder_is_refused(tmp_path: Path) -> None:
-    formats = r"\.pcapng \(everything\), \.blf or \.asc \(CAN\)"
-    with pytest.raises(UsageError, match=rf"^--log t\.pcap: the name must end in {formats}$"):
-        check_log(Path("t.pcap"))
-    with pytest.raises(
-        RecordError, match=r"no/t\.blf: the bus log cannot be written: No such file or directory; choose"
-    ):
-        check_log(tmp_path / "no" / "t.blf")
 
 
 def test_a_log_to_read_is_a_file_of_a_known_format(tmp_path: Path) -> None:
@@ -239,13 +214,6 @@ def test_frames_stand_in_the_can_format_too_with_their_time_and_way(suffix: str,
         assert first.time == pytest.approx(1e-9 * (STARTED_NS + bench.clock.now_ns()) - 0.5, abs=1e-3)
 
 
-@pytest.mark.parametrize(("name", "content"), [("t.blf", b""), ("t.blf", bytes(200)), ("t.blf", b"LOGG" + bytes(20))])
-def test_a_can_log_that_is_damaged_is_told_as_such(name: str, content: bytes, tmp_path: Path) -> None:
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(ValueError, match=r"\S"):
-        list(read_frames(tmp_path / name))
-
-
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), ValueError("write to closed file")])
 def test_a_log_that_fails_ends_and_the_run_goes_on_until_its_end(
     failure: Exception, bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -291,8 +259,7 @@ def test_a_log_that_cannot_be_ended_is_incomplete(bench: Any, tmp_path: Path, mo
         pass
 
 
-@pytest.mark.parametrize("name", ["t.pcapng", "t.blf"])
-def test_a_log_that_cannot_be_begun_is_told_before_the_bench_is_opened(name: str, bench: Any, tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match=rf"no/{name}: the bus log cannot be written: No such file or directory; cho"):
-        log_of(bench, tmp_path / "no" / name).__enter__()
+def test_a_log_that_cannot_be_begun_is_told_before_the_bench_is_opened(bench: Any, tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"no/t.blf: the bus log cannot be written: No such file or directory; cho"):
+        log_of(bench, tmp_path / "no" / "t.blf").__enter__()
     assert bench.taps == {}

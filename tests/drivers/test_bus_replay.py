@@ -50,7 +50,7 @@ def used(bench: Bench) -> list[Any]:
         recording = node.acquire(0.02)
         voltage = recording.voltage.tobytes()
         with pytest.raises(DeviceError) as refused:
-            node.link.upload("it", node._node, 0x5000, 0)
+            node.link.upload("it", node.link.add_node(node.id), 0x5000, 0)
         heard = [
             voltage,
             bench.device("signal_generator").read(),

@@ -21,25 +21,6 @@ def test_a_bus_that_cannot_be_opened_is_a_link_error_that_names_it(sim: Simulate
         link.open()
 
 
-def test_a_bus_that_is_not_open_is_a_link_error(sim: SimulatedBench) -> None:
-    link = CanLink(sim.description.links["can"])
-    link.close()
-    with pytest.raises(LinkError, match="is not open; open the bench first"):
-        link.add_node(1)
-
-
-def test_a_failing_adapter_is_a_link_error(bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    def unplugged(*_: object, **__: object) -> None:
-        raise can.CanOperationError("adapter unplugged")
-
-    node = bench.device("sensor_node_1")
-    monkeypatch.setattr(node.link.network.bus, "send", unplugged)
-    with pytest.raises(LinkError, match=r"sensor node 1 .* failed: adapter unplugged"):
-        node.get("probe")
-    with pytest.raises(LinkError, match="failed: adapter unplugged"):
-        node.arm()
-
-
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
     sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch

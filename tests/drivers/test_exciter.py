@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -56,18 +55,6 @@ def test_an_exciter_is_switched_off_by_every_means_there_is_the_safest_first() -
         failures = insist(exciter.means(), VirtualClock())
         assert told == [("amplifier", "disable"), ("source", "output", False), QUIET]
         assert failures == (["amplifier disable", "source output", "source sine"] if fails else [])
-
-
-def test_an_exciter_drives_by_its_source_and_its_effort_is_the_amplifier_s_peak_current() -> None:
-    told = list[Any]()
-    exciter = Amplified(source := Told("source", told), amplifier := Told("amplifier", told))
-    exciter.sine(12.0, 0.5)
-    assert exciter.effort() == pytest.approx(2.0 * math.sqrt(2))
-    assert exciter.effort_limit() == 3.5
-    assert told == [("source", "sine", 12.0, 0.5), ("amplifier", "check"), ("amplifier", "get", "current_limit")]
-    assert exciter.members == (amplifier, source)
-    assert exciter.guard is amplifier
-    assert Amplified(source, Told("amplifier", told, watched=False)).guard is None
 
 
 def test_an_exciter_that_is_one_device_is_its_only_member_and_is_switched_off_by_resting() -> None:

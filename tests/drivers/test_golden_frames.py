@@ -39,10 +39,6 @@ NUMBERS = [name for name, golden in NODE_FRAMES.items() if "value" in golden]
 TEXTS = [name for name, golden in NODE_FRAMES.items() if "text" in golden]
 UPLOAD_OF_DOWNLOAD = {0x23: 0x43, 0x2B: 0x4B, 0x2F: 0x4F}  # four, two, one byte
 
-modbus_field = pytest.mark.parametrize(
-    ("device", "name"), [(device, name) for device in MODBUS for name in GOLDEN[device]["fields"]]
-)
-
 
 def bits(text: str) -> bytes:
     return bytes.fromhex(text)
@@ -117,25 +113,6 @@ def test_every_process_data_object_has_a_golden_frame() -> None:
     assert set(GOLDEN["sensor_node"]["pdo"]) == {pdo.name for pdo in NODE.pdos}
 
 
-@modbus_field
-def test_the_contract_gives_the_golden_frame_of_a_register(device: str, name: str) -> None:
-    contract, golden = CONTRACTS[device], GOLDEN[device]["fields"][name]
-    field = contract[name]
-    assert ("write" in golden) == (field.access != "ro")
-    request, response = read_exchange(field, golden)
-    function, address, count = request[0], request[1:3], request[3:5]
-    assert (function, address, count) == (3, field.address.to_bytes(2), (field.size // 2).to_bytes(2))
-    data = response[2:]
-    if "text" in golden:
-        assert (contract.encode(name, golden["text"]), contract.decode_text(name, data)) == (data, golden["text"])
-        return
-    value = golden["value"]
-    if "write" in golden:
-        assert contract.encode(name, value) == data
-    assert contract.pack(name, physical(field, value)) == data
-    assert means(contract, name, contract.decode(name, data), value)
-
-
 @pytest.mark.parametrize("device", MODBUS)
 def test_driver_and_simulator_exchange_the_golden_frames_of_all_registers(
     device: str, pair: tuple[ModbusDevice, SimulatedDevice], monkeypatch: pytest.MonkeyPatch
@@ -199,22 +176,6 @@ def test_the_identity_travels_as_the_golden_frame(
     assert [golden["objects"][i] for i in "012"] == [identity.vendor, identity.product, identity.revision]
     assert driver.serial == golden["objects"]["128"]
     assert driver.simulated
-
-
-@pytest.mark.parametrize("name", NUMBERS)
-def test_the_contract_gives_the_golden_frame_of_an_object(name: str) -> None:
-    golden = NODE_FRAMES[name]
-    field, value = NODE[name], golden["value"]
-    assert ("write" in golden) == (field.access != "ro")
-    frame = bits(golden["write"] if "write" in golden else golden["response"])
-    assert frame[1:4] == field.index.to_bytes(2, "little") + bytes([field.subindex])
-    size = 4 - (frame[0] >> 2 & 3)
-    data, rest = frame[4 : 4 + size], frame[4 + size :]
-    assert not any(rest)
-    if "write" in golden:
-        assert NODE.encode(name, value) == data
-    assert NODE.pack(name, physical(field, value)) == data
-    assert means(NODE, name, NODE.decode(name, data), value)
 
 
 def test_a_driver_writes_the_golden_frames_of_all_objects(node_bench: Bench, listener: can.BusABC) -> None:

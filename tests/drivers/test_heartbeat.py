@@ -22,15 +22,3 @@ def test_a_heartbeat_beats_at_its_interval_until_it_is_left(monkeypatch: pytest.
     assert heartbeat._end.is_set()
     assert heartbeat._thread.daemon  # a program that ends does not wait for it
     assert heartbeat._thread.name == "heartbeat"  # in lists of threads
-
-
-@pytest.mark.parametrize(("now", "beats"), [(125.0, 1), (125.1, 0)])
-def test_a_program_is_spoken_for_twenty_seconds_after_it_should_have_been_heard_of(
-    now: float, beats: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    said = list[str]()
-    heartbeat = Heartbeat(lambda: said.append("alive"), 0.5)
-    monkeypatch.setattr("time.monotonic", lambda: 100.0)
-    heartbeat.expect(5.0)
-    heartbeat.turn(now)
-    assert len(said) == beats

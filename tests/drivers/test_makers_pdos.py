@@ -41,11 +41,11 @@ def served(folder: Path, text: str, unit: int | None = NODE) -> Iterator[Any]:
 
 
 def write(device: Any, index: int, subindex: int, value: int, size: int = 4) -> None:
-    device.link.download("test", device._node, index, subindex, value.to_bytes(size, "little"))
+    device.link.download("test", device.link.add_node(device.id), index, subindex, value.to_bytes(size, "little"))
 
 
 def read(device: Any, index: int, subindex: int) -> int:
-    return int.from_bytes(device.link.upload("test", device._node, index, subindex), "little")
+    return int.from_bytes(device.link.upload("test", device.link.add_node(device.id), index, subindex), "little")
 
 
 def test_a_fixed_pdo_is_not_written_and_its_twin_refuses_what_the_node_refuses(tmp_path: Path) -> None:

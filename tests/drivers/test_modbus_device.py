@@ -8,21 +8,10 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import DevicePlace
 from palpate.instrument.errors import DeviceError, IdentityError, RangeError, UsageError
-from tests.drivers.registers import Oven, Registers, oven
+from tests.drivers.registers import oven
 
 # --- who answers ---------------------------------------------------------------------------------------
-
-
-def test_a_driver_knows_its_place_and_is_called_by_it() -> None:
-    link: Any = Registers(Oven.contract)
-    clock: Any = None
-    driver = Oven.at(DevicePlace(link, 7, None, clock))
-    assert (driver.name, driver.link, driver.unit) == ("oven at rack unit 7", link, 7)
-    assert (driver.serial, driver.simulated, driver.broken) == ("", False, "")
-    driver.get("warmth")
-    assert link.asked == [("read_registers", 0x20, 1, 7)]
 
 
 @pytest.mark.parametrize("revision", ["1.2", "1.3", "1"])
@@ -99,15 +88,6 @@ def test_another_serial_number_than_before_is_another_device() -> None:
     assert driver.serial == "SN7"
 
 
-def test_words_in_the_other_order_are_refused_with_a_remedy() -> None:
-    driver, link = oven()
-    link.words |= {0: 0x5678, 1: 0x1234}
-    with pytest.raises(
-        IdentityError, match="word-order probe reads 0x56781234, should read 0x12345678; set the device to big-endian"
-    ):
-        driver.identify()
-
-
 # --- reading -------------------------------------------------------------------------------------------
 
 
@@ -115,13 +95,6 @@ def test_fields_are_given_in_the_order_asked_for_and_read_in_one_request_where_t
     driver, link = oven(warmth=21.5, setpoint=-10.0, heater="on")
     assert driver.get_many("warmth", "heater", "setpoint") == [21.5, 1.0, -10.0]
     assert link.asked == [("read_registers", 0x10, 3, 7), ("read_registers", 0x20, 1, 7)]
-
-
-@pytest.mark.parametrize(("name", "value"), [("warmth", 100.1), ("heater", 2.0)])
-def test_a_value_that_cannot_be_is_not_used(name: str, value: float) -> None:
-    driver, _ = oven(**{name: value})
-    with pytest.raises(DeviceError, match=f"^oven at rack unit 7: reads {name} = .*; not used. Set it within"):
-        driver.get(name)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -19,9 +17,6 @@ from palpate.drivers.links.modbus import (
     LARGEST_FRAME,
     ModbusLink,
     TcpClient,
-    read_identity,
-    read_registers,
-    write_registers,
 )
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
@@ -100,23 +95,6 @@ def test_a_line_has_the_settings_of_its_section_and_asks_once() -> None:
     assert (link.client.retries, link.serial) == (0, True)
 
 
-def test_requests_ask_for_what_they_are_called_by() -> None:
-    asked: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
-
-    class Client:
-        def __getattr__(self, name: str) -> Request:
-            return lambda *args, **kwargs: asked.append((name, args, kwargs))
-
-    read_registers(Client(), 0x10, 3, 7)
-    write_registers(Client(), 0x11, [1, 2], 8)
-    read_identity(Client(), 3, 9)
-    assert asked == [
-        ("read_holding_registers", (0x10,), {"count": 3, "device_id": 7}),
-        ("write_registers", (0x11, [1, 2]), {"device_id": 8}),
-        ("read_device_information", (), {"read_code": 3, "object_id": 0, "device_id": 9}),
-    ]
-
-
 # --- failures ------------------------------------------------------------------------------------------
 
 
@@ -166,16 +144,6 @@ def test_a_link_that_cannot_be_connected_again_is_told_by_the_device_that_was_as
     assert client.done == ["close", "connect"] * 2
 
 
-def test_a_reply_that_is_distrusted_has_the_next_request_asked_on_a_fresh_connection() -> None:
-    client = Tcp()
-    link = ModbusLink("rack", client)
-    link.open()
-    link.distrust()
-    link.transact("oven", answers())
-    link.close()
-    assert client.done == ["connect", "close", "connect", "close"]
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [
@@ -200,17 +168,6 @@ def test_a_name_that_no_host_can_have_is_told_with_the_bench_file() -> None:
 
     with pytest.raises(LinkError, match=r"^a\.\.b:502 is no address: label empty; correct it in the bench file$"):
         ModbusLink("a..b:502", Tcp(no_name)).open()
-
-
-def test_a_program_with_too_many_open_files_says_so_instead_of_blaming_the_device(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def exhausted(*_: object) -> int:
-        raise OSError(errno.EMFILE, "Too many open files")
-
-    monkeypatch.setattr(os, "open", exhausted)
-    with pytest.raises(LinkError, match=r"^rack cannot be opened: Too many open files in this program; .* ulimit -n$"):
-        ModbusLink("rack", Tcp(lambda: False)).open()
 
 
 def test_why_a_link_does_not_open_is_looked_up_without_leaving_a_file_open() -> None:
@@ -249,28 +206,6 @@ def test_a_line_that_is_lost_while_it_is_listened_to_is_told() -> None:
     link.distrust()
     with pytest.raises(LinkError, match=r"^line is lost; check the adapter's plug and cable$"):
         link.open()
-
-
-@pytest.mark.parametrize(
-    ("too_soon", "why"),
-    [
-        (0, "nothing came; check power and cable of the device, unit in the bench file, and baudrate and parity"),
-        (3, "3 bytes came sooner than 9600 bit/s can bring them; look for a device that talks unasked, and give"),
-    ],
-)
-def test_a_time_out_on_a_line_tells_of_bytes_that_came_too_soon(too_soon: int, why: str) -> None:
-    client = Line()
-    client.too_soon = too_soon
-    with pytest.raises(LinkTimeout, match=rf"^oven: no valid answer on line within 1\.5 s; {why}"):
-        ModbusLink("line", client).transact("oven", fails(ModbusIOException("none")))
-
-
-def test_a_file_that_is_no_free_serial_port_is_told_apart_from_none(tmp_path: Path) -> None:
-    for name, message in ((tmp_path, "is no serial port but a folder"), ("/none", "there is no")):
-        client = Line()
-        client.connect = lambda: False  # type: ignore[method-assign]
-        with pytest.raises(LinkError, match=message):
-            ModbusLink(str(name), client).open()
 
 
 # --- frames --------------------------------------------------------------------------------------------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,9 +20,8 @@ from palpate.simulators.faults.fault import parse_faults, places
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused
-from tests.drivers.benches import off_the_main_thread
 from tests.drivers.outside import installed
-from tests.drivers.test_bench_ends import ENDING, REQUESTS, Failure
+from tests.drivers.test_bench_ends import Failure
 
 pytestmark = pytest.mark.usefixtures("foreground")
 ON, OFF = (1.0, 1.0), (0.0, 0.0)
@@ -180,41 +177,6 @@ def test_it_is_off_after_whatever_is_raised(error: type[BaseException], sim: Sim
     with pytest.raises(error), opened(sim) as bench:
         drive(bench)
         raise error
-    assert output(sim) == OFF
-
-
-@ENDING
-def test_it_is_off_after_a_signal_in_the_middle_of_a_request(
-    number: signal.Signals, raised: type[BaseException], sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def kill() -> None:
-        monkeypatch.undo()
-        os.kill(os.getpid(), number)
-
-    with pytest.raises(raised), opened(sim) as bench:
-        drive(bench)
-        monkeypatch.setattr(sim.devices["shaker"], "requested", kill)
-        for _ in range(REQUESTS):
-            bench.device("shaker").get("probe")
-    assert output(sim) == OFF
-
-
-def test_a_signal_while_it_is_switched_off_does_not_stop_that(
-    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with opened(sim) as bench:
-        drive(bench)
-        monkeypatch.setattr(sim.devices["shaker"], "requested", lambda: os.kill(os.getpid(), signal.SIGTERM))
-    assert output(sim) == OFF
-
-
-def test_off_the_main_thread_it_is_off_too(sim: SimulatedBench) -> None:
-    def use() -> None:
-        with pytest.raises(Failure), opened(sim) as bench:
-            drive(bench)
-            raise Failure
-
-    off_the_main_thread(use)
     assert output(sim) == OFF
 
 

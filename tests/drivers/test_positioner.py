@@ -53,13 +53,6 @@ def test_homing_is_noticed_within_a_poll_of_its_end_by_few_requests(
     assert len(wire.requests) <= 14  # of which each second look is two
 
 
-def test_target_speed_and_command_travel_in_one_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    wire = listen(bench.device("positioner").link, monkeypatch)
-    bench.device("positioner").move(0.0005)
-    writes = [request for request in wire.requests if request[0] == 16]
-    assert writes == [bytes.fromhex("10 0010 0004 08 000001F4 03E8 0001")]
-
-
 def test_a_move_stops_where_it_is(bench: Bench, sim: SimulatedBench) -> None:
     bench.device("positioner").set(target=0.01, speed=1e-3, command="move")
     sim.clock.wait(3.0)

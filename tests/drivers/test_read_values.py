@@ -51,37 +51,6 @@ def test_an_object_outside_its_contract_is_refused_where_the_node_is_opened(
                 bench.device("sensor_node_1").connect()
 
 
-def test_a_node_that_sends_no_sync_can_be_opened_and_says_what_it_wants_before_it_samples(
-    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """0 is the default of 1006h in CiA 301."""
-    node = bench.device("sensor_node_1")
-    monkeypatch.setitem(sim.can.nodes[0].settings, "sync_period", 0.0)
-    node.connect()
-    with pytest.raises(
-        DeviceError, match=r"sync_period \(1006h\) is 0, so it sends no SYNC.*; set the sample rate first"
-    ):
-        node.acquire(0.1)
-    node.set_sample_rate(1000.0)
-    assert node.acquire(0.01).time.size == 10
-
-
-def test_a_setting_that_fell_out_of_its_limits_counts_as_lost_and_is_restored(
-    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A power cycle leaves a node so: its defaults need not lie within the contract."""
-    node, held = bench.device("sensor_node_1"), sim.can.nodes[0].settings
-    node.set("sync_period", 0.002)
-    monkeypatch.setitem(held, "sync_period", 0.0)
-    assert any("sync_period is 0, was set to 0.002" in found for found in node.differences())
-    node.restore()
-    assert held["sync_period"] == 0.002
-    monkeypatch.setitem(sim.indicator.settings, "full_scale", 5.0)
-    assert any("full_scale is 5, was set to 200" in found for found in bench.device("strain_indicator").differences())
-    bench.device("strain_indicator").restore()
-    assert sim.indicator.settings["full_scale"] == 200.0
-
-
 def test_a_fault_bit_that_the_contract_does_not_name_is_a_fault(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -89,10 +58,3 @@ def test_a_fault_bit_that_the_contract_does_not_name_is_a_fault(
     read = amplifier.read
     monkeypatch.setattr(amplifier, "read", lambda name: 512.0 if name == "faults_latched" else read(name))
     assert bench.device("shaker_amplifier").read().faults_latched == {"bit 9"}
-
-
-def test_a_float_may_be_not_a_number_where_it_has_no_limits(bench: Bench) -> None:
-    contract = bench.device("strain_indicator").contract
-    assert contract.misread("reading_float", float("nan")) == ""
-    assert "reading_float = inf" in contract.misread("reading_float", float("inf"))
-    assert "gage_factor = nan" in contract.misread("gage_factor", float("nan"))

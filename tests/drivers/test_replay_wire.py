@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,15 +43,6 @@ def read(end: socket.socket, size: int) -> bytes:
     return data
 
 
-def test_links_have_ends_of_their_own(wire: ReplayWire) -> None:
-    with connected(wire.listen("left")) as left, connected(wire.listen("right")) as right:
-        wire.expect("left", 1, b"l")
-        wire.expect("right", 1, b"r")
-        right.sendall(b"?")
-        left.sendall(b"?")
-        assert (read(left, 1), read(right, 1)) == (b"l", b"r")
-
-
 def test_a_client_that_connects_anew_begins_a_request_anew(wire: ReplayWire) -> None:
     port = wire.listen("rack")
     wire.expect("rack", 4, b"reply")
@@ -63,20 +53,6 @@ def test_a_client_that_connects_anew_begins_a_request_anew(wire: ReplayWire) -> 
     with connected(port) as end:
         end.sendall(b"1234")
         assert read(end, 5) == b"reply"
-
-
-def test_a_serial_line_answers_on_a_terminal_that_changes_no_byte(wire: ReplayWire) -> None:
-    path = wire.line("line")
-    handle = os.open(path, os.O_RDWR | os.O_NOCTTY)
-    try:
-        wire.expect("line", 2, b"\x03\r\n\x04")
-        os.write(handle, b"\x0d\x0a")
-        data = b""
-        while len(data) < 4:
-            data += os.read(handle, 4 - len(data))
-        assert data == b"\x03\r\n\x04"
-    finally:
-        os.close(handle)
 
 
 def test_nothing_stays_open() -> None:

@@ -14,14 +14,13 @@ import pytest
 from pymodbus.pdu import DecodePDU
 
 from palpate.drivers.clock import WallClock
-from palpate.drivers.devices.load_indicator import StrainIndicator
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.links.modbus import ModbusLink, read_registers
 from palpate.drivers.links.rtu import ReplyFramer, RtuClient
 from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, reply_begins
 from palpate.instrument.contracts.contract import PROBE
-from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.instrument.errors import LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.virtual_line import BITS, VirtualLine, checked
@@ -80,14 +79,9 @@ def _without_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.instrument.contracts.contract.Contract.misread", lambda *_: "")
 
 
-def line(
-    driver: type[ModbusDevice], device: Callable[[bytes], list[tuple[float, bytes]]], **settings: int
-) -> tuple[ModbusDevice, VirtualLine]:
+def line(device: Callable[[bytes], list[tuple[float, bytes]]], **settings: int) -> tuple[MicroPositioner, VirtualLine]:
     client = VirtualLine(device, **settings)
-    link = ModbusLink("virtual line", client)
-    if driver is StrainIndicator:
-        return StrainIndicator(link, UNIT, VirtualClock()), client
-    return MicroPositioner(link, UNIT, VirtualClock()), client
+    return MicroPositioner(ModbusLink("virtual line", client), UNIT, VirtualClock()), client
 
 
 # --- an adapter that adds to what the device says --------------------------------------------------------
@@ -122,36 +116,11 @@ NOTHING: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-@pytest.mark.parametrize("said", NOTHING)
-def test_what_is_no_reply_is_a_time_out_and_no_reading(said: str) -> None:
-    driver, _ = line(MicroPositioner, lambda request: [(0.0, NOTHING[said](request))])
-    with pytest.raises(LinkTimeout, match=r"no valid answer.* bytes came that are no valid .*check baudrate"):
-        read(driver)
-
-
-def test_an_echo_of_a_write_confirms_nothing() -> None:
-    driver, _ = line(MicroPositioner, lambda request: [(0.0, request)])
-    with pytest.raises(LinkTimeout):
-        driver.set(target=2e-3, speed=1e-3, command="move")
-
-
 # --- replies that are late -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("baudrate", [1200, 9600, 115200])
-def test_what_comes_sooner_than_the_wire_allows_is_refused(baudrate: int) -> None:
-    """The repeated reply comes while the request is still being sent, the reply at the first moment that it can."""
-
-    def device(request: bytes) -> list[tuple[float, bytes]]:
-        return [(-SILENCE * BITS / baudrate, registers(LIMITS, 4, 9)), (0.0, answered(request))]
-
-    driver, client = line(MicroPositioner, device, baudrate=baudrate)
-    assert read(driver) == HELD
-    assert client.too_soon == len(registers(LIMITS, 4))
-
-
 def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_to_do() -> None:
-    driver, _ = line(MicroPositioner, lambda _: [(-SILENCE * BITS / 9600, registers(LIMITS, 4))], baudrate=9600)
+    driver, _ = line(lambda _: [(-SILENCE * BITS / 9600, registers(LIMITS, 4))], baudrate=9600)
     with pytest.raises(LinkTimeout, match=r"13 bytes came sooner than 9600 bit/s.* give the line its true baudrate"):
         read(driver)
 
@@ -159,7 +128,7 @@ def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_t
 @pytest.mark.parametrize("baudrate", [1200, 9600, 115200])
 def test_a_device_that_keeps_no_silence_is_understood_byte_by_byte_or_all_at_once(baudrate: int) -> None:
     """Its reply begins as the request ends, and its clock is 2 % fast."""
-    driver, client = line(MicroPositioner, lambda request: [], baudrate=baudrate)
+    driver, client = line(lambda request: [], baudrate=baudrate)
     for pieces in (1, 13):
 
         def device(request: bytes, pieces: int = pieces) -> list[tuple[float, bytes]]:
@@ -181,33 +150,17 @@ def test_only_a_uart_is_held_to_its_baud_rate(port: str, speed: int) -> None:
     assert RtuClient(port, baudrate=9600).speed == speed
 
 
-def test_a_pseudo_terminal_answers_at_once_whatever_baud_rate_it_was_told() -> None:
-    """A USB device without a UART does so, too, and a gateway behind a pseudo-terminal."""
-    with terminal(lambda request: [answered(request)], baudrate=1200) as driver:
-        assert read(driver) == HELD
-
-
 def test_a_reply_that_was_read_too_late_to_tell_is_used() -> None:
     """A busy machine may look only when the reply has long come: it is not thrown away."""
-    driver, client = line(MicroPositioner, lambda request: [(-1e-6, answered(request))])
-    now = iter([0.0, 0.0])
-    client._now = lambda: next(now, 1.0)  # type: ignore[method-assign]
-    assert read(driver) == HELD
 
+    class Late(VirtualLine):
+        looks = iter([0.0, 0.0])
 
-def test_reads_that_follow_each_other_differ_in_length_where_the_contract_allows() -> None:
-    asked = []
+        def _now(self) -> float:
+            return next(self.looks, 1.0)
 
-    def device(request: bytes) -> list[tuple[float, bytes]]:
-        asked.append(struct.unpack(">HH", request[2:6]))
-        return [(0.0, answered(request))]
-
-    driver, _ = line(MicroPositioner, device)
-    for _ in range(3):
-        read(driver)
-    driver.get_many("position", "status")  # nothing stands beside them
-    driver.get_many("position", "status")
-    assert asked == [(0x14, 4), (0x13, 5), (0x14, 4), (0x20, 3), (0x20, 3)]
+    link = ModbusLink("virtual line", Late(lambda request: [(-1e-6, answered(request))]))
+    assert read(MicroPositioner(link, UNIT, VirtualClock())) == HELD
 
 
 def test_a_reply_that_is_repeated_when_the_next_has_been_asked_does_not_answer_it() -> None:
@@ -224,25 +177,6 @@ def test_a_reply_that_is_repeated_when_the_next_has_been_asked_does_not_answer_i
         for number in range(1, 21):
             low, _ = driver.get_many("limit_low", "limit_high")
             assert round(1e6 * low) >> 16 == number
-
-
-def test_a_display_that_was_renewed_less_often_than_before_is_a_late_reply() -> None:
-    updates = iter([5, 6, 4, 7, 65535, 8])
-
-    def device(request: bytes) -> list[tuple[float, bytes]]:
-        count = int.from_bytes(request[4:6], "big")
-        display = struct.pack(">HHifHH", 1, 1, 10, 1.0, next(updates), 0)[: 2 * count]
-        return [(0.0, checked(bytes([UNIT, 3, 2 * count]) + display))]
-
-    driver, _ = line(StrainIndicator, device)
-    assert isinstance(driver, StrainIndicator)
-    for _ in range(2):
-        assert driver.read().reading_mV == 1.0
-    with pytest.raises(DeviceError, match="updated 4 times, but 6 times at the reading before; the reply is late"):
-        driver.read()
-    assert driver.read().valid
-    driver.read_attempts = 2
-    assert driver.read().valid  # the late one is passed over, and it is asked again
 
 
 def test_a_part_of_an_echo_whose_check_sum_fits_by_chance_is_no_confirmation() -> None:
@@ -265,17 +199,6 @@ def test_a_simulated_line_answers_no_sooner_than_a_wire_of_its_clients_baud_rate
     positioner = MicroPositioner(link, 2, sim.clock)
     assert [positioner.get("probe") for _ in range(3)] == [PROBE] * 3
     link.close()
-
-
-def test_a_line_that_is_unplugged_is_a_link_error_before_anything_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An adapter that is gone can always be read, and gives nothing."""
-    driver, client = line(MicroPositioner, lambda _: [])
-    monkeypatch.setattr(client, "_ready", lambda _within: True)
-    monkeypatch.setattr(client, "_read", lambda: b"")
-    monkeypatch.setattr(client, "connect", lambda: False)
-    monkeypatch.setattr(client, "_write", lambda _request: pytest.fail("something was sent"))
-    with pytest.raises(LinkError, match=r"there is no serial port virtual line; .*or plug the adapter in"):
-        read(driver)
 
 
 # --- a line that several devices share -------------------------------------------------------------------

@@ -10,7 +10,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.sample_changer import ChangerState, ModbusSampleChanger
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
-from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
@@ -164,16 +164,3 @@ def test_a_tag_that_is_no_text_is_told_and_not_used(
     monkeypatch.setattr(type(changer.contract), "encode_text", lambda *_: b"A\x07".ljust(64, b"\0"))
     with pytest.raises(DeviceError, match="mounted holds no text"):
         changer.mounted()
-
-
-def test_a_bench_without_a_changer_asks_the_person(scene: Scene) -> None:
-    with SimulatedBench(scene) as sim:
-        bench = Bench(sim.description, sim.clock, sim.operator)
-        assert (bench.maybe(ModbusSampleChanger), "sample_changer" in sim.description.device) == (None, False)
-        bench.operator.mount(get_sample("3"))
-        assert sim.rig.sample == get_sample("3")
-
-
-def test_a_changer_that_nobody_has_touched_differs_in_nothing(changer: ModbusSampleChanger) -> None:
-    changer.mount("2")
-    assert changer.differences() == []

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.device import DevicePlace
-from palpate.drivers.devices.sample_changer import POLL, ChangerState, ModbusSampleChanger
+from palpate.drivers.devices.sample_changer import POLL, ModbusSampleChanger
 from palpate.instrument.contracts import sample_changer
-from palpate.instrument.errors import DeviceError, UnknownName
+from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.registers import Registers
 
@@ -41,20 +41,6 @@ def lays(link: Any, clock: VirtualClock, name: str, after: float) -> None:
     link.written, link.replied = ordered, look
 
 
-def test_a_changer_knows_the_samples_in_all_its_places() -> None:
-    assert changer()[0].samples == ("a", "b")
-
-
-def test_a_sample_is_ordered_by_its_name_and_waited_for() -> None:
-    driver, link, clock = changer()
-    begun = clock.now_ns()
-    lays(link, clock, "b", 3 * POLL)
-    driver.mount("b")
-    assert driver.mounted() == ChangerState("b", 1, moving=False)
-    assert 3 * POLL <= 1e-9 * (clock.now_ns() - begun) <= 4 * POLL
-    driver.check()
-
-
 def test_another_sample_than_was_ordered_is_told() -> None:
     driver, link, clock = changer()
     lays(link, clock, "a", 0.0)
@@ -74,10 +60,3 @@ def test_a_changer_is_waited_for_no_longer_than_it_may_take(timeout: float, done
     with pytest.raises(DeviceError, match=rf"^sample changer at .* after {timeout:g} s; look at it$"):
         driver.mount("b", timeout)
     assert 1e-9 * (clock.now_ns() - begun) == pytest.approx(timeout)
-
-
-def test_a_sample_that_no_place_holds_is_refused_before_anything_is_sent() -> None:
-    driver, link, _ = changer()
-    with pytest.raises(UnknownName, match=r"sample of the sample changer at rack unit 1 'c'.*; valid: a, b"):
-        driver.mount("c")
-    assert link.asked == []

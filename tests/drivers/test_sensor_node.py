@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -12,9 +12,6 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
-from palpate.instrument.errors import LinkError
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
@@ -64,33 +61,6 @@ def test_twenty_nodes_at_1_kHz_lose_no_sample(scene: Scene, nothing_left_behind:
         assert len({recording.voltage.tobytes() for recording in recordings}) == 20
 
 
-def test_a_second_recording_starts_again_from_one(bench: Bench) -> None:
-    node = bench.device("sensor_node_1")
-    node.acquire(0.05)
-    assert node.acquire(0.02).voltage.shape == (4, 20)
-    assert node.get("sample_counter") == 20
-
-
-def test_the_films_sine_stands_in_its_channels_and_nowhere_else(bench: Bench) -> None:
-    shake(bench)
-    bench.clock.wait(5.0)
-    voltage = bench.device("sensor_node_1").acquire(1.0).voltage
-    spectrum = np.abs(np.fft.rfft(voltage, axis=1))[:, 10] * 2 / 1000
-    films = get_design(bench.description.design).films
-    rigid, total = (film.channel - 1 for film in sorted(films, key=lambda film: film.name))
-    assert spectrum[total] > 10 * spectrum[rigid] > 100 * spectrum[2:].max()
-
-
-def test_a_range_ten_times_smaller_resolves_ten_times_finer(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    node = bench.device("sensor_node_1")
-    steps = []
-    for range_ in ("5 V", "500 mV"):
-        node.set_range(1, range_)
-        levels = np.unique(node.acquire(0.5).voltage[0])
-        steps.append(np.diff(levels).min())
-    assert steps == pytest.approx([5 / 32768, 0.5 / 32768])
-
-
 # --- saturation ----------------------------------------------------------------------------------------
 
 
@@ -109,14 +79,16 @@ def test_a_saturated_channel_is_flagged_and_reported_once(
     assert node.emergencies == [SATURATED] * 2  # starting clears the error
 
 
-def test_the_last_count_before_the_rail_is_not_saturated(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sim.nodes[0]._inputs, "_added", {})
-    for total, saturated in ((32767 * 5 / 32768, False), (5.0, True), (-5.0, False), (-32769 * 5 / 32768, True)):
-        put_on_films(sim, monkeypatch, total)
-        assert bench.device("sensor_node_1").acquire(0.001).saturated[1].tolist() == [saturated], total
-    assert len(bench.device("sensor_node_1").emergencies) == 2
+def test_the_last_count_before_the_rail_is_not_saturated(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    with (
+        SimulatedBench(replace(scene, effects={"adc": scene.effects["adc"]})) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        node = bench.device("sensor_node_1")
+        for total, saturated in ((32767 * 5 / 32768, False), (5.0, True), (-5.0, False), (-32769 * 5 / 32768, True)):
+            put_on_films(sim, monkeypatch, total)
+            assert node.acquire(0.001).saturated[1].tolist() == [saturated], total
+        assert len(node.emergencies) == 2
 
 
 def test_a_node_without_converter_effect_still_saturates_at_16_bits(
@@ -150,44 +122,6 @@ def test_resetting_the_integrators_starts_the_films_from_zero(scene: Scene) -> N
 # --- what is noticed -----------------------------------------------------------------------------------
 
 
-def tamper(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, change: Callable[[Any, can.Message], None]) -> None:
-    """Let `change(send, message)` stand between the nodes and the bus."""
-    bus = sim.can._bus
-    send = bus.send
-    monkeypatch.setattr(bus, "send", lambda message: change(send, message))
-
-
-@pytest.mark.parametrize("cob_id", [0x181, 0x281])
-@pytest.mark.parametrize("lost", [1, 7, 20])
-def test_a_lost_frame_is_noticed(
-    cob_id: int, lost: int, sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen = [0]
-
-    def drop(send: Any, message: can.Message) -> None:
-        seen[0] += message.arbitration_id == cob_id
-        if message.arbitration_id != cob_id or seen[0] != lost:
-            send(message)
-
-    tamper(sim, monkeypatch, drop)
-    with pytest.raises(LinkError, match=f"sensor node 1 .* missing from number {lost} on; .*record again"):
-        bench.device("sensor_node_1").acquire(0.02)
-
-
-def test_a_doubled_frame_is_noticed(sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = [0]
-
-    def double(send: Any, message: can.Message) -> None:
-        send(message)
-        seen[0] += message.arbitration_id == 0x181
-        if message.arbitration_id == 0x181 and seen[0] == 5:
-            send(message)
-
-    tamper(sim, monkeypatch, double)
-    with pytest.raises(LinkError, match="missing from number"):
-        bench.device("sensor_node_1").acquire(0.02)
-
-
 def test_all_integrators_are_reset_and_no_other_object_is_written(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,63 +138,11 @@ def test_an_emergency_that_comes_during_a_look_is_told_at_the_next(bench: Bench)
         def __getitem__(self, which: Any) -> Any:
             found = super().__getitem__(which)
             if len(self) == 1:
-                node._on_emergency(0x81, bytearray(SATURATED), 0.0)
+                node.link.network.notify(0x81, bytearray(SATURATED), 0.0)
             return found
 
     node.emergencies = Coming([SATURATED])
     assert [len(node.notices()) for _look in range(3)] == [1, 1, 0]
-
-
-def test_a_heartbeat_that_stops_is_told_after_three_were_due_and_comes_back(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    node = bench.device("sensor_node_1")
-    sim.clock.wait(2.0)
-    assert node.notices() == []
-    with monkeypatch.context() as patch:
-        tamper(sim, patch, lambda send, message: message.arbitration_id == 0x701 or send(message))
-        sim.clock.wait(2.9)
-        assert node.notices() == []
-        sim.clock.wait(1.1)
-        assert node.notices() == [f"{node.name}: no heartbeat for 4 s"]
-    sim.clock.wait(2.0)
-    assert node.notices() == []
-    assert node.differences() == []
-
-
-def test_a_node_that_starts_anew_is_told_until_its_settings_are_written_again(
-    bench: Bench, listener: can.BusABC
-) -> None:
-    node = bench.device("sensor_node_1")
-    listener.send(can.Message(arbitration_id=0x701, data=[0], is_extended_id=False))  # CiA 301: boot-up
-    while not node.differences():
-        node.get("probe")  # its answer follows on the bus
-    assert node.differences() == [f"{node.name}: has started anew"]
-    node.restore()
-    assert node.differences() == []
-
-
-def test_each_channel_has_the_range_that_the_node_held_before(sim: SimulatedBench, bench: Bench) -> None:
-    sim.nodes[0].settings.update(range_1=1.0)
-    node = bench.device("sensor_node_1")
-    node.connect()
-    levels = [np.abs(volts[volts != 0]).min() for volts in node.acquire(0.5).voltage[:2]]  # those with a film
-    assert levels == pytest.approx([0.5 / 32768, 5 / 32768])
-
-
-def test_nodes_that_sample_together_have_the_rate_of_the_one_that_gives_the_time(scene: Scene) -> None:
-    with (
-        SimulatedBench(replace(scene, nodes=2)) as sim,
-        Bench(sim.description, sim.clock, sim.operator) as bench,
-    ):
-        bench.device("sensor_node_1").set_sample_rate(500.0)
-        for recording in acquire(bench.all(CanopenSensorNode), 0.1):
-            assert (recording.rate, recording.time[-1], recording.voltage.shape) == (500.0, 0.1, (4, 50))
-        for node in sim.nodes:
-            node.settings["sample_counter"] = 0.0
-        bench.device("sensor_node_1").set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
-        sim.clock.wait(0.1)
-        assert [node.settings["sample_counter"] for node in sim.nodes] == [0, 0]  # SYNC goes on, they do not
 
 
 # --- the same again ------------------------------------------------------------------------------------

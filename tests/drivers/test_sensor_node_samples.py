@@ -36,20 +36,6 @@ def test_samples_are_volts_of_their_channel_s_range_with_their_time_and_saturati
     assert found.saturated.tolist() == [[False, False], [False, True], [False, False], [False, True]]
 
 
-def test_no_more_frames_are_kept_than_were_asked_for() -> None:
-    """A node may send for ever."""
-    driver, link, _ = node()
-    samples(link, 1, 0, 0, 0, 0)
-    assert driver._frames == []
-    driver.arm(2)
-    for counter in (1, 2, 3):
-        samples(link, counter, counter, 0, 0, 0)
-    assert len(driver._frames) == 4
-    assert driver.collect(2).voltage.shape == (4, 2)
-    samples(link, 1, 0, 0, 0, 0)
-    assert driver._frames == []
-
-
 def test_what_came_before_is_forgotten_by_the_next_recording() -> None:
     driver, link, _ = node()
     driver.arm(5)
@@ -94,11 +80,11 @@ def test_a_node_with_as_many_emergencies_as_are_kept_records_nothing() -> None:
     driver, link, _ = node()
     driver.arm(1)
     for _ in range(MOST_EMERGENCIES - 1):
-        driver._on_emergency(0x83, bytearray(8), 0.0)
+        link.send(0x83, bytes(8))
     samples(link, 1, 0, 0, 0, 0)
     assert driver.collect(1).voltage.shape == (4, 1)
     for _ in range(2):
-        driver._on_emergency(0x83, bytearray(8), 0.0)
+        link.send(0x83, bytes(8))
     assert len(driver.emergencies) == MOST_EMERGENCIES
     with pytest.raises(DeviceError, match=f"has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again"):
         driver.collect(1)

@@ -10,9 +10,7 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import BenchError, DeviceError, LinkTimeout, SettingsLost
-from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive, open_bench
 
@@ -37,96 +35,6 @@ def unconfirmed(bench: Bench, monkeypatch: pytest.MonkeyPatch, *, carried_out: b
 # --- one device ----------------------------------------------------------------------------------------
 
 
-def test_each_setting_that_differs_is_told_with_both_values(bench: Bench, sim: SimulatedBench) -> None:
-    amplifier = bench.device("shaker_amplifier")
-    assert amplifier.differences() == []
-    sim.amplifier.settings.update(gain=7.0, watchdog=1.5)
-    assert amplifier.differences() == [
-        f"{amplifier.name}: gain is 7, was set to 2.0",
-        f"{amplifier.name}: watchdog is 1.5, was set to 2.0",
-    ]
-
-
-def test_a_device_that_does_not_take_its_settings_is_an_error(
-    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sim.positioner.settings["speed"] = 3e-3
-    bench.device("positioner")._settings["speed"] = 1e-3
-    monkeypatch.setattr(sim.positioner, "write", lambda _values: None)
-    with pytest.raises(DeviceError, match=r"speed is 0.003, was set to 0.001: it does not take its settings"):
-        bench.device("positioner").restore()
-
-
-def test_a_write_that_is_not_confirmed_and_reads_back_is_noticed(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    noticed = unconfirmed(bench, monkeypatch, carried_out=True)
-    bench.device("signal_generator").sine(12.0, 0.5)
-    assert bench.device("signal_generator").read() == (12.0, 0.5, 0.0)
-    assert noticed == ["no answer; read back, it was carried out"]
-
-
-def test_a_write_that_is_neither_confirmed_nor_read_back_is_an_error(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked, noticed = list[str](), list[str]()
-
-    def silent(name: str, *_: Any, **__: Any) -> None:
-        asked.append(name)
-        raise LinkTimeout("no answer")
-
-    with monkeypatch.context() as patch, pytest.raises(LinkTimeout):
-        patch.setattr(bench.device("signal_generator").link, "transact", silent)
-        bench.device("signal_generator").read_attempts, bench.device("signal_generator").noticed = 2, noticed.append
-        bench.device("signal_generator").sine(12.0, 0.5)
-    assert (len(asked), noticed) == (3, ["no answer; asked again"])  # told once, read twice
-
-
-def test_an_attended_bench_asks_twice_and_another_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = list[str]()
-
-    def silent(name: str, *_: Any, **__: Any) -> None:
-        asked.append(name)
-        raise LinkTimeout("no answer")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(bench.device("signal_generator").link, "transact", silent)
-        for times in (1, 2):
-            asked.clear()
-            with pytest.raises(LinkTimeout):
-                bench.device("signal_generator").get("frequency")
-            assert len(asked) == times
-            bench.attend(lambda *_: None)
-
-
-def test_what_makes_a_node_do_something_is_no_setting(bench: Bench, sim: SimulatedBench) -> None:
-    node = bench.device("sensor_node_1")
-    node.set_range(2, "500 mV")
-    node.reset_integrators()
-    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
-    sim.nodes[0].settings["sync_cob_id"] = SYNC_COB_ID
-    assert node.differences() == []
-    sim.nodes[0].settings["range_2"] = 0.0
-    assert node.differences() == [f"{node.name}: range_2 is 0, was set to 500 mV"]
-    node.restore()
-    assert sim.nodes[0].settings["range_2"] == 1.0
-
-
-def test_a_command_is_no_setting(bench: Bench) -> None:
-    bench.device("strain_indicator").command("clear_zero")
-    bench.device("positioner").move(0.001)
-    assert bench.device("strain_indicator").differences() == bench.device("positioner").differences() == []
-
-
-def test_a_positioner_that_was_moved_from_where_it_was_sent_is_noticed(bench: Bench, sim: SimulatedBench) -> None:
-    bench.device("positioner").move(0.004)
-    bench.device("positioner").set(target=0.003, speed=1e-3, command="move")  # as another client would
-    sim.clock.wait(2.0)
-    assert bench.device("positioner").differences() == [
-        f"{bench.device('positioner').name}: stands at 3 mm, was sent to 4 mm"
-    ]
-    bench.device("positioner").stop()
-    assert bench.device("positioner").differences() == []
-
-
 def test_a_sine_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_it_is_said(bench: Bench) -> None:
     bench.device("signal_generator").sine(10.0, 1.0)
     assert bench.device("signal_generator").read() == (10.0, 1.0, 0.0)
@@ -134,27 +42,6 @@ def test_a_sine_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_it_i
     bench.device("strain_indicator").track(0.5)
     indicator = bench.device("strain_indicator")
     assert indicator.contract.choice("mode", indicator.get("mode")) == "track"
-
-
-def test_an_amplifier_that_refuses_a_claim_says_why_in_its_own_words(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Only an amplifier without the register of the owner counts as one without owners."""
-
-    def refused(_name: str) -> float:
-        raise DeviceError("answered exception 4, device failure", code=4)
-
-    monkeypatch.setattr(bench.device("shaker_amplifier"), "_token", 0)
-    monkeypatch.setattr(bench.device("shaker_amplifier"), "get", refused)
-    with pytest.raises(DeviceError, match="device failure"):
-        bench.device("shaker_amplifier").claim()
-
-
-def test_without_an_owner_a_sign_of_life_is_a_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench.device("shaker_amplifier"), "_token", 0)
-    wire = listen(bench.device("shaker_amplifier").link, monkeypatch)
-    bench.device("shaker_amplifier").feed()
-    assert [request[0] for request in wire.requests] == [3]
 
 
 # --- a bench ---------------------------------------------------------------------------------------------
@@ -263,14 +150,6 @@ def _fails() -> None:
     raise DeviceError("it is stuck")
 
 
-def test_a_bench_says_whether_it_is_open(sim: SimulatedBench) -> None:
-    bench = open_bench(sim)
-    assert not bench.is_open
-    with bench:
-        assert bench.is_open
-    assert not bench.is_open
-
-
 def test_a_bench_that_cannot_be_opened_gives_its_amplifier_up(
     sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -279,5 +158,5 @@ def test_a_bench_that_cannot_be_opened_gives_its_amplifier_up(
     monkeypatch.setattr(bench.device("positioner"), "connect", _fails)
     with pytest.raises(DeviceError, match="it is stuck"):
         bench.__enter__()
-    assert sim.amplifier._owner.token == 0
+    assert sim.amplifier.read("token") == 0
     assert not bench.is_open

@@ -83,16 +83,6 @@ def test_outputs_go_off_before_the_amplifier_trips_on_heat_or_on_its_peak_curren
         driver.check()
 
 
-def test_an_amplifier_is_told_its_limits_before_its_watchdog_each_as_an_order() -> None:
-    driver, link = alone()
-    driver.configure(gain=12.5, current_limit=3.0, watchdog=1.5)
-    assert orders(link) == [
-        {"counter": 1, "order": 0x10, "value": 1250},
-        {"counter": 2, "order": 0x11, "value": 3000},
-        {"counter": 3, "order": 0x14, "value": 1500},
-    ]
-
-
 def test_signs_of_life_and_orders_are_counted_apart_and_anew_for_each_claim() -> None:
     driver, link = alone()  # the claim was the first sign of life
     driver.feed()
@@ -109,19 +99,6 @@ def test_signs_of_life_and_orders_are_counted_apart_and_anew_for_each_claim() ->
     link.asked.clear()
     assert driver.claim()
     assert orders(link) == [{"counter": 1}]
-
-
-def test_an_amplifier_is_switched_off_by_a_plain_write_that_is_anybody_s() -> None:
-    driver, link = alone()
-    driver.disable()
-    assert link.writes() == [(0x12, [0])]
-
-
-def test_an_owner_releases_with_his_token_and_once() -> None:
-    driver, link = alone()
-    driver.release()
-    driver.release()
-    assert link.writes() == [(0x48, [0x0007, 0x0001])]
 
 
 def test_who_owns_it_already_feeds_it_by_a_claim_and_takes_a_new_ticket_when_he_is_forgotten() -> None:
@@ -160,6 +137,13 @@ def test_an_order_that_is_refused_says_why(failure: DeviceError, kind: type[Benc
         driver.set(gain=3.0)
     assert type(caught.value) is kind
     assert caught.value.device == driver.name
+
+
+def test_only_an_amplifier_without_the_register_of_the_owner_counts_as_one_without_owners() -> None:
+    link: Any = Registers(CONTRACT)
+    link.failures = [refused(4)]
+    with pytest.raises(DeviceError, match="answered exception 4, to a read of ticket"):
+        ShakerAmplifier(link, 1, VirtualClock()).claim()
 
 
 def test_an_amplifier_that_has_no_owners_takes_settings_and_any_request() -> None:

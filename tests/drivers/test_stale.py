@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import queue
 import random
-import struct
 from typing import Any
 
 import canopen
@@ -13,12 +12,9 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.links.can import has_wire
-from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.sdo import CheckedSdoClient
 from palpate.instrument.bench import links
 from palpate.instrument.contracts.sensor_node import shortest_transfer
-from palpate.simulators.clock import VirtualClock
-from tests.drivers.virtual_line import VirtualLine, checked
 from tests.stale import KINDS, NONE, TOLD, tried
 
 TRIES = 200
@@ -171,17 +167,3 @@ def test_a_text_that_says_two_things_when_it_is_read_twice_is_not_used() -> None
     node = Texts(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
     with pytest.raises(SdoCommunicationError, match="different values"):
         node.upload(0x1008, 0)
-
-
-def test_polls_of_the_positioner_that_follow_each_other_differ_in_length() -> None:
-    asked: list[tuple[int, int]] = []
-
-    def device(request: bytes) -> list[tuple[float, bytes]]:
-        start, count = struct.unpack(">HH", request[2:6])
-        asked.append((start, count))
-        return [(0.0, checked(bytes([2, 3, 2 * count]) + bytes(2 * count)))]
-
-    driver = MicroPositioner(ModbusLink("line", VirtualLine(device)), 2, VirtualClock())
-    for _ in range(3):
-        assert driver._look() == (0.0, frozenset())
-    assert asked == [(0x20, 3), (0x22, 1), (0x20, 2), (0x20, 3)]

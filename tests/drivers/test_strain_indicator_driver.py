@@ -9,7 +9,6 @@ import pytest
 
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.load_indicator import IndicatorReading, StrainIndicator
-from palpate.instrument.bench.kinds import IndicatorSettings
 from palpate.instrument.contracts.strain_indicator import CONTRACT
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
@@ -176,12 +175,6 @@ def test_an_indicator_that_is_identified_anew_may_have_started_anew() -> None:
 
 
 # --- settings and commands -----------------------------------------------------------------------------
-
-
-def test_an_indicator_is_set_up_as_the_bench_file_says() -> None:
-    driver, link, _ = indicator()
-    driver.set_up(IndicatorSettings.model_validate({"gage_factor": 2.1, "full_scale": "0.05 V"}), 2.0)
-    assert (link.held("gage_factor"), link.held("full_scale")) == (pytest.approx(2.1), pytest.approx(50.0))
 
 
 @pytest.mark.parametrize(("mode", "value"), [("track", 0.0), ("peak_to_peak", 1.0)])

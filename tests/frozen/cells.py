@@ -186,4 +186,3 @@ def _cells() -> dict[str, Lines]:
 
 
 CELLS = _cells()
-QUICK = "run thesis_single softness"  # draws no plot, so that matplotlib is not loaded for it

@@ -16,11 +16,11 @@ from palpate.instrument.allocation.stopping import run_times
 from palpate.instrument.allocation.table import (
     FIRST,
     MOST_SETS,
+    Allocation,
     OutOfReach,
     RunOption,
     Table,
     allocate,
-    allocate_time,
     dwells,
 )
 from palpate.instrument.errors import EstimateError, RangeError
@@ -38,9 +38,12 @@ def table(*lines: BudgetLine, loads: tuple[float, ...] = (0.0,), costs: Costs = 
     return Table.of(ways, range(1, most + 1))
 
 
-@pytest.mark.parametrize("seed", [1, 6])
-def test_no_plan_is_much_quicker(seed: int) -> None:
-    ways, tolerance = setting(Random(seed))
+def in_time(seconds: float, *lines: BudgetLine) -> Allocation:
+    return Table.of([RunOption(lines, BENCH, 0.1)], fewest=1, by_time=True).for_time(seconds)
+
+
+def test_no_plan_is_much_quicker() -> None:
+    ways, tolerance = setting(Random(6))
     found = Table.of([replace(way, load=0.0) for way in ways], range(1, 21)).for_tolerance(tolerance)
     assert found.half <= tolerance * (1 + 1e-9)
     assert found.mean <= quickest(ways, tolerance, most=21) * (1 + WORST)
@@ -108,7 +111,7 @@ def test_sets_come_in_whole_rounds_and_dwells_double_while_noise_pays() -> None:
 
 
 def test_a_plan_in_a_time_may_have_few_sets_whose_scatter_the_prior_tells() -> None:
-    found = allocate_time([SCATTER, NOISE], BENCH, 79 + 3 * 1.7 + 0.01)
+    found = in_time(79 + 3 * 1.7 + 0.01, SCATTER, NOISE)
     assert found.sets == 3
     assert found.half == pytest.approx(stdtrit(7 + 2, 0.975) * found.u, rel=0.01)
 
@@ -143,7 +146,7 @@ REFERENCES = Preparation("validation", u=0.1, fixed=0.0, each=400.0, rest=0.01)
 
 
 def test_what_binds_is_prepared_and_what_does_not_is_left_as_it_is() -> None:
-    rows = table(SCATTER, NOISE, VALIDATION, BudgetLine("films", 0.03, RepeatUnit.NOTHING))
+    rows = table(SCATTER, NOISE, VALIDATION, BudgetLine("films", 0.03, RepeatUnit.NOTHING), most=12)
     assert prepared(rows, 0.5, [REFERENCES, FILMS]).numbers == {}
     found = prepared(rows, 0.2, [REFERENCES])
     assert found.numbers["validation"] > 0
@@ -172,8 +175,8 @@ def test_no_number_of_units_is_much_quicker_in_all() -> None:
         (lambda: allocate([SCATTER], BENCH, math.nan), "tolerance nan"),
         (lambda: allocate([], BENCH, 0.05), "at least one line"),
         (lambda: allocate([SCATTER, SCATTER], BENCH, 0.05), "'gain scatter'"),
-        (lambda: allocate_time([SCATTER], BENCH, 80.6), "of 1 load set, takes 80.7 s"),
-        (lambda: allocate_time([SCATTER], BENCH, math.inf), "inf s is too short"),
+        (lambda: in_time(80.6, SCATTER), "of 1 load set, takes 80.7 s"),
+        (lambda: in_time(math.inf, SCATTER), "inf s is too short"),
         (lambda: BudgetLine("noise", -1, RepeatUnit.SECOND), "'noise': standard uncertainty -1"),
         (lambda: BudgetLine("noise", math.inf, RepeatUnit.SECOND), "finite"),
         (lambda: BudgetLine("noise", 1, RepeatUnit.SECOND, 0), "0 degrees of freedom"),

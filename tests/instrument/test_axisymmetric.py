@@ -41,10 +41,6 @@ def case_a(refinement: int) -> DirectSolution:
     return solve(CASE_A, refinement)
 
 
-def test_case_a_has_the_converged_ratio() -> None:
-    assert case_a(4).force_ratio == pytest.approx(CASE_A_RATIO, abs=1e-6)
-
-
 @pytest.mark.slow
 def test_the_error_falls_at_least_five_times_a_refinement() -> None:
     errors = [
@@ -81,13 +77,6 @@ def test_where_the_ratios_of_two_meshes_cross_the_estimate_is_above_the_error() 
     (estimate,), _ = axisymmetric.estimates([coarse, fine], CASE_A, modulus)
     assert abs(change(np.log(modulus[0]))) < error / 100
     assert error < estimate < 100 * error
-
-
-def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:
-    blunt = [abs(solve_on(CASE_A, degree, layers=0).force_ratio - CASE_A_RATIO) for degree in (4, 5)]
-    graded = abs(solve_on(CASE_A, 5, layers=4).force_ratio - CASE_A_RATIO)
-    assert blunt[1] > blunt[0] / 3
-    assert graded < blunt[1] / 20
 
 
 @pytest.mark.slow
@@ -166,11 +155,6 @@ def test_rubber_up_to_poisson_ratio_one_half_keeps_its_accuracy(nu: float) -> No
 def test_the_ratio_is_continuous_up_to_poisson_ratio_one_half() -> None:
     near, limit = (solve(replace(CASE_A, compliant_poisson=nu), 2).force_ratio for nu in (0.499999, 0.5))
     assert 0 < abs(near - limit) < 1e-5
-
-
-@pytest.mark.parametrize("modulus", [1.49e4, 140e6, 140e9])
-def test_forces_balance_at_any_modulus_of_the_object(modulus: float) -> None:
-    assert solve(replace(CASE_A, sensed_modulus=modulus), 2).imbalance < 1e-10
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from palpate.instrument.models.axisymmetric.mesh import grid
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
-from tests.benchmarks import poles
 from tests.settings import round_sensors
 from tests.shares import first_of
 
@@ -83,10 +82,6 @@ def test_a_foil_whose_curve_is_rounded_says_so(poisson: float) -> None:
     curves = [model.curve(foil, refinement) for refinement in (1, 2)]
     error = abs(model.solve(foil, 2).force_ratio - solve_on(foil, 4, 3).force_ratio)
     assert 1e-8 < error < model.rounding(curves, foil, np.array([foil.sensed_modulus]))[0][0]
-
-
-def test_the_benchmark_s_agreement_is_met() -> None:
-    assert poles._agreement("case A", CASE_A, 1).met
 
 
 def test_the_designs_are_nothing_special_and_a_tall_column_beside_a_gap_is_looked_at_for_rounding() -> None:

@@ -64,31 +64,6 @@ kind = "sample_changer"
 link = "changer"
 unit = 1
 """
-OLDER = """
-name = "bench"  # with a comment
-force_limit = "8 N"
-[signal_generator]
-host = "10.0.0.1"
-[shaker_amplifier]
-host = "10.0.0.1"
-unit = 2
-gain = 1.5
-[line]
-port = "/dev/ttyUSB0"
-[positioner]
-unit = 5
-[can]
-interface = "socketcan"
-channel = "can0"
-nodes = [3, 1]
-[link.rack]
-kind = "modbus-tcp"
-host = "10.0.0.3"
-[device.changer]
-kind = "sample_changer"
-link = "rack"
-unit = 1
-"""
 
 
 def written(folder: Path, text: str) -> Path:
@@ -104,34 +79,6 @@ def test_a_bench_file_is_read_with_defaults_and_units(tmp_path: Path) -> None:
     assert (bench.links["generator"].port, bench.links["generator"].timeout) == (502, 1.0)
     assert [device.unit for device in bench.devices] == [1, 1, 1, 2, 1, 2]
     assert bench.devices[1].settings.gain == 2.0
-
-
-def test_a_file_with_older_sections_is_refused_with_its_new_text(tmp_path: Path) -> None:
-    older = written(tmp_path, OLDER)
-    with pytest.raises(ConfigError) as caught:
-        read_bench(older)
-    said, _, text = str(caught.value).partition("\n\n")
-    assert said == (
-        f"{older}: has older sections: signal_generator, shaker_amplifier, line, positioner, can; each link and each "
-        "device has a section of its own now. Write instead (comments are left out):"
-    )
-    bench = read_bench(written(tmp_path, text))
-    assert {name: str(link) for name, link in bench.links.items()} == {
-        "signal_generator": "host='10.0.0.1' port=502 timeout=1.0",  # one connection for both units of the gateway
-        "line": "port='/dev/ttyUSB0' baudrate=115200 parity='N' stopbits=1 timeout=1.0",
-        "can": "interface='socketcan' channel='can0' bitrate=1000000 timeout=1.0",
-        "rack": "host='10.0.0.3' port=502 timeout=1.0",
-    }
-    assert [(device.name, device.link, device.unit) for device in bench.devices] == [
-        ("signal_generator", "signal_generator", 1),
-        ("shaker_amplifier", "signal_generator", 2),
-        ("strain_indicator", "line", 1),
-        ("positioner", "line", 5),
-        ("sensor_node_1", "can", 3),
-        ("sensor_node_2", "can", 1),
-        ("changer", "rack", 1),
-    ]
-    assert bench.devices[1].settings.gain == 1.5
 
 
 @pytest.mark.parametrize("unit", [0, 255])

@@ -11,12 +11,11 @@ import pytest
 
 from palpate.instrument.calibration.calibration import CalibrationOwner
 from palpate.instrument.calibration.classification import WeightRun
-from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import ConfigError, EstimateError, RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor
-from palpate.instrument.uncertainty.interpolation import best_degree, interpolate
+from palpate.instrument.uncertainty.interpolation import interpolate
 
 # Thesis Table 5.1 [T]: dead weights in gf, readings in counts of 1 mV while they are put on and taken off.
 WEIGHTS_N = np.arange(140.0, 741.0, 100.0) * 1e-3 * STANDARD_GRAVITY
@@ -116,16 +115,6 @@ def test_a_line_far_from_the_origin_survives_where_normal_equations_lose_it() ->
     assert not abs(naive - 10) < 0.1
 
 
-def test_a_second_degree_is_taken_where_the_cell_is_curved_and_seldom_elsewhere() -> None:
-    rng = np.random.default_rng(5)
-    readings = 10 * WEIGHTS_N + rng.normal(size=(300, 7))
-    taken = sum(best_degree(WEIGHTS_N, reading, 0.01) == 2 for reading in readings)
-    assert 0 < taken <= 9  # 3 expected at 1 %
-    assert best_degree(WEIGHTS_N, 10 * WEIGHTS_N + 0.05 * WEIGHTS_N**2, 0.01) == 2
-    assert best_degree(WEIGHTS_N, 10 * WEIGHTS_N + 0.05 * WEIGHTS_N**2, 1.0) == 1
-    assert best_degree([1, 2, 3], [1, 4, 9], 0.0) == 1
-
-
 def test_a_curved_calibration_reads_back_its_loads_and_covers_them() -> None:
     rng = np.random.default_rng(3)
     load = np.linspace(1, 10, 10)
@@ -205,18 +194,6 @@ def test_a_load_read_back_is_the_load_with_an_honest_uncertainty(load: float) ->
     gradient = np.array([load, 1.0])
     expected = math.sqrt(float(gradient @ covariance @ gradient) + cell.resolution_mV**2 / 12)
     assert u * cell.sensitivity_mV_per_N == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-def test_the_budget_of_a_load_adds_up_to_its_uncertainty(degree: int) -> None:
-    load = np.arange(1.0, 8.0)
-    reading = 2 + 10 * load + 0.05 * load**2 + np.random.default_rng(1).normal(size=7)
-    calibration = calibrate(load, reading, reading, degree=degree)
-    for at in (0.0, 3.3, 7.0):
-        budget = load_budget(calibration, at)
-        assert budget.u == pytest.approx(calibration.load(calibration.reading(at))[1])
-        assert {c.degrees_of_freedom for c in budget.components} == {6 - degree, math.inf}
-        assert len(budget.components) == degree + 2
 
 
 def test_the_uncertainty_is_least_at_the_mean_of_the_calibrated_loads() -> None:

@@ -19,10 +19,8 @@ ROW = SolidParameters(
 )
 CHANGES: dict[str, dict[str, Any]] = {
     "two and a half of five": {"columns": 5},
-    "a pair under a load in one point": {"load_at": (7e-3, 5e-3)},
     "bases of their own": {"columns": 4, "rows": 2, "separate_bases": True},
     "capped": {"columns": 4, "interface": "capped"},
-    "incompressible": {"columns": 4, "sensed_poisson": 0.5, "compliant_poisson": 0.5},
 }
 PLAIN = ("capped",)
 

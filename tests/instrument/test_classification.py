@@ -15,7 +15,6 @@ from palpate.instrument.calibration.classification import (
     classify_astm_e74,
     classify_iso_376,
     iso_376_class_of,
-    lower_limit_factor,
     quantities,
 )
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
@@ -47,13 +46,6 @@ def test_the_thesis_cell_cannot_be_classified_at_its_loads() -> None:
 
 
 # --- ASTM E74 ------------------------------------------------------------------------------------------
-
-
-def test_the_lower_limit_factor_is_2_4_standard_deviations_of_the_single_readings() -> None:
-    rng = np.random.default_rng(2)
-    runs = [WeightRun(0.0, *(10 * LOAD + rng.normal(size=(2, 10)))) for _ in range(100)]
-    curve = interpolate(LOAD, np.mean([run.mean_mV() for run in runs], axis=0), 0.0)
-    assert lower_limit_factor(LOAD, runs, curve) == pytest.approx(2.4 / 10, rel=0.05)
 
 
 @pytest.mark.parametrize(

@@ -44,18 +44,6 @@ def test_the_stored_numbers_are_those_of_a_fit_to_the_softer_ring_and_predict_th
     assert of_model("force_ratio", model, predicted) is Evidence.PREDICTED
 
 
-def test_the_fit_finds_the_line_that_a_table_was_made_of() -> None:
-    table = read_table("A2.2")
-    made = OddsLine(0.2, 0.03, 0.0)
-    cells = tuple(
-        replace(cell, value=made.force_ratio(modulus / 33e3), reason="")
-        for cell, modulus in zip(table.columns["force_rigid_N"], table.keys(), strict=True)
-    )
-    found = fitted_line(replace(table, columns={**table.columns, "force_rigid_N": cells}))
-    assert (found.start, found.slope) == pytest.approx((0.2, 0.03), rel=1e-10)
-    assert found.residual < 1e-12
-
-
 def test_the_sentence_says_fitted_or_predicted_and_what_the_experiments_would_be() -> None:
     fitted = odds_sentence(read_table("A2.1"), "single")
     assert "fitted to this ring, to 9.8e-05" in fitted

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity, probe
-from palpate.instrument.contracts.sensor_node import bus_load, place, shortest_transfer, stuff_bits
+from palpate.instrument.contracts.sensor_node import shortest_transfer, stuff_bits
 from palpate.instrument.errors import RangeError, UnknownName
 
 OVEN = Contract(
@@ -143,17 +143,6 @@ def test_a_frame_of_eight_bytes_has_24_stuffed_bits_at_most_and_3_on_average() -
     assert stuff_bits(8) == 24
     assert stuff_bits(0) == 8
     assert stuff_bits(8, "mean") == pytest.approx(98 / 30)
-
-
-def test_samples_of_a_node_load_the_bus_by_their_bits() -> None:
-    """At worst SYNC has 47 + 8 bits, the samples 111 + 24 and the stamp of five bytes 87 + 18."""
-    assert bus_load(1, 1000, 1e6) == pytest.approx((55 + 135 + 105) * 1000 / 1e6, rel=1e-12)
-    assert bus_load(3, 1000, 1e6) == pytest.approx((55 + 3 * (135 + 105)) * 1000 / 1e6, rel=1e-12)
-
-
-@pytest.mark.parametrize(("channel", "where"), [(1, (1, 1)), (4, (1, 4)), (5, (2, 1)), (9, (3, 1))])
-def test_a_film_is_wired_to_the_next_channel_four_on_a_node(channel: int, where: tuple[int, int]) -> None:
-    assert place(channel) == where
 
 
 # --- what a device holds when it is switched on ----------------------------------------------------------

@@ -30,7 +30,6 @@ CHANGES: dict[str, dict[str, Any]] = {
     "rigid": {"support": "rigid"},
     "frictionless": {"interface": "frictionless"},
     "incompressible": {"sensed_poisson": 0.5, "compliant_poisson": 0.5},
-    "four teeth": {"rows": 2, "columns": 2},
 }
 PLAIN = ("unequal film",)
 

@@ -58,12 +58,6 @@ def test_the_dwell_reaches_its_target_and_is_not_longer_than_need_be() -> None:
     assert all(asked - 1e-3 <= dwell < asked + 0.1 + 1e-3 for dwell, asked in dwells)
 
 
-def test_what_the_floor_leaves_is_what_the_noise_may_take() -> None:
-    found = dwell_of(1.96 * 0.05, 0.03, FREQUENCY, (Floor("gain scatter", 0.03), Floor("coherent", 0.0)))
-    assert found.dwell == 0.6  # 0.03² / (0.05² − 0.03²) = 0.5625
-    assert found.u == pytest.approx(math.hypot(0.03, 0.03 / math.sqrt(0.6)))
-
-
 def test_a_scatter_of_few_degrees_of_freedom_takes_a_longer_dwell_by_students_factor() -> None:
     few = (Floor("gain scatter", 0.03, 7),)
     assert half_width(few) == pytest.approx(t.ppf(0.975, 7) * 0.03)

@@ -19,16 +19,11 @@ from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks import claims, estimates, estimates_solid
 from tests.settings import disc, solid_sensors
 
-# Random sensors whose errors were above an earlier estimate: a thin object, a cap, a narrow gap.
-ONCE_MISSED = (1122, 910)
-
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", ONCE_MISSED)
-def test_solid_meshes_that_hardly_differ_and_all_err_are_not_trusted(number: int) -> None:
-    sensor = replace(solid_sensors(1, 0, 0, 15_000_000 + number)[0], film=PVDF.round())
-    if number == 1911:
-        sensor = replace(sensor, interface="capped")
+def test_solid_meshes_that_hardly_differ_and_all_err_are_not_trusted() -> None:
+    """The errors of this random sensor were above an earlier estimate."""
+    sensor = replace(solid_sensors(1, 0, 0, 15_000_910)[0], film=PVDF.round())
     curves = [solid.curve(sensor, refinement).poles for refinement in (0, 1, 2)]
     known = axisymmetric.curve(disc(sensor), 3)
     modulus = np.array([sensor.sensed_modulus])
@@ -56,9 +51,8 @@ def test_under_a_point_load_what_has_no_end_does_not_count() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 20])
-def test_no_estimate_of_some_random_sensors_is_below_the_error(number: int) -> None:
-    result = estimates.tried(number)
+def test_no_estimate_of_a_random_sensor_is_below_the_error() -> None:
+    result = estimates.tried(1)
     assert not result.refused
     assert len(result.claims) == 2
     assert all(0 < claim["ratio"] <= 1 for claim in result.claims)

@@ -114,18 +114,6 @@ def test_the_change_by_a_higher_degree_along_the_height_counts_where_meshes_do_n
     assert np.array(estimates([FINE, FINE, FINE], at, manner.widened(4.0), [COARSE, FINE])) == pytest.approx(changed)
 
 
-def test_two_meshes_of_the_round_model_that_agree_by_luck_leave_a_share_of_what_a_coarse_one_was_off_by(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(axisymmetric, "rounding", lambda *_: (0.0, 0.0))
-    monkeypatch.setattr(axisymmetric, "_curve_on", lambda *_: COARSE)
-    at, sensor = np.array([1e5]), RoundParameters()
-    (found,), _ = axisymmetric.estimates([FINE, FINE], sensor, at)
-    whole = Manner(0.25, (1.0,), (1.0,), luck=0.0, far=0.3)
-    assert found == pytest.approx(0.05 * 0.3 * estimates([COARSE, FINE], at, whole)[0][0])
-    assert axisymmetric.estimates([FINE, FINE, FINE], sensor, at)[0] == 0
-
-
 def test_energies_bound_a_ratio_that_two_meshes_agree_upon() -> None:
     """The load's changes by 3 J Pa over the modulus, most at the soft end of the window; the jump's by 2 J."""
     fine = replace(FINE, clamped=FINE.clamped + 3.0, least=FINE.least + 2.0)
@@ -233,16 +221,6 @@ def test_meshes_see_too_little_of_a_load_in_one_point_on_a_flat_object(thickness
     shaped = replace(FEW, sensed_thickness=thickness * FEW.cell_length)
     assert not ladders.is_hard(shaped)
     assert ladders.is_hard(replace(shaped, load_at=(5e-3, 4e-3))) == hard
-
-
-@pytest.mark.parametrize(("sensor", "luck"), [(FEW, 0.05), (POINT, 0.12)])
-def test_the_solid_model_does_not_trust_meshes_that_hardly_differ(sensor: SolidParameters, luck: float) -> None:
-    at = np.array([1e5])
-    before, after = (
-        np.array(solid.estimates([COARSE, *meshes], sensor, at, known_of(sensor, 1 + len(meshes), COARSE)))
-        for meshes in ([FINE], [FINE, FINE])
-    )
-    assert after - [[1e-8], [0.0]] == pytest.approx(luck * (before - [[1e-8], [0.0]]))
 
 
 def test_the_solid_model_asks_what_the_degree_along_the_height_leaves() -> None:

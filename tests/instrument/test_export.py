@@ -188,49 +188,6 @@ def test_the_tables_say_whose_maps_they_are_and_what_they_imitate(folder: Path) 
 # --- the EDS -------------------------------------------------------------------------------------------
 
 
-def test_the_eds_gives_every_object_with_type_access_limits_and_default(eds: Any) -> None:
-    for field in NODE.fields:
-        is_as_in_the_contract(field, eds)
-
-
-def is_as_in_the_contract(field: Field, eds: Any) -> None:
-    variable = eds.get_variable(field.index, field.subindex)
-    assert variable.name == field.name
-    assert variable.data_type == CIA_301_TYPES[field.type]
-    assert variable.access_type == field.access
-    assert variable.description == field.meaning.replace(";", ",")
-    if field.type == "text":
-        assert variable.default == field.default
-        return
-    assert (variable.factor, variable.unit) == (field.scale, field.unit)
-    if field.minimum is None:
-        assert (variable.min, variable.max) == (None, None)
-    else:
-        assert variable.min * field.scale == pytest.approx(field.minimum, abs=1e-12)
-        assert variable.max * field.scale == pytest.approx(field.maximum, rel=1e-12)
-    node_id = 5 if field.name in ("tpdo1_cob_id", "tpdo2_cob_id", "emergency_cob_id") else 0
-    assert (variable.default - node_id) * field.scale == pytest.approx(field.default, rel=1e-12)
-
-
-def test_the_eds_has_no_object_that_the_contract_has_not(eds: Any) -> None:
-    declared = {(f.index, f.subindex) for f in NODE.fields}
-    found = {
-        (index, sub)
-        for index, item in eds.indices.items()
-        for sub in ([0] if item.__class__.__name__ == "ODVariable" else item.subindices)
-    }
-    counts_and_mappings = {(i, s) for i, s in found if i in (0x1A00, 0x1A01) or ((i, 1) in declared and s == 0)}
-    assert found - counts_and_mappings == declared
-
-
-def test_the_eds_maps_the_pdos_as_the_contract_packs_them(eds: Any) -> None:
-    for number, pdo in enumerate(NODE.pdos):
-        mapping = eds[0x1A00 + number]
-        assert mapping[0].default == len(pdo.fields)
-        entries = [mapping[i].default for i in range(1, len(pdo.fields) + 1)]
-        assert entries == [NODE[n].address << 8 | 8 * NODE[n].size for n in pdo.fields]
-
-
 def test_the_eds_puts_the_first_sample_where_the_standard_has_it_in_the_mapping(eds: Any) -> None:
     assert eds[0x1A00][1].default == 0x7130_01_10  # object 7130h:01, 16 bits
     assert eds[0x1A01][2].default == 0x2002_00_08  # object 2002h, 8 bits

@@ -55,17 +55,6 @@ def test_the_sensitivity_is_the_design_s_where_nothing_scatters() -> None:
         assert film.scatter_u == pytest.approx(0, abs=1e-12)
 
 
-def test_the_load_cell_is_in_all_films_alike() -> None:
-    found = calibrate()
-    u = np.array([film.load_cell_u for film in found.films])
-    assert np.array(found.covariance) == pytest.approx(np.outer(u, u))
-    # A wrong zero moves the mean of 1/load by zero/load, a wrong slope by the same share at all loads.
-    c, inverse = THESIS_LOAD_CELL, float(np.mean(1 / LOADS))
-    variance = (c.zero_u * inverse) ** 2 + c.sensitivity_u**2 + 2 * c.covariance * inverse
-    relative = np.sqrt(variance) / c.sensitivity_mV_per_N
-    assert u == pytest.approx(relative * np.array([f.sensitivity_mV_per_N for f in found.films]))
-
-
 def test_the_interval_covers_the_sensitivity_under_gain_scatter() -> None:
     rng = np.random.default_rng(4)
     design, true = SINGLE, 1e3 * SINGLE.films[1].sensitivity
@@ -84,24 +73,6 @@ def test_the_interval_covers_the_sensitivity_under_gain_scatter() -> None:
         covered += low <= true <= high
         assert budget.u == pytest.approx(found.films[1].sensitivity_u)
     assert 107 <= covered <= 119
-
-
-def test_films_that_scatter_together_are_correlated_and_the_matrix_stays_a_covariance() -> None:
-    together = 1 + 0.05 * np.random.default_rng(1).normal(size=LOADS.size)
-    found = calibrate(SINGLE, readings(SINGLE, np.array([together, together])))
-    matrix = np.array(found.covariance)
-    u = np.sqrt(np.diagonal(matrix))
-    assert matrix[0, 1] / (u[0] * u[1]) == pytest.approx(1)
-    assert u == pytest.approx([film.sensitivity_u for film in found.films])
-    scattered = calibrate(PAIR, readings(PAIR, 1 + 0.05 * np.random.default_rng(2).normal(size=(3, 12))))
-    assert np.linalg.eigvalsh(np.array(scattered.covariance)).min() > 0
-
-
-def test_crosstalk_is_what_a_film_hears_of_the_tooth_beside_it() -> None:
-    found = calibrate(PAIR, readings(PAIR, crosstalk=0.05))
-    assert np.array(found.crosstalk) == pytest.approx(np.array([[1, 0.05], [0.05, 1]]))
-    assert found.films[2].degrees_of_freedom == 11
-    assert [film.clamping for film in found.films] == pytest.approx([1, 1, 1])
 
 
 def test_gain_is_told_apart_by_frequency() -> None:

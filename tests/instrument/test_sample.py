@@ -92,11 +92,6 @@ def test_a_poisson_ratio_inside_its_limits_is_taken(value: float) -> None:
     assert replace(get_sample("1"), poisson=value).poisson == value
 
 
-def test_an_unknown_design_is_refused_with_the_nearest_name() -> None:
-    with pytest.raises(UnknownName, match="did you mean 'single'"):
-        get_design("singel")
-
-
 def test_each_design_stands_under_its_own_name_and_is_a_key() -> None:
     assert {design: name for name, design in DESIGNS.items()} == {get_design(name): name for name in DESIGNS}
 

@@ -32,7 +32,7 @@ def test_films_tell_shear_from_a_load_off_centre_where_they_name_different_place
 
 @pytest.mark.slow
 def test_no_film_below_one_tooth_feels_shear() -> None:
-    for felt in shear(get_design("single"), SAMPLE, 1).values():
+    for felt in shear(get_design("single"), SAMPLE).values():
         assert felt.pressed > 0.1
         assert felt.off_centre("object") is None
         assert max(map(abs, felt.dragged.values())) < 1e-9

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
+from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, Resolution
 from palpate.instrument.models.solid.mesh import (
@@ -111,17 +111,6 @@ def test_forces_balance(parameters: SolidParameters) -> None:
     assert solution.total_force == pytest.approx(1.0, abs=1e-10)
 
 
-def test_a_very_hard_object_stands_on_the_tooth_alone() -> None:
-    assert solve(replace(COARSE, sensed_modulus=1e12), 0).force_ratio == pytest.approx(1.0, abs=1e-6)
-
-
-def test_a_very_soft_thin_object_presses_like_water() -> None:
-    """Every point then carries what lies above it, and each side of the gap half of what lies above the gap."""
-    soft = replace(COARSE, sensed_modulus=1.0, sensed_thickness=1e-4, sensed_poisson=0.0)
-    share = math.pi * 1.45e-3**2 / 10e-3**2
-    assert solve(soft, 1).force_ratio == pytest.approx(share, rel=1e-2)
-
-
 def test_the_ratio_rises_with_the_object_s_modulus() -> None:
     ratios = [solve(replace(COARSE, sensed_modulus=modulus), 0).force_ratio for modulus in np.geomspace(1e3, 1e8, 4)]
     assert all(np.diff(ratios) > 0)
@@ -147,16 +136,6 @@ def test_a_load_here_moves_there_as_a_load_there_moves_here(one_layer: None) -> 
     assert work == pytest.approx(here @ system.displacement(there), rel=1e-9)
 
 
-def test_an_array_is_symmetric_where_no_symmetry_is_made_use_of(one_layer: None) -> None:
-    corner = replace(
-        solid_parameters(get_design("array"), PHYSICAL.load(1e5)), columns=2, support="rigid", interface="frictionless"
-    )
-    system = System(corner, OF_FEW_TEETH.resolutions[0], mirrored=(False, True))
-    *teeth, base = system.curve([system.load(None)]).poles.values(np.array([1e5]))[0, :, 0]
-    assert teeth == pytest.approx(np.full(4, teeth[0]), rel=1e-9)
-    assert sum(teeth) < base
-
-
 @pytest.mark.parametrize("poisson", [0.499999, 0.5])
 def test_rubber_does_not_lock(poisson: float) -> None:
     assert coarse_ratio(poisson) == pytest.approx(coarse_ratio(0.498), rel=5e-3)
@@ -168,8 +147,6 @@ def test_rubber_does_not_lock(poisson: float) -> None:
         {},
         # No gap and an object as soft as the ring: the stress at the tooth's edge is at its most singular.
         {"ring_inner_radius": 1.4e-3, "interface": "bonded", "sensed_modulus": 2.5e4, "sensed_thickness": 1.1e-3},
-        {"sensed_modulus": 140e9, "sensed_poisson": 0.5, "sensed_thickness": 0.5e-3},
-        {"compliant_poisson": 0.499999, "sensed_thickness": 0.3e-3, "sensed_modulus": 1.49e4},
     ]),
 )  # fmt: skip
 def test_the_error_estimate_covers_the_distance_to_the_round_model(change: dict[str, Any]) -> None:

@@ -25,7 +25,6 @@ SENSORS: dict[str, tuple[dict[str, Any], float]] = {
     "rigid, capped": ({**RIGID, "interface": "capped"}, 1e-10),
     "rigid, closed gap": ({**RIGID, "ring_inner_radius": 1.4e-3}, 1e-10),
     "platen": ({"load": "platen"}, 1e-10),
-    "point load, frictionless": ({"load_at": (6e-3, 4e-3), "interface": "frictionless"}, 1e-10),
     "pair": ({**PAIR, **RIGID, "separate_bases": True}, 1e-10),
     "rigid, incompressible": ({**RIGID, "sensed_poisson": 0.5, "compliant_poisson": 0.5}, 1e-7),
     "thin, nearly incompressible": ({"sensed_poisson": 0.499999, "sensed_thickness": 3e-4}, 1e-7),

@@ -73,14 +73,6 @@ def test_the_shifted_forces_of_table_a2_1_are_put_right() -> None:
     assert volts / force == pytest.approx(1e-3, rel=5e-3)
 
 
-def test_the_ratio_rises_with_the_modulus_once_repaired() -> None:
-    for number in ("A2.1", "A2.2", "A2.3", "A2.4", "A2.5", "A2.6"):
-        table = read_table(number)
-        column = "force_ratio" if "force_ratio" in table.columns else "force_rigid_N"
-        assert np.all(np.diff(table.keys()) > 0)
-        assert np.all(np.diff(abs(table.values(column))) > 0)
-
-
 def test_an_unknown_table_is_refused_with_those_there_are() -> None:
     with pytest.raises(UnknownName, match=r"table of the thesis 'A2.8'.*valid: 4.1, 4.2"):
         read_table("A2.8")

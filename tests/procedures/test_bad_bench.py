@@ -174,17 +174,6 @@ def test_a_device_cut_off_in_the_middle_ends_the_run_with_the_other_outputs_off(
 # --- the disk ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("folder", ["/dev/null/x", "/proc/palpate", "file", "file/x"])
-def test_a_folder_that_cannot_be_written_is_refused(palpate: Palpate, benches: Benches, folder: str) -> None:
-    Path("file").write_text("mine", encoding="utf-8")
-    said = palpate(*SWEEP, "--out", folder)
-    assert said.status == 1
-    assert said.complaint.startswith(f"cannot write {folder}: ")
-    assert "choose a writable folder with --out" in said.complaint
-    assert Path("file").read_text(encoding="utf-8") == "mine"
-    assert benches == []
-
-
 def test_a_second_run_in_the_same_folder_is_refused(palpate: Palpate, benches: Benches) -> None:
     assert palpate(*SMALL, "--out", "day", "--quiet").status == 0
     before = {path: path.read_bytes() for path in Path("day").iterdir()}

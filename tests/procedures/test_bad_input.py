@@ -235,22 +235,6 @@ def test_a_wrong_key_of_a_scene_is_named(palpate: Palpate, addition: str, messag
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('design = "single"', 'design = "singel"', "unknown design 'singel' (did you mean 'single'?)"),
-        ('design = "single"', 'design = "single"\nmodel = "bem"', "unknown model 'bem' (did you mean 'beam'?)"),
-        ('design = "single"', 'design = "single"\nseed = -1', "seed: "),
-        ('name = "ideal"', "name = 5", "name: "),
-    ],
-)
-def test_a_wrong_value_of_a_scene_is_named(palpate: Palpate, old: str, new: str, message: str) -> None:
-    Path("my.toml").write_text(IDEAL_SCENE.replace(old, new), encoding="utf-8")
-    said = palpate(*SWEEP, "--scene", "my.toml")
-    assert said.status == 2
-    assert message in said.complaint
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
         ("watchdog =", "watchdg =", "watchdg: unknown key (did you mean 'watchdog'?)"),
         ('force_limit = "10.0 N"', "force_limit = 10.0", "force_limit: 10.0 needs a unit"),
         ('force_limit = "10.0 N"', 'force_limit = "10 kPa"', "force_limit: '10 kPa' is in kPa where N belongs"),

@@ -58,15 +58,6 @@ def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate
     assert times[-1] - times[0] == pytest.approx(found["bench_seconds"], abs=1.0)
 
 
-def test_everything_is_logged_alone_where_the_name_says_so(palpate: Palpate, tmp_path: Path) -> None:
-    sweep = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.1 s", "--quiet")
-    assert palpate(*sweep, "--log", "all.pcapng").status == 0
-    assert {m["who"] for m in shown(palpate, "all.pcapng")} > {"positioner", "node 1"}
-    assert not [file for file in Path.cwd().iterdir() if file.suffix in (".blf", ".asc")]
-    said = palpate("sweep", "loads", "--log", "all.pcapng")
-    assert (said.status, "all.pcapng exists already" in said.err) == (2, True)
-
-
 def logged_frames(sim: SimulatedBench, path: Path) -> list[can.Message]:
     """What a bench that is opened, and no more, sends; as a log holds it."""
     bench = Bench(sim.description, sim.clock, sim.operator)

@@ -79,13 +79,6 @@ def test_each_part_of_a_scene_makes_another_bench_of_it(change: Callable[[object
     assert replace(scene, name="other", purpose="Another.").identity == scene.identity
 
 
-def test_a_scene_that_a_run_stores_is_the_same_bench(tmp_path: Path) -> None:
-    for name in ("everything", "real_bench", "noisy_lab"):
-        scene = read_scene(name).with_seed(5)
-        (tmp_path / "scene.toml").write_text(scene.to_toml(), encoding="utf-8")
-        assert read_scene(str(tmp_path / "scene.toml")).identity == scene.identity
-
-
 @pytest.mark.usefixtures("own_store")
 def test_a_client_of_a_served_bench_stores_for_its_scene_alone(lab: str, sim: SimulatedBench) -> None:
     cell = package.LoadCellSeries(loads=(1.5, 4.0, 7.0))

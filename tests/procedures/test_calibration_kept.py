@@ -161,7 +161,7 @@ def test_no_kill_and_no_failed_write_loses_a_calibration_or_leaves_it_unused_uns
     chance = random.Random(7)
     with rounds(tmp_path, "load cell") as played:
         last = played.moments
-        blows = [(n, "SIGKILL") for n in range(last["SIGKILL"] - 30, last["SIGKILL"], 6)]
+        blows = [(n, "SIGKILL") for n in range(last["SIGKILL"] - 30, last["SIGKILL"], 10)]
         blows += [(last["ENOSPC"] - 3 * n, code) for n, code in enumerate(ERRORS)]
         for number, how in blows:
             found = played.play(number, how, chance)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -100,61 +99,6 @@ def test_a_frame_names_its_place_its_kind_and_the_frame_before_it() -> None:
     assert (head.frames, head.length, head.hash) == (7, 900 + LENGTH, parts[-1])
 
 
-def test_half_a_frame_does_not_stay_behind_the_whole_ones(
-    writer: ChainWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writer.append(FRAMES)
-    pwrite = os.pwrite
-
-    def full(handle: int, content: bytes, at: int) -> int:
-        pwrite(handle, content[:20], at)
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as patch, pytest.raises(OSError, match="No space left"):
-        patch.setattr(os, "pwrite", full)
-        writer.append(FRAMES)
-    assert (tmp_path / "record").stat().st_size == LENGTH
-    writer.append(FRAMES)  # there is space again
-    with ChainFile(tmp_path / "record") as file:
-        assert len(list(file.scan())) == 4
-
-
-@pytest.mark.parametrize("failing", ["record", "head"])
-def test_nothing_is_written_behind_what_could_not_be_synced(
-    failing: str, writer: ChainWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fdatasync = os.fdatasync
-
-    def sync(given: int) -> None:
-        if file_of(given) == failing:
-            raise OSError(errno.EIO, "Input/output error")
-        fdatasync(given)
-
-    with monkeypatch.context() as patch, pytest.raises(OSError, match="Input/output"):
-        patch.setattr(os, "fdatasync", sync)
-        writer.append(FRAMES)
-    assert writer.head.frames == 0
-    with pytest.raises(OSError, match="nothing is written after it"):
-        writer.append(FRAMES)
-
-
-def test_nothing_is_written_behind_a_head_that_could_not_be_written(
-    writer: ChainWriter, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pwrite = os.pwrite
-
-    def write(handle: int, content: bytes, at: int) -> int:
-        if file_of(handle) == "head":
-            raise OSError(errno.EIO, "Input/output error")
-        return pwrite(handle, content, at)
-
-    with monkeypatch.context() as patch, pytest.raises(OSError, match="Input/output"):
-        patch.setattr(os, "pwrite", write)
-        writer.append(FRAMES)
-    with pytest.raises(OSError, match="nothing is written after it"):
-        writer.append(FRAMES)
-
-
 def test_an_ended_chain_has_no_zeros_and_its_head_twice(writer: ChainWriter, tmp_path: Path) -> None:
     writer.append(FRAMES, points=1)
     assert (tmp_path / "record").stat().st_size > LENGTH
@@ -164,21 +108,6 @@ def test_an_ended_chain_has_no_zeros_and_its_head_twice(writer: ChainWriter, tmp
     one, other = (head_of(entries[at : at + SECTOR]) for at in (0, SECTOR))
     assert one and other
     assert one.again() == other or other.again() == one
-
-
-def test_a_chain_is_made_as_a_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def sync(_handle: int) -> None:
-        raise OSError(errno.EIO, "Input/output error")
-
-    with monkeypatch.context() as patch, pytest.raises(OSError, match="Input/output"):
-        patch.setattr(os, "fsync", sync)
-        create(tmp_path / "record", tmp_path / "head", CHAIN, FRAMES, 0)
-    assert list(tmp_path.iterdir()) == []
-    create(tmp_path / "record", tmp_path / "head", CHAIN, FRAMES, 0)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["head", "record"]
-    entry = head_of((tmp_path / "head").read_bytes()[:SECTOR])
-    assert entry is not None
-    assert (entry.turn, entry.frames, entry.length) == (0, 0, 0)
 
 
 def test_a_new_chain_is_on_disk_before_it_has_its_name_and_its_name_before_it_counts(
@@ -205,13 +134,6 @@ def test_what_is_synced_is_synced_with_its_metadata_and_closed(tmp_path: Path, m
     chain.sync(tmp_path)
     assert synced == [str(tmp_path)]
     assert len(list(Path("/proc/self/fd").iterdir())) == before
-
-
-def test_frames_that_complete_nothing_are_counted_as_frames_alone(writer: ChainWriter) -> None:
-    writer.append(FRAMES)
-    assert (writer.head.frames, writer.head.points, writer.head.events) == (2, 0, 0)
-    _, head = packed(writer.head, FRAMES, 0)
-    assert (head.frames, head.points, head.events) == (4, 0, 0)
 
 
 def test_what_a_killed_writer_left_is_written_again_and_then_counted(

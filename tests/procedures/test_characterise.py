@@ -140,20 +140,6 @@ def test_a_load_that_was_set_anew_while_holding_is_no_drift() -> None:
     assert "over 180 s" in found.how
 
 
-def test_each_figure_has_a_budget_that_makes_its_uncertainty() -> None:
-    found = evaluate(measured(bend=5e-3), SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=10.0)
-    assert [budget.quantity for budget in found.budgets] == [
-        f"{row.quantity}, {row.film or 'sensor'}" for row in found.rows
-    ]
-    assert [(b.value, b.u, b.unit) for b in found.budgets] == [(r.value, r.u, r.unit) for r in found.rows]
-    of = {budget.quantity: budget for budget in found.budgets}
-    assert [c.name for c in of["force sensitivity, total"].components] == ["line", "load cell"]
-    bent, resolution = of["force sensitivity, total"], of["resolution, total"]
-    assert resolution.u / resolution.value == pytest.approx(
-        math.hypot(bent.u / bent.value, 1 / math.sqrt(2 * 250 * len(LOADS)))
-    )
-
-
 def test_where_the_converter_ends_the_range_the_slope_cancels() -> None:
     (far,) = [
         budget

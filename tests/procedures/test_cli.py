@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import sys
 from collections.abc import Iterator
@@ -100,17 +99,6 @@ def test_an_option_of_several_values_takes_them_and_a_flag_may_stand_twice(palpa
 # --- what a sweep says ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("quiet", [(), pytest.param(("--quiet",), marks=pytest.mark.slow)])
-@pytest.mark.parametrize("command", [ONE_POINT, ("calibrate", "load-cell", "--loads", "2 N, 4 N, 6 N")])
-def test_json_is_one_object_on_stdout_and_nothing_else(
-    palpate: Palpate, command: tuple[str, ...], quiet: tuple[str, ...]
-) -> None:
-    said = palpate(*command, "--json", *quiet)
-    assert said.object["simulated"] is True
-    assert said.err == ""
-    assert said.out == json.dumps(said.object, indent=2) + "\n"
-
-
 def test_the_progress_bar_stays_off_stdout(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
@@ -161,23 +149,7 @@ def test_a_model_a_seed_and_a_scene_are_used_and_named(palpate: Palpate) -> None
 # --- determinism ---------------------------------------------------------------------------------------
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_does_not(palpate: Palpate) -> None:
-    for folder, seed in (("a", "3"), ("b", "3"), ("c", "4")):
-        assert palpate(*ONE_POINT, "--seed", seed, "--out", folder, "--quiet").status == 0
-    a, b, c = (Run.open(Path(name)) for name in "abc")
-    assert a.points() == b.points() != c.points()
-    assert a.digest() == b.digest() != c.digest()
-
-
 # --- runs ----------------------------------------------------------------------------------------------
-
-
-def test_runs_are_listed_newest_first_from_any_folder(palpate: Palpate) -> None:
-    assert "no runs in runs; make one with: palpate sweep loads" in palpate("runs", "list").out
-    for name in ("first", "second"):
-        palpate(*ONE_POINT, "--out", f"kept/{name}", "--quiet")
-    names = [Path(row["run"]).name for row in palpate("runs", "list", "--out", "kept", "--json").object["runs"]]
-    assert sorted(names) == ["first", "second"]
 
 
 def test_a_run_is_exported_once(palpate: Palpate) -> None:
@@ -306,26 +278,3 @@ def test_ctrl_c_at_a_question_stops_the_run(palpate: Palpate, lab: str, monkeypa
     monkeypatch.setattr(sys, "stdin", Console())
     assert palpate(*ONE_POINT, "--bench", lab, "--out", "day").status == 130
     assert Run.open(Path("day")).status == "stopped"
-
-
-@pytest.mark.parametrize(
-    ("failure", "status", "message"),
-    [
-        (OSError(28, "No space left on device"), 1, "plot.png: No space left on device; free space"),
-        (KeyboardInterrupt(), 130, "palpate: interrupted"),
-    ],
-)
-def test_a_plot_that_fails_leaves_a_complete_run_says_where_and_the_outputs_off(
-    palpate: Palpate, benches: Benches, monkeypatch: pytest.MonkeyPatch,
-    failure: BaseException, status: int, message: str,
-) -> None:  # fmt: skip
-    def crash(*_: object, **__: object) -> None:
-        raise failure
-
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", crash)
-    said = palpate(*ONE_POINT, "--out", "day")
-    assert said.status == status
-    assert message in said.err
-    assert f"\nthe run is kept in {Path('day').absolute()}; look at it with palpate runs show" in said.err
-    assert Run.open(Path("day")).status == "complete"
-    assert outputs(benches[0]) == OFF

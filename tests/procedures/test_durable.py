@@ -79,6 +79,7 @@ BREAKS: dict[str, tuple[Break, str]] = {
     "record removed": (removed(RECORD), f"{RECORD}: No such file or directory"),
     "head removed": (removed(HEAD_FILE), f"{HEAD_FILE}: No such file or directory"),
     "record replaced": (replaced(RECORD), f"{RECORD}: it was replaced while the run was being written"),
+    "head replaced": (replaced(HEAD_FILE), f"{HEAD_FILE}: it was replaced while the run was being written"),
 }
 
 
@@ -171,21 +172,3 @@ def test_after_a_sync_that_failed_nothing_more_is_acknowledged(tmp_path: Path, m
         WRITES["point"](record)
     assert Run.open(tmp_path).status == "running"
     assert record.points == 1
-
-
-def test_a_run_whose_folder_is_removed_stops_with_outputs_off(
-    palpate: Palpate, benches: Benches, on_progress: Callable[[Progress], None]
-) -> None:
-    reported: list[int] = []
-
-    def report(done: int, _total: int, _what: str) -> None:
-        if done == 1 and 1 not in reported:
-            shutil.rmtree("day")
-        reported.append(done)
-
-    on_progress(report)
-    said = palpate(*SWEEP, "--json")
-    assert said.status == 1
-    assert "do not move or remove a run while it is being written" in said.complaint
-    assert max(reported) == 1
-    assert outputs(benches[0]) == OFF

@@ -16,7 +16,6 @@ from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.calibrations import install
-from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import read_scene
 from palpate.testing import steps
 from tests.procedures.conftest import HEADER
@@ -85,21 +84,6 @@ def test_a_procedure_that_has_enough_ends_before_its_plan_and_says_why(tmp_path:
     assert (len(done.result.points), run.status) == (3, "complete")
     assert [(e["kind"], e["message"]) for e in run.events()] == [("enough", "3 readings are enough")]
     assert (len(whole.result.points), whole.run.events()) == (6, [])
-
-
-def test_one_that_is_stopped_and_resumed_ends_where_it_would_have(tmp_path: Path) -> None:
-    def stop(done: int, _all: int, _what: str) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
-    with palpate.open_bench(scene="ideal") as bench:
-        palpate.run(Waiting(), bench, out=tmp_path / "whole")
-    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
-        palpate.run(Waiting(), bench, out=tmp_path / "cut", listeners=[steps(stop)])
-    done = palpate.resume(tmp_path / "cut", Waiting)
-    assert len(done.result.points) == 3
-    assert [e["kind"] for e in done.run.events()] == ["stopped", "continued", "enough"]
-    assert done.run.digest() == Run.open(tmp_path / "whole").digest()
 
 
 def test_finished_points_of_a_real_bench_that_are_enough_are_not_added_to(tmp_path: Path) -> None:

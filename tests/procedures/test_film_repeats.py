@@ -86,5 +86,5 @@ def test_a_run_ends_when_both_films_are_known_well_enough(tmp_path: Path) -> Non
 def test_sensitivities_hold_the_truth_as_often_as_they_say() -> None:
     from tests.benchmarks.repeats import TRUTHS, pressed
 
-    rows = list(pressed(*TRUTHS[0], tolerance=0.025, runs=400))
+    rows = list(pressed(*TRUTHS[0], tolerance=0.025, runs=200))
     assert all(row.met is not False for row in rows), rows

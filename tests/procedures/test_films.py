@@ -271,14 +271,6 @@ def test_a_short_record_of_much_noise_is_marked_and_used(signals: Signals, tmp_p
 # --- many films ----------------------------------------------------------------------------------------
 
 
-def test_a_bench_with_too_few_nodes_for_the_films_is_refused() -> None:
-    check_nodes(get_design("array_16"), 5)
-    with pytest.raises(
-        RangeError, match=r"'array_16' has 17 films on 5 sensor nodes of 4 channels; the bench has 4; list"
-    ):
-        check_nodes(get_design("array_16"), 4)
-
-
 class Logger:
     """A sensor node of another package, which keeps what is set."""
 

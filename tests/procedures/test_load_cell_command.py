@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -55,18 +54,6 @@ def test_nothing_in_a_certificate_is_taken_for_markup(palpate: Palpate) -> None:
 
 
 # --- from the command line to the next sweep -----------------------------------------------------------
-
-
-def test_the_command_gives_the_public_names_and_stores_the_calibration(palpate: Palpate) -> None:
-    result = palpate("calibrate", "load-cell", "--json").object
-    assert result.keys() >= RESULT
-    assert result["calibration_file"] == str(FILE)
-    stored = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    assert stored["sensitivity_mV_per_N"] == result["sensitivity_mV_per_N"]
-    assert (stored["device"], stored["simulated"], stored["gage_factor"]) == ("SIM-SI-0001", True, 8.98)
-    assert (stored["least_N"], stored["greatest_N"]) == (pytest.approx(1.372931), pytest.approx(7.256921))
-    assert stored["source"] == Path(result["run"]).name
-    assert (Path(result["run"]) / "calibration.toml").read_bytes() == FILE.read_bytes()
 
 
 def test_a_sweep_without_a_calibration_uses_and_names_the_thesis_own(palpate: Palpate) -> None:

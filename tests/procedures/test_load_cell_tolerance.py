@@ -163,7 +163,7 @@ def test_a_series_to_a_tolerance_ends_when_it_is_reached_and_tells_predicted_and
 @pytest.mark.slow
 def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivity() -> None:
     """Where slopes differ, loads share no rounding on average, while u is the greatest one over the slopes."""
-    random, wanted, number = np.random.default_rng(5), asked(0.003), 400
+    random, wanted, number = np.random.default_rng(5), asked(0.003), 200
     held, expected, errors, independent = 0, 0.0, [], []
     for _ in range(number):
         slope = SLOPE * random.uniform(0.95, 1.05)

@@ -162,9 +162,7 @@ def test_without_imperfections_the_ratio_is_the_models_and_the_force_is_the_load
         assert p.force_rigid_N == pytest.approx(p.load_measured_N * modelled(p.sample, model), rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("frequency", "dwell", "rate", "samples"), [(0.5, 4.0, 12.5, 50), (10.0, 0.3, 250.0, 75), (20.0, 1.0, 500.0, 500)]
-)
+@pytest.mark.parametrize(("frequency", "dwell", "rate", "samples"), [(0.5, 4.0, 12.5, 50), (20.0, 1.0, 500.0, 500)])
 def test_other_frequencies_and_dwells_give_the_same_ratio(
     tmp_path: Path, frequency: float, dwell: float, rate: float, samples: int
 ) -> None:

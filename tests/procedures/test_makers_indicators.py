@@ -20,6 +20,7 @@ from tests.fault_matrix import ONCE, STAYS, Cell, play
 from tests.fault_procedures import scene as without_scatter
 from tests.pages import ROOT
 from tests.procedures.conftest import IDEAL_CALIBRATION, OFF, Palpate, happens_in, outputs, sweep
+from tests.shares import first_of
 
 SPAN = 10.306  # mV of the load cell for one newton, as the display shows
 SECTIONS = {
@@ -57,14 +58,9 @@ def compared(kind: str, folder: Path, loads: tuple[float, ...], dwell: float) ->
         assert other.load_measured_u > own.load_measured_u
 
 
-def test_a_sweep_with_the_dad_141_gives_the_ratio_of_our_own_indicator(tmp_path: Path) -> None:
-    compared(FLINTEC, tmp_path, (2.0,), 0.2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", SECTIONS)
-def test_sweeps_with_any_of_them_give_the_ratios_of_our_own_indicator(kind: str, tmp_path: Path) -> None:
-    compared(kind, tmp_path, (2.0, 3.0), 1.0)
+@pytest.mark.parametrize("kind", first_of(list(SECTIONS)))
+def test_a_sweep_with_any_of_them_gives_the_ratio_of_our_own_indicator(kind: str, tmp_path: Path) -> None:
+    compared(kind, tmp_path, (2.0,), 0.2)
 
 
 def test_the_filter_of_the_factory_is_refused_before_anything_moves(tmp_path: Path) -> None:
@@ -117,9 +113,6 @@ def with_the_dad_141(procedure: str) -> Scene:
     [
         ("late_answer", "cell", ONCE, (), {"right"}),
         ("leading_glitch", "line", STAYS, (), {"right"}),
-        ("power_cycle", "cell", ONCE, (), {"right"}),
-        ("silence", "cell", STAYS, (), {"stopped"}),
-        ("stuck_reading", "cell", STAYS, (), {"stopped"}),
         ("front_panel", "cell", ONCE, (("setting", "filter_level"), ("value", 5.0)), {"right"}),
     ],
 )

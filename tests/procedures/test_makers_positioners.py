@@ -47,11 +47,8 @@ def test_a_bus_log_of_a_sweep_with_it_can_be_replayed(
 @pytest.mark.parametrize(
     ("kind", "fault", "on", "lasts", "verdicts"),
     [
-        (KRD, "silence", "stage", ONCE, {"right"}),
         (KRD, "power_cycle", "stage", ONCE, {"right"}),  # its encoder is absolute
-        (KRD, "silence", "stage", STAYS, {"stopped"}),
         (CS2RS, "power_cycle", "stage", ONCE, {"right", "stopped"}),
-        (C5, "node_reboot", "stage", ONCE, {"right", "stopped"}),
         (C5, "bus_off", "can", STAYS, {"stopped"}),
     ],
 )

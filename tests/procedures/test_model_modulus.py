@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 
@@ -161,21 +160,6 @@ def test_the_ratio_of_the_ratio_command_leads_back_to_its_modulus(palpate: Palpa
     ratio = f"{there['force_ratio']:.15f}"
     (back,) = palpate("model", "modulus", "--json", *asked, "--force-ratio", ratio).object["points"]
     assert back["modulus_Pa"] == pytest.approx(43e3, rel=1e-6)
-
-
-def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
-    said = palpate(*MODULUS, "--force-ratio", "0.3", "--quiet")
-    assert (said.err, said.out) == ("", json.dumps(said.object, indent=2) + "\n")
-    assert list(said.object) == [
-        "design", "parameters", "simulated", "validation", "validation_line", "coverage", "points",
-    ]  # fmt: skip
-    assert said.object["coverage"] == 0.95
-    assert said.object["validation"][0]["model"] == said.object["points"][0]["model"]
-    assert list(said.object["points"][0]) == [
-        "force_ratio", "force_ratio_u", "modulus_Pa", "scale_u", "scale_low_Pa", "scale_high_Pa", "absolute_u",
-        "absolute_low_Pa", "absolute_high_Pa", "absolute_kind", "sensitivity", "kind", "note", "model_error",
-        "curve_error", "model",
-    ]  # fmt: skip
 
 
 def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:

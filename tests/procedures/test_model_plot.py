@@ -184,11 +184,6 @@ def test_without_a_name_each_picture_is_a_new_file_of_the_store(palpate: Palpate
     assert palpate("runs", "list", "--json").object == {"runs": []}
 
 
-def test_quiet_says_nothing(palpate: Palpate, few_curves: None) -> None:
-    said = palpate(*CLOSED, "--out", "sensor.png", "--quiet")
-    assert (said.status, said.out, said.err) == (0, "", "")
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

@@ -169,15 +169,6 @@ def test_loads_that_may_be_no_contact_count_neither_in_a_run_nor_in_what_is_expe
     assert expected(3, 0.05) == {}
 
 
-@pytest.mark.slow
-def test_the_command_gives_the_public_names(palpate: Palpate) -> None:
-    result = palpate("test", "modulus", "--sample", "6", "--steps", "3", "--budget", "--json").object
-    assert result.keys() >= RESULT
-    assert result["thesis_modulus_Pa"] == get_sample("6").modulus
-    assert {b["budget"]["quantity"] for b in result["budgets"]} >= {"tangent modulus", "secant modulus", "thickness"}
-    assert {p["direction"] for p in result["points"]} == {"loading", "unloading"}
-
-
 def test_a_person_is_asked_for_the_support_bare_and_with_the_sample(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

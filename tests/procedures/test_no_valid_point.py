@@ -110,12 +110,6 @@ def test_a_result_without_a_budget_says_so_where_one_is_asked_for(capsys: pytest
     assert said == ["this procedure gives no uncertainty budget; its points and results have their uncertainties\n", ""]
 
 
-def test_json_has_budgets_where_they_are_asked_for(palpate: Palpate) -> None:
-    assert "budgets" not in palpate(*LOADS, "--json").object
-    (budget,) = palpate(*LOADS, "--json", "--budget").object["budgets"]
-    assert budget["quantity"] == "force ratio of sample 1"
-
-
 def test_a_flagged_point_of_a_dead_base_film_names_its_flags_as_the_cause() -> None:
     rate, cycles = 1000.0, np.arange(200) / 1000.0
     volts = np.stack([0.1 * np.sin(2 * np.pi * 10.0 * cycles), np.zeros(200)])

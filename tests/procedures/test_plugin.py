@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,6 @@ import palpate.procedures.testing.benches
 from palpate.simulators.bench import SimulatedBench
 
 pytest_plugins = ["pytester"]
-EXAMPLES = Path(__file__).parents[1] / "examples"
 ALONE = (
     "--disable-plugin-autoload",
     "-p",
@@ -185,14 +183,6 @@ def test_a_real_bench_is_not_shared_by_workers(pytester: pytest.Pytester) -> Non
     result = pytester.runpytest_inprocess("-n2", "--bench=lab.toml")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["ERROR: --bench lab.toml: one bench cannot serve several workers; give -n0"])
-
-
-@pytest.mark.slow
-def test_the_example_project_passes(pytester: pytest.Pytester) -> None:
-    shutil.copytree(EXAMPLES / "lab", pytester.path, dirs_exist_ok=True)
-    result = pytester.runpytest_inprocess(*ALONE, "-p", "pytest_timeout")
-    result.assert_outcomes(passed=3)
-    result.stdout.fnmatch_lines(["timeout: 60.0s*"])
 
 
 STORES = """

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,12 +14,11 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from palpate.instrument.errors import RangeError, RecordError, UsageError
+from palpate.instrument.errors import RangeError, RecordError
 from palpate.procedures.records.chain import AHEAD, HASH
-from palpate.procedures.records.record import Recorder, new_run_folder
+from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import IN_A_FRAME, LARGEST_ROW
 from palpate.procedures.records.run import Run
-from tests.shares import first_of
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z", "seed": 7}
 SECOND = 1_000_000_000
@@ -110,19 +107,6 @@ def test_a_long_waveform_lies_in_several_frames(tmp_path: Path) -> None:
     assert run.waveform(1, "none").size == 0
 
 
-def test_the_data_of_a_point_is_canonical_json(tmp_path: Path) -> None:
-    with Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.point({"b": [np.int64(1), (2.0, "µ")], "a": {"d": True, "c": None}}, {}, 0)
-    assert b'"data":{"a":{"c":null,"d":true},"b":[1,[2.0,"\\u00b5"]]},' in (tmp_path / "run.record").read_bytes()
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), np.float32("-inf"), np.array([np.nan])])
-def test_a_value_that_is_not_finite_is_stored_as_null(tmp_path: Path, value: object) -> None:
-    with Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.point({"force_ratio": value}, {}, 0)
-    assert Run.open(tmp_path).points()[0]["force_ratio"] in (None, [None])
-
-
 def test_samples_that_are_not_finite_are_kept(tmp_path: Path) -> None:
     samples = np.array([1.0, np.nan, np.inf, -np.inf], dtype=np.float32)
     with Recorder.create(tmp_path, HEADER) as recorder:
@@ -151,27 +135,6 @@ def test_a_point_that_cannot_be_stored_as_meant_is_refused_whole(
             recorder.point(data, waveforms, 0)
         assert recorder.point({"load_N": 1.5}, {}, 0) == 1
     assert list(Run.open(tmp_path).waveforms()) == []
-
-
-@pytest.mark.parametrize(
-    "header",
-    [
-        {"procedure": "sweep loads", "started": HEADER["started"]},
-        {**HEADER, "simulated": "yes"},
-    ],
-)
-def test_a_header_that_could_pass_for_another_is_refused(tmp_path: Path, header: dict[str, object]) -> None:
-    with pytest.raises(RecordError, match=r"simulated|status"):
-        Recorder.create(tmp_path / "run", header)
-    assert not (tmp_path / "run").exists()
-
-
-def test_a_folder_takes_one_run_only(tmp_path: Path) -> None:
-    run = write(tmp_path)
-    with pytest.raises(UsageError, match="already holds a run; choose another --out") as raised:
-        Recorder.create(tmp_path, HEADER)
-    assert raised.value.exit_code == 2
-    assert run.points() == Run.open(tmp_path).points()
 
 
 @pytest.mark.slow
@@ -213,46 +176,11 @@ def test_an_exception_is_recorded_and_goes_on(tmp_path: Path, error: BaseExcepti
     assert run.events() == [{"bench_ns": 5 * SECOND, "kind": status, "message": f"{type(error).__name__}: {error}"}]
 
 
-def test_a_run_without_a_result_does_not_pass_for_complete(tmp_path: Path) -> None:
-    with Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.event("operator", "sample 1 mounted at /rubber\udcff", SECOND)
-    run = Run.open(tmp_path)
-    assert run.status == "stopped"
-    assert [event["kind"] for event in run.events()] == ["operator", "stopped"]
-
-
 def test_an_exception_after_the_end_leaves_the_result(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), Recorder.create(tmp_path, HEADER) as recorder:
         recorder.finish("complete", {"points": 0})
         raise ZeroDivisionError
     assert Run.open(tmp_path).status == "complete"
-
-
-@pytest.mark.parametrize("what", first_of(["data", "waveforms"]))
-def test_a_limit_of_the_system_stops_the_run_and_keeps_its_points(tmp_path: Path, what: str) -> None:
-    script = f"""
-import resource, sys
-from pathlib import Path
-import numpy as np
-from palpate.instrument.errors import RecordError
-from palpate.procedures.records.record import Recorder
-resource.setrlimit(resource.RLIMIT_FSIZE, (1_050_000, 1_050_000))  # in the midst of a waveform
-try:
-    with Recorder.create(Path({str(tmp_path)!r}), {HEADER!r}) as recorder:
-        for index in range(1000):
-            text, samples = ("x" * 9000, 0) if {what!r} == "data" else ("", 20_000)
-            print(recorder.point({{"text": text}}, {{"film": (1.0, np.full(samples, index))}}, index), flush=True)
-except RecordError as error:
-    sys.exit(str(error))
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.returncode == 1
-    assert re.search(r"cannot write .*run\.record: .*; .*ulimit -f", done.stderr)
-    reported = [int(line) for line in done.stdout.split()]
-    run = Run.open(tmp_path)
-    assert len(reported) >= 2
-    assert [point["id"] for point in run.points()] == reported
-    assert all(run.waveform(point_id, "film").size in (0, 20_000) for point_id in reported)
 
 
 def test_a_place_that_takes_no_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,17 +198,3 @@ def test_a_start_that_fails_leaves_the_folder_free(tmp_path: Path, monkeypatch: 
         Recorder.create(tmp_path, HEADER)
     assert list(tmp_path.iterdir()) == []
     write(tmp_path)
-
-
-def test_a_run_whose_folder_was_removed_is_not_written_into_nothing(tmp_path: Path) -> None:
-    recorder = Recorder.create(tmp_path / "run", HEADER)
-    shutil.rmtree(tmp_path / "run")
-    with pytest.raises(RecordError, match=r"cannot write .*run\.record: "), recorder:
-        recorder.point({"load_N": 1.5}, {}, 0)
-
-
-def test_runs_of_one_second_get_different_folders(tmp_path: Path) -> None:
-    started = datetime.fromisoformat("2025-03-14T16:09:26+01:00")
-    names = [new_run_folder(tmp_path / "store", "sweep loads", started).name for _ in range(3)]
-    stem = "20250314T150926Z-sweep-loads"
-    assert names == [stem, f"{stem}-2", f"{stem}-3"]

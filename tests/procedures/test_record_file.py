@@ -19,10 +19,8 @@ from palpate.procedures.records.record_file import (
     HEAD_FILE,
     RECORD,
     Record,
-    StoredPoint,
     as_json,
     chain_of,
-    encoded,
     event_frame,
     header_frame,
     named,
@@ -56,22 +54,6 @@ def test_a_header_an_event_and_a_status_are_canonical_json() -> None:
 def test_a_message_that_is_no_text_is_kept_readable() -> None:
     """A file's name may hold bytes that are no UTF-8."""
     assert json.loads(text(event_frame(1, "k", "a\udcff", 0)))["message"] == "a\\udcff"
-
-
-def test_a_point_stands_behind_its_waveforms() -> None:
-    frames = point_frames(3, {"load_N": 2.0}, {"film": (250.0, SAMPLES), "none": (1, SAMPLES[:0])}, 17)
-    assert [frame[:2] for frame in frames] == [(b"WAVE", 3), (b"POIN", 3)]
-    assert text(frames[0]) == b'{"first":0,"name":"film","rate":250.0}\n' + SAMPLES.tobytes()
-    assert text(frames[1]) == b'{"bench_ns":17,"data":{"load_N":2.0},"waveforms":[["film",250.0,3],["none",1.0,0]]}'
-
-
-def test_a_long_waveform_is_cut_into_frames_that_name_their_first_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(record_file, "IN_A_FRAME", 2)
-    *waves, _ = point_frames(1, {}, {"film": (250.0, SAMPLES)}, 0)
-    assert [text(wave).partition(b"\n")[::2] for wave in waves] == [
-        (b'{"first":0,"name":"film","rate":250.0}', SAMPLES[:2].tobytes()),
-        (b'{"first":2,"name":"film","rate":250.0}', SAMPLES[2:].tobytes()),
-    ]
 
 
 @pytest.mark.parametrize("beyond", [0, 1])
@@ -113,40 +95,6 @@ def test_values_are_canonical_json_with_null_for_what_is_not_finite(value: objec
     assert as_json(value) == json_
 
 
-def test_what_is_no_json_at_all_is_refused() -> None:
-    with pytest.raises(RangeError, match="is of type object, which a record cannot hold"):
-        as_json(object())
-
-
-@pytest.mark.parametrize("name", ["id", "bench_ns", "simulated"])
-def test_a_point_has_no_value_of_a_name_that_the_record_sets(name: str) -> None:
-    with pytest.raises(RangeError, match=f"^a point may not have a value {name}: the record sets it$"):
-        encoded({name: 1, "load_N": 2.0}, {})
-
-
-def test_samples_are_stored_as_little_endian_floats_in_one_piece() -> None:
-    _, ((name, rate, samples),) = encoded({}, {"film": (10, np.arange(6.0)[::2])})
-    assert (name, rate, samples.dtype.str, samples.tolist()) == ("film", 10.0, "<f4", [0.0, 2.0, 4.0])
-    assert isinstance(rate, float)
-    assert samples.flags.c_contiguous
-
-
-@pytest.mark.parametrize(
-    ("rate", "samples", "message"),
-    [
-        (0.0, np.zeros(2), r"waveform 'film': the sample rate is 0\.0 Hz; it must be positive and finite"),
-        (-1.0, np.zeros(2), "positive and finite"),
-        (float("inf"), np.zeros(2), "positive and finite"),
-        (1.0, np.zeros((2, 3)), r"waveform 'film': the samples have shape \(2, 3\); they must be \(n,\)"),
-        (1.0, np.array(3.0), r"the samples have shape \(\)"),
-        (1.0, np.array([3.5e38]), r"waveform 'film': a sample is beyond float32 \(±3\.4e\+38\)"),
-    ],
-)
-def test_samples_that_cannot_be_stored_as_they_are_are_refused(rate: float, samples: np.ndarray, message: str) -> None:
-    with pytest.raises(RangeError, match=message):
-        encoded({}, {"film": (rate, samples)})
-
-
 # --- what a reader makes of them -------------------------------------------------------------------------
 
 
@@ -181,40 +129,6 @@ def record(folder: Path, *additions: list[Content], **given: Any) -> Iterator[Re
     put(folder, *additions, **given)
     with opened(folder) as found:
         yield found
-
-
-def test_a_record_gives_what_was_written(tmp_path: Path) -> None:
-    with record(
-        tmp_path,
-        BEGINS,
-        point(1, load_N=1.0),
-        [event_frame(1, "k", "m", 5)],
-        point(2, load_N=2.0),
-        [status_frame("complete", {"n": 2}, {"seed": 7})],
-    ) as found:
-        assert found.header == {**HEADER, "seed": 7}
-        assert (found.status, found.summary, found.count()) == ("complete", {"n": 2}, 2)
-        assert list(found.points()) == [
-            StoredPoint(1, 10, '{"load_N":1.0}', ("film", "total")),
-            StoredPoint(2, 20, '{"load_N":2.0}', ("film", "total")),
-        ]
-        assert found.events() == [{"bench_ns": 5, "kind": "k", "message": "m"}]
-        assert [(w.point_id, w.name, w.rate) for w in found.waveforms()] == [
-            (1, "film", 250.0), (1, "total", 100.0), (2, "film", 250.0), (2, "total", 100.0),
-        ]  # fmt: skip
-        (wave,) = found.waveforms(2, "film")
-        np.testing.assert_array_equal(wave.samples, SAMPLES + 2)
-        assert [(w.point_id, w.name) for w in found.waveforms(name="total")] == [(1, "total"), (2, "total")]
-        assert list(found.waveforms(9)) == []
-        assert list(found.faults()) == []
-
-
-def test_a_run_without_a_status_is_running_and_the_last_status_counts(tmp_path: Path) -> None:
-    with record(tmp_path, BEGINS) as found:
-        assert (found.status, found.summary, found.count(), found.events()) == ("running", {}, 0, [])
-    stopped = [status_frame("stopped", {"a": 1}, {"seed": 1}), status_frame("complete", {"b": 2})]
-    with record(tmp_path, BEGINS, stopped) as found:
-        assert (found.status, found.summary, found.header["seed"]) == ("complete", {"b": 2}, 1)
 
 
 def test_frames_of_other_kinds_are_ignored_but_must_be_whole(tmp_path: Path) -> None:

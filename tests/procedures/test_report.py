@@ -144,16 +144,6 @@ def test_a_plot_that_cannot_be_written_is_a_record_error(tmp_path: Path) -> None
 # --- tables --------------------------------------------------------------------------------------------
 
 
-def test_the_table_of_a_sweep_shows_each_point_and_mean_beside_the_thesis(capsys: pytest.CaptureFixture[str]) -> None:
-    print_sweep(SWEEP, DESIGN, OUTCOME, Path("plot.png"))
-    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["1", "3", "22.4", "4.000", "137.00", "0.600", "2.000", "0.4000", "0.0123", "NO"] in rows
-    assert ["1", "0.3000", "0.0123", "0.314", "-4.5", "%", "input", "1"] in rows
-    assert ["2", "0.1500", "0.0123", "0.142", "+5.6", "%", "input", "1"] in rows
-    assert ["softness", "order,", "hard", "to", "soft:", "1", ">", "2", "(thesis:", "1", ">", "2)"] in rows
-    assert ["time", "100", "s", "on", "the", "bench,", "0.5", "s", "here", "(x", "200)"] in rows
-
-
 @pytest.mark.parametrize(
     ("design", "model", "evidence", "said"),
     [
@@ -195,14 +185,6 @@ def test_a_table_is_stamped_if_and_only_if_it_is_simulated(
         record.point({"load_N": 2.0}, {}, 1)
     print_run(Run.open(tmp_path / "run"), "digest", "signals")
     assert capsys.readouterr().out.count("SIMULATED ") == 2 * simulated
-
-
-def test_the_table_of_a_calibration_shows_its_figures(capsys: pytest.CaptureFixture[str]) -> None:
-    print_load_cell(CALIBRATION, None, OUTCOME, Path("plot.png"))
-    text = capsys.readouterr().out
-    assert "sensitivity    10.306 mV/N, u = 0.056 mV/N   (thesis: 10.3 mV/N)" in text
-    assert "resolution     1 mV = 97.03 mN" in text
-    assert ["0°", "1", "140", "1.3729", "15.95", "15.95"] in [line.split() for line in text.splitlines()]
 
 
 def test_names_and_messages_are_shown_as_they_are(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate.instrument.errors import UnknownName
 from palpate.instrument.models import springs
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.thesis import contents, read_table
@@ -242,13 +241,6 @@ def test_people_get_tables_pictures_and_a_summary_in_a_new_folder_of_the_store(
     assert "| 95400 | force_rigid_N | -0.3089 | -0.3221 | thesis slip" in summary
 
 
-@pytest.mark.usefixtures("cheap", "no_figures")
-def test_quiet_says_nothing(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
-    only(monkeypatch, "4.1")
-    said = palpate(*REPRODUCE, "--parameters", "identified", "--quiet")
-    assert (said.status, said.out, said.err) == (0, "", "")
-
-
 def test_an_interruption_leaves_the_tables_that_are_done(
     palpate: Palpate, cheap: list[CurveCase], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -300,12 +292,8 @@ def test_bad_input_is_one_error_before_anything_is_solved(
     assert Path("taken/notes.txt").read_text() == "mine"
 
 
-def test_an_empty_folder_name_is_refused(palpate: Palpate) -> None:
-    said = palpate(*REPRODUCE, "--out", "")
-    assert (said.status, said.out) == (2, "")
-    assert "the name is empty" in said.err
-
-
-def test_an_unknown_set_is_refused_by_name() -> None:
-    with pytest.raises(UnknownName, match="valid: both, identified, physical"):
-        models.parameter_sets("all")
+@pytest.mark.usefixtures("cheap", "no_figures")
+def test_quiet_says_nothing(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "4.1")
+    said = palpate(*REPRODUCE, "--parameters", "identified", "--quiet")
+    assert (said.status, said.out, said.err) == (0, "", "")

@@ -19,12 +19,11 @@ from palpate.procedures.reproduce.chapter4 import theory
 from palpate.procedures.reproduce.chapter5 import experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import quantities
 from palpate.procedures.reproduce.curves import Curves
-from palpate.procedures.reproduce.judging.criterion import MeanDifference, all_means, biases, judge, limit
+from palpate.procedures.reproduce.judging.criterion import all_means, judge
 from palpate.procedures.reproduce.judging.rows import (
     Comparison,
     ModelSeries,
     Row,
-    RowCorrelation,
     RowTable,
     column_of,
     counts,
@@ -49,30 +48,6 @@ def rows(count: int, outside: int, evidence: Evidence) -> list[Row]:
 
 
 # --- biases --------------------------------------------------------------------------------------------
-
-
-def test_a_mean_is_known_as_well_as_loads_are_independent() -> None:
-    """Six loads, two columns under each; what all share does not average out."""
-
-    def mean(common: float) -> MeanDifference:
-        cells = [
-            replace(row(1.0, 1.09, 0.1), row=str(load), quantity=name, group=RowCorrelation("forces", 0.1, common))
-            for load in range(6)
-            for name in ("force1_N", "force2_N")
-        ]
-        (found,) = biases(table(*cells))
-        return found
-
-    assert (mean(0.0).count, mean(0.0).mean, mean(0.0).u) == (6, pytest.approx(0.9), pytest.approx(1 / math.sqrt(6)))
-    assert mean(0.1).u == pytest.approx(1.0)
-    assert mean(0.06).u == pytest.approx(math.sqrt(0.6**2 + 0.8**2 / 6))
-    assert mean(0.0).difference == pytest.approx(0.09)
-
-
-def test_the_more_means_are_looked_at_the_farther_chance_puts_the_farthest() -> None:
-    assert [limit(count) for count in (1, 20, 66)] == pytest.approx([1.960, 3.016, 3.361], abs=1e-3)
-    seen = np.random.default_rng(1).standard_normal((20_000, 20))
-    assert np.mean(np.abs(seen).max(axis=1) > limit(20)) == pytest.approx(0.05, abs=0.005)
 
 
 @pytest.mark.parametrize(("factor", "biased"), [(0.85, True), (1 / 1.029, False), (1.15, True)])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import MISSING, asdict, dataclass, fields
@@ -101,18 +100,6 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     assert said["softness_order"] == whole.summary["softness_order"]
     assert len(said["points"]) == 3
     assert events("cut") == ["stopped", "continued", "stopped", "continued"]
-
-
-def test_a_calibration_goes_on_and_is_kept(palpate: Palpate, stop: Stop) -> None:
-    command = ("calibrate", "load-cell", "--loads", "140 gf:740 gf:200 gf", "--quiet")
-    assert palpate(*command, "--out", "whole").status == 0
-    shutil.rmtree("runs")  # where it is kept for later runs
-    stopped(palpate, stop, 3, *command)
-    assert palpate("runs", "resume", "cut", "--quiet").status == 0
-    whole, run = Run.open(Path("whole")), Run.open(Path("cut"))
-    assert (run.digest(), run.summary) == (whole.digest(), whole.summary)
-    assert {path.name for path in run.folder.iterdir()} == {path.name for path in whole.folder.iterdir()}
-    assert list(Path("runs/calibrations").iterdir())
 
 
 def test_every_procedure_is_found_by_the_name_in_its_header() -> None:

@@ -116,12 +116,6 @@ def test_a_head_that_is_older_than_its_record_is_refused(tmp_path: Path) -> None
         Run.open(tmp_path)
 
 
-def test_a_killed_run_is_read(killed: Path) -> None:
-    run = Run.open(killed)
-    assert run.status == "running"
-    check_two_points(run)
-
-
 def test_a_killed_run_in_a_read_only_folder_is_read(killed: Path) -> None:
     with tempfile.TemporaryDirectory() as public:
         folder = Path(public) / "run"
@@ -278,12 +272,6 @@ def test_of_very_many_names_a_message_lists_some_and_the_nearest() -> None:
     message = str(UnknownName("run", "day0500 ", (f"day{number:04}" for number in range(1000))))
     assert message.startswith("unknown run 'day0500 ' (did you mean 'day0500'?); valid: day0000, day0001, ")
     assert message.endswith(", day0059, and 940 more")
-
-
-def test_the_table_says_in_each_row_whether_it_is_simulated(tmp_path: Path) -> None:
-    table = finished(tmp_path).table()
-    assert list(table.columns) == ["id", "bench_ns", "simulated", "force_ratio", "load_N"]
-    assert table["simulated"].tolist() == [True, True]
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet"])

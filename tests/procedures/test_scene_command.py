@@ -188,17 +188,6 @@ def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[Design, 
     return draw
 
 
-def test_the_picture_is_a_png_with_something_on_it(tmp_path: Path) -> None:
-    from matplotlib.figure import Figure
-    from matplotlib.image import imread
-
-    save = Figure.savefig
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **_: save(figure, path, dpi=20))
-        drawing.draw(get_design("single"), waveforms(read_scene("ideal"), Question(), 1), "try", tmp_path / "try.png")
-    assert imread(tmp_path / "try.png").std() > 0.05
-
-
 def test_the_picture_holds_every_stage_of_every_film_in_millivolts(
     drawn: Callable[[Design, Waveforms], Figure],
 ) -> None:

@@ -23,13 +23,10 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.load_line import DisplaySeries, LoadLine, _reading_u
 from palpate.instrument.findings.mean_ratio import apart
-from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.findings.position import locate
-from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import Floor, dwell_of, floor_u
 from palpate.instrument.signals.estimate import FEW_DEGREES, fit_sine
@@ -79,21 +76,6 @@ def test_a_line_by_its_residuals_is_that_of_a_regression() -> None:
     assert found.coefficients == pytest.approx([expected.intercept, expected.slope], rel=1e-12)
     u = np.sqrt(np.diagonal(found.covariance))
     assert u == pytest.approx([expected.intercept_stderr, expected.stderr], rel=1e-10)
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("known", [0.0, 2.0])
-def test_a_curve_and_its_covariance_are_those_of_a_fit(degree: int, known: float) -> None:
-    """The covariance is known by the residuals, or by the uncertainty that a reading has beforehand."""
-    y = noisy(2, bend=-0.1)
-    found = interpolate(X, y, known, degree)
-    values, covariance = scipy.optimize.curve_fit(
-        lambda x, *c: np.polynomial.polynomial.polyval(x, c), X, y, np.ones(degree + 1),
-        sigma=np.full(X.size, known or 1.0), absolute_sigma=known > 0,
-    )  # fmt: skip
-    assert found.by_scatter == (known == 0)
-    assert found.coefficients == pytest.approx(values, rel=1e-6)
-    assert found.covariance == pytest.approx(covariance, rel=1e-6)
 
 
 def test_residuals_count_where_a_chi_squared_test_says_that_they_are_no_chance() -> None:
@@ -240,17 +222,6 @@ def test_corner_and_resonance_are_those_of_a_fit() -> None:
 
 
 # --- findings ----------------------------------------------------------------------------------------------------
-
-
-def test_the_interval_of_a_modulus_has_students_ends() -> None:
-    curve, ratio, u, freedom = ratio_curve(SINGLE, Load(2.0, get_sample("3")), "column"), 0.4, 0.01, 4.0
-    found = modulus_of_ratio(curve, ratio, u, degrees_of_freedom=freedom)
-    half = scipy.stats.t.ppf(0.975, freedom) * u + curve.error
-    for end, modulus in ((ratio - half, found.low), (ratio + half, found.high)):
-        expected = scipy.optimize.brentq(
-            lambda at, end=end: float(curve.line(at)) - end, curve.turns[0], curve.turns[-1], xtol=1e-13
-        )
-        assert math.log(modulus) == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_modulus_has_the_uncertainty_of_its_ratio_and_of_its_model() -> None:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import can
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.sensor_node import acquire
-from palpate.drivers.roles import SensorNode
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
-from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
-from palpate.procedures.testing.wire import frames, impatient_node, payloads
+from palpate.instrument.errors import DeviceError, LinkError
+from palpate.procedures.testing.wire import frames, payloads
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import CanSegment
@@ -50,16 +47,6 @@ def test_a_node_boots_up_when_it_is_switched_on(scene: Scene) -> None:
     assert payloads(started, HEARTBEAT + 5) == payloads(started, HEARTBEAT + 9) == [BOOT_UP]
 
 
-def test_a_node_sends_its_heartbeat_every_second_of_bench_time(
-    sim: SimulatedBench, bench: Bench, listener: can.BusABC
-) -> None:
-    beats = []
-    for _ in range(7):
-        sim.clock.wait(0.5)
-        beats.append(payloads(frames(listener), HEARTBEAT + 1))
-    assert beats == [[], [PRE_OPERATIONAL]] * 3 + [[]]
-
-
 def test_the_heartbeat_follows_its_period_and_tells_the_state(
     sim: SimulatedBench, bench: Bench, listener: can.BusABC
 ) -> None:
@@ -77,58 +64,9 @@ def test_the_heartbeat_follows_its_period_and_tells_the_state(
 def test_a_refused_heartbeat_period_changes_nothing(sim: SimulatedBench, bench: Bench, listener: can.BusABC) -> None:
     node = bench.device("sensor_node_1")
     with pytest.raises(DeviceError, match="0x06090031"):
-        node.link.download(node.name, node._node, 0x1017, 0, (60_001).to_bytes(2, "little"))
+        node.link.download(node.name, node.link.add_node(node.id), 0x1017, 0, (60_001).to_bytes(2, "little"))
     sim.clock.wait(1.0)
     assert payloads(frames(listener), HEARTBEAT + 1) == [PRE_OPERATIONAL]
-
-
-def test_a_stopped_node_answers_no_request_and_sends_no_samples(
-    bench: Bench, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    node = bench.device("sensor_node_1")
-    node.arm()
-    node.link.command(node._node, "STOPPED")
-    with impatient_node(node, monkeypatch), pytest.raises(LinkTimeout):
-        node.get("probe")
-    sync(listener)
-    sim.clock.wait(1.0)
-    sent = frames(listener)
-    assert payloads(sent, 0x181) == []
-    assert payloads(sent, HEARTBEAT + 1) == [STOPPED]
-    node.disarm()
-    assert node.get("probe") == 0x12345678
-
-
-def test_only_an_operational_node_samples(bench: Bench, listener: can.BusABC) -> None:
-    node = bench.device("sensor_node_1")
-    sync(listener)
-    assert node.get("sample_counter") == 0
-    node.arm()
-    sync(listener)
-    assert node.get("sample_counter") == 1
-    node.disarm()
-    sync(listener)
-    assert node.get("sample_counter") == 1
-    assert len(payloads(frames(listener), 0x181)) == 1
-
-
-@pytest.mark.parametrize("command", ["RESET", "RESET COMMUNICATION"])
-def test_a_reset_boots_the_node_with_its_defaults(
-    command: str, sim: SimulatedBench, bench: Bench, listener: can.BusABC
-) -> None:
-    node = bench.device("sensor_node_1")
-    node.set("heartbeat", 0.1)
-    node.set_range(2, "500 mV")
-    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
-    node.arm()
-    frames(listener)
-    node.link.command(node._node, command)
-    assert (node.get("range_2"), node.get("heartbeat"), node.get("sync_cob_id")) == (0, 1, SYNC_COB_ID)
-    assert payloads(frames(listener), HEARTBEAT + 1) == [BOOT_UP]
-    sim.clock.wait(1.0)
-    sent = frames(listener)
-    assert payloads(sent, HEARTBEAT + 1) == [PRE_OPERATIONAL]
-    assert payloads(sent, 0x181) == payloads(sent, SYNC_COB_ID) == []
 
 
 # --- SYNC ----------------------------------------------------------------------------------------------
@@ -158,18 +96,6 @@ def test_a_node_samples_at_the_sync_of_a_master(sim: SimulatedBench, bench: Benc
         sync(listener)
         assert node.get("sample_counter") == number
     assert node.collect(3).voltage.shape == (4, 3)
-
-
-def test_frames_come_sync_by_sync(scene: Scene) -> None:
-    with (
-        SimulatedBench(replace(scene, nodes=2)) as sim,
-        can.Bus(interface="virtual", channel=sim.description.links["can"].channel) as listener,
-        Bench(sim.description, sim.clock, sim.operator) as bench,
-    ):
-        acquire(bench.all(SensorNode), 0.003)
-        ids = [message.arbitration_id for message in frames(listener)]
-    samples = [cob_id for cob_id in ids if cob_id in (0x80, 0x181, 0x182, 0x281, 0x282)]
-    assert samples == 3 * [0x80, 0x181, 0x281, 0x182, 0x282]
 
 
 def test_the_sample_counter_goes_on_from_zero_after_its_largest_number(

@@ -153,11 +153,6 @@ def test_a_reset_boots_a_stopped_node_with_its_defaults(master: Master, command:
     assert master.ask("40 06 10 00 00 00 00 00") == "43061000e8030000"
 
 
-def test_a_reset_sends_the_boot_up_message(master: Master) -> None:
-    master.send(NMT, f"{RESET_NODE:02x} 01")
-    assert master.next(HEARTBEAT) == "00"
-
-
 def test_a_command_to_another_node_and_an_unknown_one_change_nothing(master: Master) -> None:
     master.nmt(START, node=2)
     master.nmt(0x33)

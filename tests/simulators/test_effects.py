@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from palpate.instrument.errors import ConfigError, UnknownName
@@ -198,31 +197,6 @@ def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name
     assert name == "white_noise" or np.abs(counts - plain).std() > 5
 
 
-def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -> None:
-    period = MS // 10
-
-    def sampled(size: int, count: int) -> tuple[bytes, bytes, list[int]]:
-        clock = VirtualClock()
-        rig = Rig(replace(scene(), effects=together()), clock)
-        pressed(rig, "1", BALANCE + 7e-3, 4.0)
-        node = SimulatedSensorNode(clock, 1, 1, rig)
-        times = 17 * MS + np.arange(1, count + 1) * period
-        blocks = [
-            node.sample(t, node.film_channels @ rig.film_voltages(t), period)
-            for t in (times[i : i + size] for i in range(0, count, size))
-        ]
-        counts = b"".join(block.counts.tobytes() for block in blocks)
-        flags = b"".join(block.saturation.tobytes() for block in blocks)
-        return counts, flags, [block.counter for block in blocks]
-
-    whole = sampled(1000, 1000)
-    for size, count in ((1, 50), (7, 350), (333, 1000)):
-        cut = sampled(size, count)
-        for joined, all_of_them in zip(cut[:2], whole[:2], strict=True):
-            assert joined == all_of_them[: len(all_of_them) * count // 1000]
-        assert cut[2] == list(range(1, count + 1, size))
-
-
 # --- gain scatter --------------------------------------------------------------------------------------
 
 
@@ -249,12 +223,6 @@ def test_gains_of_20_000_sets_scatter_as_films_teeth_and_sensor_are_stated_to(de
     ])  # fmt: skip
     assert 10 * teeth.std(axis=1) == pytest.approx(np.sqrt(np.array(chosen.tooth_covariance).diagonal()), rel=0.02)
     assert 10 * teeth.mean(axis=0).std() == pytest.approx(chosen.ratio_scatter, rel=0.02)
-
-
-def test_the_single_sensor_scatters_as_the_thesis_measured() -> None:
-    single = get_design("single")
-    assert [(film.name, film.scatter) for film in single.films] == [("rigid", 0.033), ("total", 0.030)]
-    assert single.ratio_scatter == pytest.approx(0.041, abs=2e-5)
 
 
 def test_strength_scales_the_scatter_and_load_sets_draw_independently() -> None:
@@ -320,11 +288,6 @@ def test_the_converter_rounds_to_its_steps_and_flags_what_it_cuts(bits: int) -> 
     assert saturated.all()
 
 
-def test_a_sample_that_is_no_number_is_flagged() -> None:
-    _, saturated = Adc().convert(np.array([np.nan, 0.0]))
-    assert saturated.tolist() == [True, False]
-
-
 def test_the_display_shows_the_load_with_its_zero_noise_and_decimals() -> None:
     cell = LoadCell(zero="1.81 mV", noise="0.3 mV", decimals=4)
     shown = np.array([cell.display(20.0, Stream(1, "load_cell"), update) for update in range(4000)])
@@ -341,13 +304,3 @@ def test_a_thesis_reading_rarely_differs_by_more_than_a_count() -> None:
     shown = np.array([cell.display(19.9, Stream(1, "load_cell"), update) for update in range(2000)])
     assert set(np.unique(shown)) <= {20.0, 21.0, 22.0, 23.0}
     assert (np.abs(shown - 22.0) <= 1).mean() > 0.99
-
-
-def test_the_charge_amplifier_passes_10_hz_and_forgets_the_preload() -> None:
-    clock = VirtualClock()
-    rig = Rig(scene("charge_amplifier"), clock)
-    rig.mount(SAMPLES["2"])
-    rig.set_position(BALANCE + 8e-3)
-    peak = rig.film_voltages(np.array([0]))[1, 0]
-    times: npt.NDArray[np.int64] = np.array([0, 1, 2, 5]) * SECOND
-    assert rig.film_voltages(times)[1] == pytest.approx(peak * np.exp([0.0, -1.0, -2.0, -5.0]), rel=1e-12)

@@ -138,16 +138,3 @@ def test_a_leak_without_an_amplifier_that_loads_the_film_never_begins_anything_a
     assert rig.path is begun
     times = 400 * MS + np.arange(0, 100 * MS, MS)
     assert rig.film_voltages(times).tobytes() == driven({})[1].film_voltages(times).tobytes()
-
-
-def test_looking_at_a_leak_in_pieces_gives_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(humidity_leak, "EPOCHS", 50)
-
-    def seen(pieces: int) -> bytes:
-        clock, rig = driven({"charge_amplifier": ChargeAmplifier(), "humidity_leak": HumidityLeak(over="1 s")})
-        for _ in range(pieces):
-            clock.wait(0.6 / pieces)
-            rig.film_voltages(np.array([clock.now_ns()]))
-        return rig.film_voltages(np.array([clock.now_ns()])).tobytes()
-
-    assert seen(1) == seen(3) == seen(200)

@@ -17,7 +17,6 @@ from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.bounds.fits import fitted
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
-from palpate.simulators.effects import pink_noise
 from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.curve_error import CurveError
@@ -190,39 +189,6 @@ def test_1_f_noise_has_its_density_at_the_corner_and_falls_as_1_f_over_four_deca
     assert np.average(seen, weights=freedom) == pytest.approx(1, abs=0.03)
     slope = np.polyfit(np.log(bands), np.log(np.array(seen) / np.array(bands)), 1, w=np.sqrt(freedom))[0]
     assert slope == pytest.approx(-1, abs=0.02)
-
-
-def to_one_number(grid: pink_noise.NoiseGrid, steps: int) -> Floats:
-    """What a number of the stream gives, a step after the other."""
-    return np.asarray(np.array(grid.shares) @ np.array(grid.falls)[:, np.newaxis] ** np.arange(steps))
-
-
-@pytest.mark.parametrize("rate", [0.01, 250.0, 1000.0, 1e5])
-def test_the_processes_of_one_grid_are_correlated_as_their_sum_is(rate: float) -> None:
-    for grid in pink_noise._grids(rate):
-        answer = to_one_number(grid, 4000)
-        together = [process for process in pink_noise._processes(rate) if process.step == grid.step]
-        for lag in (0, 1, 2, 5, 20, 100):
-            sought = sum(each.passed**2 * math.exp(-each.decay * lag) for each in together)
-            assert answer[: len(answer) - lag] @ answer[lag:] == pytest.approx(sought, abs=1e-12)
-
-
-@pytest.mark.parametrize("which", [0, -1])
-def test_a_sum_is_the_moving_average_of_all_numbers_before_across_blocks_too(which: int) -> None:
-    grid = pink_noise._grids(1000.0)[which]
-    found = pink_noise._Sum(Stream(3, "a"), 1.0, (grid,)).values(2 * BLOCK - 30, BLOCK + 60)
-    first = (2 + pink_noise.BEFORE) * BLOCK - 30 - 999  # the noise begins after the stream's first blocks
-    normals = Stream(3, "a").child(grid.step).normal(first, BLOCK + 60 + 999)
-    assert found == pytest.approx(np.convolve(normals, to_one_number(grid, 1000), mode="valid"), abs=1e-12)
-
-
-def test_a_slow_process_is_a_straight_line_between_its_grid_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    slowest = pink_noise._grids(1000.0)[-1]
-    silent = replace(slowest, step=slowest.step // 16, shares=(0.0,))
-    monkeypatch.setattr(pink_noise, "_grids", lambda rate: (silent, slowest))
-    values = volts(PinkNoise(), MS * np.arange(48))
-    bends = np.flatnonzero(np.abs(np.diff(values, 2)) > 1e-6 * np.abs(np.diff(values)).max())
-    assert (bends + 1).tolist() == [16, 32]
 
 
 def test_each_decade_of_1_f_noise_has_the_same_variance_and_the_numbers_are_normal() -> None:

@@ -28,7 +28,7 @@ from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.plan import driven as measured
 from palpate.simulators.planning.plan import phasors as settled
 from palpate.simulators.rig.rig import Rig
-from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, waveform
+from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0
 
@@ -129,19 +129,6 @@ def test_a_clipped_sine_has_the_fundamental_of_the_book() -> None:
         assert fundamentals(clipped) / fundamentals(free) == pytest.approx(part, rel=1e-6)
 
 
-def test_a_stop_of_a_million_newtons_a_metre_holds_the_armature() -> None:
-    """At the stop only the spring of the stop yields, in balance with what is left of coil, suspension and sample."""
-    rig = driven({"end_stops": EndStops(travel="0.5 mm")}, "2", 7e-3, 5.0)
-    stack = springs.stiffness(rig.scene.design, SAMPLES["2"])
-    times = np.arange(0, 100 * MS, 10_007)
-    coil = FORCE_CONSTANT / RESISTANCE * waveform("sine", 5.0).at(times)
-    free = (coil - stack * 7e-3) / (SUSPENSION + stack)
-    held = (coil - stack * 7e-3 + np.sign(free) * 1e6 * 0.5e-3) / (SUSPENSION + stack + 1e6)
-    x = np.where(np.abs(free) > 0.5e-3, held, free)
-    assert np.abs(rig.cell_force(times) - stack * (x + 7e-3)).max() < 1e-9
-    assert np.abs(x).max() < 0.51e-3 < 1e-3 < np.abs(free).max()
-
-
 # --- viscoelastic samples ------------------------------------------------------------------------------
 
 
@@ -221,29 +208,6 @@ def played(force: Floats, radii: tuple[float, ...], weights: tuple[float, ...]) 
             z = max(x - radius, min(x + radius, z))
             total[k] += weight * z
     return total
-
-
-@pytest.mark.parametrize("path", ["rigid", "total"])
-def test_plays_follow_their_force_sample_by_sample(path: str) -> None:
-    radii, weights = (0.03, 0.2), (0.3, -0.1)
-    rig = driven({"hysteresis": Hysteresis(weights=weights, radii=("30 mN", "200 mN"), path=path)}, "1", 7e-3, 3.0)
-    free = driven({}, "1", 7e-3, 3.0)
-    times = np.arange(0, 350 * MS, 50_021)
-    number, sensitivity = (0, 5.995e-3) if path == "rigid" else (1, 68.60e-3)
-    force = free.film_voltages(times) / sensitivity
-    expected = played(force[number], radii, weights)
-    assert np.abs(rig.film_voltages(times)[number] / sensitivity - expected).max() < 1e-5 * np.ptp(expected)
-    assert (rig.film_voltages(times)[1 - number] == free.film_voltages(times)[1 - number]).all()
-
-
-@pytest.mark.parametrize("radius", [0.02, 0.1, 0.17])
-def test_plays_on_a_sine_have_their_describing_function(radius: float) -> None:
-    free = driven({}, "1", 7e-3, 3.0)
-    rig = driven({"hysteresis": Hysteresis(weights=(0.5,), radii=(f"{radius} N",))}, "1", 7e-3, 3.0)
-    x, y = (fundamentals(each)[0] for each in (free, rig))
-    m = 1 - 2 * radius / (abs(x) / 5.995e-3)
-    n = (np.pi / 2 + np.arcsin(m) + m * np.sqrt(1 - m**2) - 1j * (1 - m**2)) / np.pi
-    assert y / x == pytest.approx(1 + 0.5 * n, rel=1e-6)
 
 
 def ratio_raised(effect: dict[str, Effect]) -> list[float]:

@@ -20,7 +20,6 @@ from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.faults import FAULTS, inject
 from palpate.simulators.faults.fault import parse_faults, places
 from palpate.simulators.scenes.scene import Scene
-from tests.writes import counted_writes
 
 
 @contextmanager
@@ -155,16 +154,6 @@ def test_a_fault_of_the_line_is_an_error_or_does_no_harm_and_the_next_read_is_ri
         assert bench.device("positioner").get("speed") == 1e-3
 
 
-def test_a_write_that_is_not_confirmed_was_carried_out_once(scene: Scene) -> None:
-    with faulty(scene, {"kind": "no_reply", "on": "signal_generator", "at": "1 s"}) as (sim, bench):
-        sim.clock.wait(1.0)
-        writes = counted_writes(sim.generator)
-        with pytest.raises(LinkTimeout):
-            bench.device("signal_generator").sine(7.0, 0.25)
-        assert len(writes) == 1
-        assert sim.generator.settings["frequency"] == 7.0
-
-
 def recorded(scene: Scene, kind: str, on: str = "sensor_node_1", **more: Any) -> tuple[Recording, SimulatedBench]:
     with faulty(scene, {"kind": kind, "on": on, "at": "1 s", **more}) as (sim, bench):
         sim.clock.wait(1.0)
@@ -279,33 +268,3 @@ def test_a_stuck_reading_stays_and_a_drifting_zero_runs_away(scene: Scene) -> No
 
 
 # --- replay --------------------------------------------------------------------------------------------
-
-
-def test_the_same_scene_and_seed_give_the_same_faults_byte_for_byte(scene: Scene) -> None:
-    table = {"kind": "device_failure", "on": "signal_generator", "probability": 0.3}
-
-    def life(seed: int) -> list[float | str]:
-        heard: list[float | str] = []
-        with SimulatedBench(replace(scene, seed=seed, faults=parse_faults([table], places(1), "here"))) as sim:
-            bench = Bench(sim.description, sim.clock, sim.operator)
-            bench.device("signal_generator").link.open()
-            for _ in range(50):
-                try:
-                    heard.append(bench.device("signal_generator").get("frequency"))
-                except DeviceError as error:
-                    heard.append(str(error).split(":")[-1])
-            bench.device("signal_generator").link.close()
-        return heard
-
-    first = life(1)
-    assert first == life(1)
-    assert first != life(2)
-    assert 5 < sum(isinstance(each, str) for each in first) < 30
-
-
-def test_on_a_bench_without_faults_nothing_stands_in_between(sim: SimulatedBench) -> None:
-    """A transaction therefore costs what it would cost if there were no faults at all."""
-    for device in (sim.generator, sim.amplifier, sim.indicator, sim.positioner, *sim.nodes):
-        assert not {"read", "write", "requested", "sample"} & vars(device).keys()
-    assert "send" not in vars(sim.can._bus)
-    assert "injection" not in vars(sim)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import select
 import socket
 import tty
 from collections.abc import Iterator
-from contextlib import suppress
-from typing import Any
 
 import pytest
 from pymodbus.framer import FramerRTU
@@ -17,7 +14,6 @@ from pymodbus.framer import FramerRTU
 from palpate.instrument.contracts.contract import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.terminal import Terminal
 
 LOST = 40  # requests after rubbish on a line, at most: 320 bytes
 
@@ -141,18 +137,6 @@ def test_one_register_is_echoed_as_written_though_a_command_falls_back(
     assert served.generator.settings["phase_reset"] == 0.0
 
 
-@pytest.mark.parametrize(
-    "rubbish", [b"GET / HTTP/1.1\r\n\r\n", bytes(64), b"\xff" * 300, framed(b"\x03", unit=1)[:4] + b"\xff\xff"]
-)
-def test_rubbish_ends_its_own_connection_alone(client: socket.socket, served: SimulatedBench, rubbish: bytes) -> None:
-    address = served.description.links["signal_generator"]
-    with socket.create_connection((address.host, address.port), timeout=5) as other:
-        other.sendall(rubbish)
-        with suppress(ConnectionResetError):
-            assert other.recv(100) == b""
-    assert asked(client, "03 7000 0001") == "8302"
-
-
 # --- the serial line -----------------------------------------------------------------------------------
 
 
@@ -222,37 +206,3 @@ def test_a_request_that_is_broken_off_does_not_swallow_the_next(line: int, serve
         os.write(line, checked(f"02 03 {probe:04x} 0002"))
         assert select.select([line], [], [], 10.0)[0]
         assert os.read(line, 256) == checked(f"02 03 04 {PROBE:08x}")
-
-
-class Listener:
-    """What a terminal tells a server."""
-
-    def __init__(self) -> None:
-        self.recv_buffer = b""
-
-    def connection_made(self, _transport: object) -> None:
-        pass
-
-    def data_received(self, data: bytes) -> None:
-        self.recv_buffer += data
-
-
-@pytest.mark.parametrize(("silence", "held"), [(-10.0, b"\x02\x03\x00\x20"), (1.0, b"\x00\x20")])
-def test_the_rest_of_a_request_is_none_after_a_silence(silence: float, held: bytes) -> None:
-    """More than 3.5 characters end a frame, "MODBUS over serial line" 2.5.1.1."""
-
-    async def hear() -> bytes:
-        server: Any = Listener()
-        terminal = Terminal(server)
-        client = os.open(terminal.path, os.O_RDWR | os.O_NOCTTY)
-        for part in (b"\x02\x03", b"\x00\x20"):
-            terminal._heard_at = terminal._loop.time() - silence
-            os.write(client, part)
-            assert select.select([terminal._own], [], [], 10.0)[0]
-            terminal._heard()
-        os.close(client)
-        terminal.close()
-        buffer: bytes = server.recv_buffer
-        return buffer
-
-    assert asyncio.run(hear()) == held

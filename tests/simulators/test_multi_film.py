@@ -13,7 +13,6 @@ from palpate.drivers.devices.sensor_node import acquire
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.plan import Question, driven
@@ -32,16 +31,6 @@ def scene_of(tmp_path: Path, design: str, more: str = "") -> Scene:
 
 def test_films_fill_node_after_node() -> None:
     assert [place(channel) for channel in (1, 4, 5, 8, 9, 17)] == [(1, 1), (1, 4), (2, 1), (2, 4), (3, 1), (5, 1)]
-
-
-@pytest.mark.parametrize(
-    ("design", "nodes"),
-    [("single", 1), ("single_round", 1), ("common_base", 1), ("different_base", 1), ("array", 4), ("array_16", 5)],
-)
-def test_a_scene_has_as_many_nodes_as_its_films_need(design: str, nodes: int, tmp_path: Path) -> None:
-    assert scene_of(tmp_path, design).nodes == nodes
-    assert scene_of(tmp_path, design, "nodes = 7").nodes == 7
-    assert {"single", "array_16"} <= set(DESIGNS)
 
 
 def test_fewer_nodes_than_the_films_need_are_refused(tmp_path: Path) -> None:
@@ -83,20 +72,6 @@ def test_films_that_fit_on_one_node_stand_on_every_node(tmp_path: Path) -> None:
         first, *others = acquire(bench.all(SensorNode), 0.002)
     assert np.abs(first.voltage).min() > 0
     assert all(other.voltage.tobytes() == first.voltage.tobytes() for other in others)
-
-
-def test_a_reset_on_the_last_node_shorts_the_film_of_the_base_alone(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, "array_16", '[effects.charge_amplifier]\ntime_constant = "1000 s"\n')
-    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        bench.operator.mount(SAMPLES["1"])
-        bench.device("positioner").move(20e-3, speed=5e-3)
-        now = np.array([sim.clock.now_ns()])
-        before = sim.rig.film_voltages(now)[:, 0]
-        bench.device("sensor_node_5").set("reset_1", 1)
-        after = sim.rig.film_voltages(now)[:, 0]
-    assert np.abs(before).min() > 1e-5
-    assert after[16] == pytest.approx(0, abs=1e-12)
-    assert after[:16] == pytest.approx(before[:16], rel=1e-9)
 
 
 def test_teeth_that_share_a_load_share_it_alike(tmp_path: Path) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -172,55 +170,6 @@ def bouncer(mass: float = 0.03, stiffness: float = 1e6, damping: float = 20.0) -
 def driven(mode: Mode, drive: Periodic, state: Floats) -> Path:
     one = Periodic(1.0, drive.frequency, 0, drive.start_phase, drive.order[:0], drive.amplitude[:0])
     return Path((drive, one), mode, 0, state)
-
-
-def with_events(force: Callable[[float], float], until: float) -> tuple[list[float], Floats]:
-    """Times of transitions of the bouncer, and x at every millisecond."""
-    mass, stiffness, damping = 0.03, 1e6, 20.0
-    t, z, walled, times = 0.0, np.zeros(2), False, []
-    grid = np.arange(0, round(1e3 * until)) * 1e-3
-    x = np.empty(len(grid))
-    while t < until:
-        wall = stiffness if walled else 0.0
-
-        def slope(t: float, z: Floats, wall: float = wall) -> list[float]:
-            return [z[1], (force(t) - damping * z[1] - 3000 * z[0] - wall * (z[0] - 1e-3)) / mass]
-
-        def event(t: float, z: Floats, sign: float = 1.0 if walled else -1.0) -> float:
-            return sign * (float(z[0]) - 1e-3)
-
-        event.terminal, event.direction = True, -1.0  # type: ignore[attr-defined]
-        done = scipy.integrate.solve_ivp(
-            slope,
-            (t, until),
-            z,
-            method="DOP853",
-            rtol=1e-12,
-            atol=1e-15,
-            max_step=1e-3,
-            events=event,
-            dense_output=True,
-        )
-        inside = (grid >= t) & (grid <= done.t[-1])
-        if inside.any():
-            x[inside] = done.sol(grid[inside])[0]
-        t, z, walled = float(done.t[-1]), done.y[:, -1], not walled
-        if t < until:
-            times.append(t)
-    return times, x
-
-
-def test_a_wall_of_1e6_newtons_a_metre_is_met_and_left_at_the_nanosecond_of_the_integrator() -> None:
-    free, _ = bouncer()
-    path = driven(free, sine(8.0), np.zeros(2))
-    times, x = with_events(lambda t: 8.0 * math.sin(20 * math.pi * t), 0.12)
-    found = path.outputs(np.arange(0, 120) * MS, slice(0, 1))[0]
-    assert np.abs(found - x).max() < 1e-8 * np.abs(x).max()
-    path.outputs(np.array([120 * MS]), slice(0, 1))
-    stays = path.between(0, 120 * MS)
-    starts = [after.start_ns for before, after in itertools.pairwise(stays) if after.mode is not before.mode]
-    assert len(starts) == len(times) > 10
-    assert np.abs(np.array(starts) - 1e9 * np.array(times)).max() < 2
 
 
 @pytest.mark.slow

@@ -67,15 +67,6 @@ def test_after_1e9_samples_the_phase_is_exact_where_floating_point_sums_are_lost
     assert 360 * abs(double - round(double)) > 1.0  # degrees
 
 
-def test_the_value_after_30_days_is_good_to_rounding_where_single_precision_time_is_noise() -> None:
-    drive = sine(frequency=10_007_000_000, start_ns=5)
-    times = 30 * DAY + np.arange(0, SECOND, 999_983)
-    truth = np.array([math.sin(2 * math.pi * exact_phase(drive, int(t)) / CYCLE) for t in times])
-    assert np.abs(drive.at(times) - truth).max() < 1e-15
-    single = np.float32(2 * math.pi * 10.007) * ((times - 5) * 1e-9).astype(np.float32)
-    assert np.abs(np.sin(single) - truth).max() > 1.0
-
-
 def test_a_drive_counted_from_a_later_moment_is_the_same_bytes() -> None:
     drive = rich(25)
     times = 10 * DAY + np.arange(0, SECOND, 7_654_321)

@@ -112,34 +112,6 @@ def test_charge_amplifier_outputs_equal_stepping_through_every_kind_of_change(ta
     assert np.abs(story.drained).max() > 1e-4  # there was something to get wrong
 
 
-def test_shorting_an_integrator_starts_its_output_from_zero_and_it_settles_again() -> None:
-    clock, chosen = VirtualClock(), scene("charge_amplifier")
-    rig, other = Rig(chosen, clock), Rig(chosen, clock)
-    for each in (rig, other):
-        pressed(each, "2", BALANCE + 4e-3, 2.0)
-    clock.wait(0.521)
-    now = np.array([clock.now_ns()])
-    assert np.abs(rig.film_voltages(now)).min() > 1e-4
-    rig.reset_film(2)
-    assert abs(rig.film_voltages(now)[1, 0]) < 1e-15
-    assert np.array_equal(rig.film_voltages(now)[0], other.film_voltages(now)[0])  # the other channel runs on
-    rig.reset_film(1)
-    assert np.abs(rig.film_voltages(now)).max() < 1e-15
-    clock.wait(20.0)
-    late = clock.now_ns() + np.arange(0, 100 * MS, MS)
-    assert np.abs(rig.film_voltages(late) - other.film_voltages(late)).max() < 1e-9
-
-
-def test_without_a_charge_amplifier_the_films_give_gain_times_force() -> None:
-    clock, chosen = VirtualClock(), scene()
-    rig = Rig(chosen, clock)
-    pressed(rig, "3", BALANCE + 6e-3, 2.0)
-    times = np.arange(0, SECOND, 3 * MS)
-    ratio = experiment.force_ratio(chosen.design, SAMPLES["3"])
-    expected = np.outer([5.995e-3 * ratio, 68.60e-3], rig.cell_force(times))
-    assert np.allclose(rig.film_voltages(times), expected, rtol=1e-14, atol=0)
-
-
 def test_the_bridge_filter_equals_stepping_when_load_and_filter_change() -> None:
     clock = VirtualClock()
     rig = Rig(scene(), clock)
@@ -169,22 +141,6 @@ def test_the_bridge_filter_equals_stepping_when_load_and_filter_change() -> None
 
 
 # --- looking does not change anything ------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", ["sine", "square"])
-@pytest.mark.parametrize("loss_of_contact", [False, True])
-def test_blocks_of_any_size_give_the_same_bytes(kind: str, loss_of_contact: bool) -> None:
-    clock = VirtualClock()
-    rig = Rig(scene("charge_amplifier", "gain_scatter"), clock)
-    pressed(rig, "2", BALANCE + (1e-3 if loss_of_contact else 8e-3), 2.0, kind)
-    clock.wait(0.0123)
-    times = clock.now_ns() + np.arange(0, 1020) * MS
-    for look in (rig.film_voltages, lambda t: rig.cell_force(t)[np.newaxis]):
-        whole = look(times)
-        for size in (1, 7, 333, 1000):
-            some = times[: 20 * size]
-            blocks = [look(some[i : i + size]) for i in range(0, len(some), size)]
-            assert np.concatenate(blocks, axis=1).tobytes() == whole[:, : len(some)].tobytes(), size
 
 
 def seen(pieces: int, *, looking: bool) -> tuple[bytes, float]:
@@ -235,18 +191,6 @@ def test_the_cell_remembers_the_last_ten_seconds_across_changes() -> None:
     assert len(rig.paths) < 52  # and no more than it has to
 
 
-def test_after_30_days_the_films_are_as_good_as_on_the_first() -> None:
-    clock = VirtualClock()
-    rig = Rig(scene("charge_amplifier"), clock)
-    pressed(rig, "2", BALANCE + 8e-3, 2.0)
-    clock.wait(30 * 86_400.0)
-    amplitude = 68.60e-3 * share(rig.scene, "2") * 4.0 / 3.5 * 2.0
-    phasor = amplitude * 1j * 20 * math.pi / (1 + 1j * 20 * math.pi)  # of the steady state, tau 1 s
-    times = np.arange(0, 100 * MS, MS)
-    expected = (phasor * np.exp(20j * np.pi * 1e-9 * times)).imag  # 30 days are whole cycles
-    assert np.abs(rig.film_voltages(clock.now_ns() + times)[1] - expected).max() < 1e-12
-
-
 def test_what_was_before_a_change_is_freed_without_the_garbage_collector() -> None:
     clock = VirtualClock()
     rig = Rig(scene("charge_amplifier"), clock)
@@ -261,16 +205,6 @@ def test_what_was_before_a_change_is_freed_without_the_garbage_collector() -> No
         assert (chain(), path()) == (None, None)
     finally:
         gc.enable()
-
-
-def test_gains_scatter_anew_with_each_load_set_though_nothing_else_changes() -> None:
-    clock = VirtualClock()
-    rig = Rig(scene("gain_scatter"), clock)
-    pressed(rig, "2", BALANCE + 8e-3, 1.0)
-    gains = rig.transfer(10.0)
-    clock.wait(1.0)
-    rig.set_voltage(waveform("sine", 1.2))
-    assert (rig.transfer(10.0)[:2] != gains[:2]).all()
 
 
 def test_only_a_drive_that_drives_is_a_change() -> None:

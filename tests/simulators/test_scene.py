@@ -322,21 +322,6 @@ def test_all_unknown_effects_are_told_at_once(tmp_path: Path) -> None:
     assert [line.split(": ")[1] for line in str(raised.value).splitlines()] == ["effects.hum", "effects.ado"]
 
 
-@pytest.mark.parametrize("name", ["absent.toml", "no/such/folder/scene.toml"])
-def test_a_missing_file_is_refused_with_its_name(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=rf"{name}: cannot be read: No such file or directory; give a readable file"):
-        read_scene(str(tmp_path / name))
-
-
-def test_a_folder_and_a_binary_file_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no file"):
-        read_scene(str(tmp_path))
-    binary = tmp_path / "scene.toml"
-    binary.write_bytes(b'name = "\xff\xfe"')
-    with pytest.raises(ConfigError, match=r"scene\.toml: is not text"):
-        read_scene(str(binary))
-
-
 def test_a_name_that_no_scene_has_is_refused_with_the_nearest() -> None:
     with pytest.raises(UnknownName, match=r"unknown scene 'thesis_singel' \(did you mean 'thesis_single'\?\)"):
         read_scene("thesis_singel")

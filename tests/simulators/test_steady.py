@@ -16,7 +16,7 @@ from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.linear.lti import Complexes, Floats
 from palpate.simulators.linear.periodic import HERTZ, SECOND
 from palpate.simulators.physics.effect import Effect
-from palpate.simulators.planning.plan import Question, describing_function, driven, followed, phasors, steady_state
+from palpate.simulators.planning.plan import Question, driven, followed, phasors, steady_state
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import scene
@@ -131,15 +131,6 @@ def test_plays_on_a_sine_settle_to_their_describing_functions(case: str, path: s
     without = phasors(driven(calling_for({**effects, "hysteresis": Hysteresis(weights=(0.0,), radii=("1 N",))},
                                          "common_base"), Question("1", 4.0)))[:-1]  # fmt: skip
     assert np.abs(found / without - 1).max() > 0.02
-
-
-def test_a_play_passes_everything_of_a_large_sine_and_nothing_of_a_small_one() -> None:
-    assert describing_function(1.0, 1.0) == 0
-    assert describing_function(1.0, 0.1) == 0
-    assert describing_function(1e-12, 1.0) == pytest.approx(1, abs=1e-9)
-    assert describing_function(1.0, 2.0) == pytest.approx(0.5 - 1j / math.pi, rel=1e-15)
-    lags = [np.angle(describing_function(r, 1.0)) for r in np.linspace(0.01, 0.99, 50)]
-    assert (np.diff(lags) < 0).all()
 
 
 # --- what comes of it ----------------------------------------------------------------------------------
