@@ -113,6 +113,7 @@ def strike(root, number, how):
 
 class BenchClock:
     goes_on = False
+    stepper = None
     def __init__(self, begun=0):
         self._lock = threading.Lock()
         self._end = socket.socket(socket.AF_UNIX)

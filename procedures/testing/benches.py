@@ -81,7 +81,7 @@ def _read(name: str) -> Scene:
 def simulated_bench(scene: Scene) -> Iterator[WatchedBench]:
     """Serve a scene, and give its bench."""
     canopen.Network.NOTIFIER_CYCLE = CYCLE
-    with SimulatedBench(scene) as simulated:
+    with SimulatedBench(scene, stepped=True) as simulated:
         bench = Bench(simulated.description, simulated.clock, simulated.operator)
         faults = [f"fault {table}" for table in scene.file.fault or ()]
         yield WatchedBench(bench, "\n".join([f"scene {scene.name}, seed {scene.seed}", *faults]), Traffic(bench))

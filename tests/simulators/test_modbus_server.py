@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import select
 import socket
+import time
 import tty
 from collections.abc import Iterator
 from contextlib import suppress
@@ -17,6 +17,7 @@ from pymodbus.framer import FramerRTU
 from palpate.instrument.contracts.contract import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.loop import Loop
 from palpate.simulators.wire.terminal import Terminal
 
 LOST = 40  # requests after rubbish on a line, at most: 320 bytes
@@ -227,32 +228,24 @@ def test_a_request_that_is_broken_off_does_not_swallow_the_next(line: int, serve
 class Listener:
     """What a terminal tells a server."""
 
-    def __init__(self) -> None:
-        self.recv_buffer = b""
+    come = b""
 
-    def connection_made(self, _transport: object) -> None:
-        pass
-
-    def data_received(self, data: bytes) -> None:
-        self.recv_buffer += data
+    def heard(self, data: bytes, _send: object, *, anew: bool) -> None:
+        self.come = data if anew else self.come + data
 
 
 @pytest.mark.parametrize(("silence", "held"), [(-10.0, b"\x02\x03\x00\x20"), (1.0, b"\x00\x20")])
 def test_the_rest_of_a_request_is_none_after_a_silence(silence: float, held: bytes) -> None:
-    """More than 3.5 characters end a frame, "MODBUS over serial line" 2.5.1.1."""
-
-    async def hear() -> bytes:
-        server: Any = Listener()
-        terminal = Terminal(server)
+    """Private, as no test waits: more than 3.5 characters end a frame, "MODBUS over serial line" 2.5.1.1."""
+    server: Any = Listener()
+    with Loop() as loop:
+        terminal = Terminal(loop, server, at_once=False)
         client = os.open(terminal.path, os.O_RDWR | os.O_NOCTTY)
         for part in (b"\x02\x03", b"\x00\x20"):
-            terminal._heard_at = terminal._loop.time() - silence
+            terminal._heard_at = time.monotonic() - silence
             os.write(client, part)
             assert select.select([terminal._own], [], [], 10.0)[0]
-            terminal._heard()
+            loop.step()
         os.close(client)
         terminal.close()
-        buffer: bytes = server.recv_buffer
-        return buffer
-
-    assert asyncio.run(hear()) == held
+    assert server.come == held
