@@ -140,6 +140,17 @@ def bench(sim: SimulatedBench) -> Iterator[Bench]:
         yield opened
 
 
+@pytest.fixture(params=["thin", "pymodbus"])
+def codec(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """What answers requests on Modbus TCP. Private, because nobody else chooses it."""
+    from palpate.simulators.wire import modbus_server
+
+    if request.param == "pymodbus":
+        monkeypatch.setattr(modbus_server, "THIN", frozenset())
+    name: str = request.param
+    return name
+
+
 Install = Callable[..., Path]
 
 

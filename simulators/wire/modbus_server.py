@@ -75,7 +75,8 @@ def echo(request: WriteSingleRegisterRequest | WriteSingleCoilRequest, registers
 # --- Splits the bytes that a Modbus server receives into requests, and recognises malformed ones -------
 
 READ_IDENTITY = b"\x0e"
-HEADER = 6  # bytes of an MBAP header up to the end of its length field
+MBAP = struct.Struct(">HHH")  # a request's header on TCP: transaction, protocol, and length of what follows
+HEADER = MBAP.size
 UNIT_AND_CHECK = 3  # bytes around a request on a serial line: unit id and CRC
 LONGEST_REQUEST = 256  # bytes on a serial line
 LENGTHS = range(2, 255)  # values that the length field of an MBAP header may have
@@ -154,24 +155,51 @@ def _same(request: ModbusPDU, frame: bytes) -> bool:
     """Whether the request encodes to exactly these bytes."""
     try:
         return frame == bytes([request.function_code]) + request.encode()
-    except (ModbusException, ValueError):
+    except (ModbusException, ValueError, struct.error):
         return False
 
 
-def alien(data: bytes) -> bool:
-    """Whether `data` cannot be the beginning of a request on TCP, by its MBAP header."""
-    return any(data[2:4]) or (len(data) >= HEADER and int.from_bytes(data[4:HEADER], "big") not in LENGTHS)
+def whole_frame(data: bytes) -> bytes | None:
+    """The first whole request on TCP; empty: it is incomplete; None: by its header it cannot become one."""
+    if len(data) < HEADER:
+        return None if any(data[2:4]) else b""
+    _, protocol, size = MBAP.unpack_from(data)
+    if protocol or size not in LENGTHS:
+        return None
+    return data[: HEADER + size] if len(data) >= HEADER + size else b""
 
 
-def whole_frame(data: bytes) -> bytes:
-    """The first whole request on TCP; empty if it is incomplete.
+# --- The functions that programs ask for most, a fifth of the time with the same answers ----------------
 
-    Bytes that cannot begin a request are returned with everything after them.
-    """
-    if alien(data):
-        return data
-    size = HEADER + int.from_bytes(data[4:HEADER], "big")
-    return data[:size] if HEADER < size <= len(data) else b""
+THIN = frozenset({3, 4, 6, 16})  # codes of functions
+WRITES_ONE, WRITES_SOME = 6, 16
+TWO_NUMBERS = struct.Struct(">BHH")  # function, address, and a count or a value
+MOST_READ, MOST_WRITTEN = 125, 123  # registers in one request
+
+
+def thin_answer(registers: Registers, request: bytes) -> bytes:
+    """The answer to a request of `THIN`, both without header; empty: only pymodbus' messages tell what is wrong."""
+    if len(request) < TWO_NUMBERS.size:
+        return b""
+    function, address, number = TWO_NUMBERS.unpack_from(request)
+    code: ExcCodes | None
+    if function == WRITES_SOME:
+        values = request[TWO_NUMBERS.size + 1 :]
+        if not 1 <= number <= MOST_WRITTEN or not len(values) == 2 * number == request[TWO_NUMBERS.size]:
+            return b""
+        code = registers.write(function, address, struct.unpack(f">{number}H", values))
+    elif len(request) > TWO_NUMBERS.size:
+        return b""
+    elif function == WRITES_ONE:
+        code = registers.write(function, address, (number,))
+    elif 1 <= number <= MOST_READ:
+        found = registers.read(function, address, number)
+        if isinstance(found, list):
+            return struct.pack(f">BB{number}H", function, 2 * number, *found)
+        code = found
+    else:
+        return b""
+    return request[: TWO_NUMBERS.size] if code is None else bytes([function | EXCEPTION, code])
 
 
 # --- the servers ---------------------------------------------------------------------------------------
@@ -258,10 +286,12 @@ class _Connection:
     def _turn(self) -> None:
         """Answer the first whole request that has come; the next one waits until other clients have had their turn."""
         self._turn_comes = False
-        if self._closed or not (frame := whole_frame(self._come)):
+        if self._closed:
             return
-        if alien(frame):
+        frame = whole_frame(self._come)
+        if frame is None:
             self.close()  # where the next request begins can no longer be told
+        if not frame:
             return
         self._come = self._come[len(frame) :]
         self._answer(frame)
@@ -344,6 +374,10 @@ class TcpServer(_Server):
     def answer(self, frame: bytes) -> bytes:
         """Carry out the request in a whole frame; returns the frame that answers it."""
         self.transactions += 1
+        unit, function = frame[HEADER : HEADER + 2]
+        registers = self._units.registers.get(unit)
+        if function in THIN and registers is not None and (pdu := thin_answer(registers, frame[HEADER + 1 :])):
+            return frame[: HEADER - 2] + (1 + len(pdu)).to_bytes(2) + frame[HEADER : HEADER + 1] + pdu
         _, request = self._framer.handleFrame(frame, 0, 0)
         assert request is not None
         return self._framed(request)

@@ -47,7 +47,7 @@ class Thing(Twin):
 
 
 @pytest.fixture(params=["tcp", "rtu"])
-def wired(request: pytest.FixtureRequest) -> Iterator[tuple[ModbusDevice, Any, VirtualClock]]:
+def wired(codec: str, request: pytest.FixtureRequest) -> Iterator[tuple[ModbusDevice, Any, VirtualClock]]:
     """A driver on a link of either kind, the twin that it drives at unit 0, and the clock of both."""
     rig: Any = None
     kind: Any = SimpleNamespace(contract=THING)

@@ -27,7 +27,7 @@ def framed(pdu: bytes, transaction: int = 7) -> bytes:
 
 
 @pytest.fixture
-def address(scene: Scene) -> Iterator[TcpLink]:
+def address(codec: str, scene: Scene) -> Iterator[TcpLink]:
     with SimulatedBench(scene) as simulated:
         yield simulated.description.links["signal_generator"]
 
