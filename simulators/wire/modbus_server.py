@@ -194,8 +194,9 @@ def thin_answer(registers: Registers, request: bytes) -> bytes:
         code = registers.write(function, address, (number,))
     elif 1 <= number <= MOST_READ:
         found = registers.read(function, address, number)
-        if isinstance(found, list):
-            return struct.pack(f">BB{number}H", function, 2 * number, *found)
+        if isinstance(found, bytes):
+            return bytes([function, 2 * number]) + found
+        assert isinstance(found, ExcCodes)
         code = found
     else:
         return b""
