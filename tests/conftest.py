@@ -60,11 +60,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    import canopen
-
     from palpate.simulators.faults import inject
 
-    canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
     inject.TIMEOUT = "0.2 s"  # tests wait in vain a hundred times
 
 

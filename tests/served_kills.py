@@ -57,7 +57,6 @@ from palpate.procedures.lab import open as session
 from palpate.procedures.commands.options import Output
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
-canopen.Network.NOTIFIER_CYCLE = 0.002
 with tempfile.TemporaryDirectory() as folder, contextlib.suppress(SystemExit):
     sys.argv = ["palpate", "sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--out", folder + "/first"]
     main()

@@ -110,6 +110,8 @@ def arrived(bus: Any) -> list[Any]:
     """The frames that have come on a bus, without waiting for more. Raises can.CanError: the bus has failed."""
     if (received := getattr(bus, "queue", None)) is None:
         return list(iter(partial(bus.recv, 0), None))
+    if not received.queue:
+        return []
     with received.mutex:  # python-can's virtual bus: all at once, a tenth of the time
         frames = list(received.queue)
         received.queue.clear()
