@@ -122,10 +122,17 @@ def scene() -> Scene:
 
 
 @pytest.fixture
-def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+def in_threads() -> None:
+    """Simulated devices answer in threads of their own, also to others than the bench, and can be held up there."""
+
+
+@pytest.fixture
+def sim(request: pytest.FixtureRequest, nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+    """A simulated bench, which answers in the waits of the fixture `bench` where a test has it without `in_threads`."""
     from palpate.simulators.bench import SimulatedBench
 
-    with SimulatedBench(scene) as simulated:
+    stepped = "bench" in request.fixturenames and "in_threads" not in request.fixturenames
+    with SimulatedBench(scene, stepped=stepped) as simulated:
         yield simulated
 
 

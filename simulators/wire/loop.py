@@ -109,10 +109,10 @@ class Loop:
     def step(self) -> None:
         """Serve all that has come, without waiting for more.
 
-        What is served may move the clock on and so call this again, which then does nothing.
+        What is served may move the clock on and so call this again, which then does nothing, as in a forked child.
         """
         with self.lock:
-            if self._inside:
+            if self._inside or self._ends.elsewhere:
                 return
             self._inside = True
             try:
@@ -131,7 +131,7 @@ class Loop:
         while True:
             self.step()
             left = max(until - time.monotonic(), 0.0)
-            found = looked.poll(1e3 * min(left, self._left() if self._timers else left))
+            found = looked.poll(1e3 * left)
             if any(each == descriptor for each, _ in found):
                 return True
             if not found and not left:

@@ -36,7 +36,9 @@ def test_a_setting_stands_where_its_order_says() -> None:
 # --- a dead owner --------------------------------------------------------------------------------------
 
 
-def test_strangers_who_read_a_bench_do_not_keep_a_dead_program_s_output_on(bench: Bench, sim: SimulatedBench) -> None:
+def test_strangers_who_read_a_bench_do_not_keep_a_dead_program_s_output_on(
+    in_threads: None, bench: Bench, sim: SimulatedBench
+) -> None:
     drive(bench)
     address = sim.description.links["shaker_amplifier"]
     with ExitStack() as stack:

@@ -178,7 +178,7 @@ def test_a_failure_is_told_by_its_exception_only(
     assert capsys.readouterr().err == ""
 
 
-def test_a_message_names_the_link_that_failed(bench: Bench, sim: SimulatedBench) -> None:
+def test_a_message_names_the_link_that_failed(in_threads: None, bench: Bench, sim: SimulatedBench) -> None:
     port = re.escape(sim.description.links["line"].port)
     with impatient(bench.device("strain_indicator").link), sim.clock.lock, pytest.raises(LinkTimeout, match=port):
         bench.device("strain_indicator").read()
