@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -180,6 +181,15 @@ class _Tapped:
             self._heard(False, msg)
 
 
+def _take_up(network: canopen.Network) -> bool:
+    """Take up the frames that have come, as python-can's thread does where nobody steps; whether there were any."""
+    frames = arrived(network.bus)
+    for frame in frames:
+        for listener in network.listeners:
+            listener(frame)
+    return bool(frames)
+
+
 class CanLink:
     """One CAN bus, shared by the nodes on it; SDO transfers go one at a time.
 
@@ -233,16 +243,8 @@ class CanLink:
         if self._stepper is None:
             self._network.connect()
         else:
-            self._stepper.take_turns(self._take)
-
-    def _take(self) -> bool:
-        """Take up the frames that have come, as python-can's thread does for a bus whose other end needs no steps."""
-        network = self.network
-        frames = arrived(network.bus)
-        for frame in frames:
-            for listener in network.listeners:
-                listener(frame)
-        return bool(frames)
+            self._take_up = partial(_take_up, self._network)
+            self._stepper.take_turns(self._take_up)
 
     def _step(self) -> None:
         if self._stepper is not None:
@@ -250,8 +252,6 @@ class CanLink:
 
     def close(self) -> None:
         """Leave the bus. Raises LinkError: it failed meanwhile."""
-        if self._network is not None and self._stepper is not None:
-            self._stepper.end_turns(self._take)
         network, self._network = self._network, None
         cyclic, self._cyclic = self._cyclic, None
         if network is not None:
@@ -259,6 +259,9 @@ class CanLink:
                 with suppress(can.CanError, OSError):  # whether or not the bus has failed, it is left
                     if cyclic is not None:
                         cyclic.end_all()
+                self._step()
+                if self._stepper is not None:
+                    self._stepper.end_turns(self._take_up)
                 leave(network)
             except (can.CanError, OSError) as error:
                 raise LinkError(self._why_lost(error)) from error
