@@ -42,6 +42,15 @@ with serving(Wish(read_scene("thesis_single"), BenchAddresses(), None, 1.0, 1.0,
         print(json.dumps(used()), flush=True)
 """
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.5 s", "--json")
+PEER = """
+from pyModbusTCP.server import ModbusServer
+server = ModbusServer("127.0.0.1", 0, no_block=True)
+server.start()
+print(json.dumps({"port": server._service.server_address[1]}), flush=True)
+for _ in sys.stdin:
+    print(json.dumps(used()), flush=True)
+server.stop()
+"""
 NOTHING = Wish(read_scene("thesis_single"), BenchAddresses(), None, 1.0, 1.0, (), None)
 
 
@@ -53,6 +62,7 @@ def measure() -> Iterator[Row]:
             f"a served request, {clients} client{'s' * (clients > 1)}: processor time",
             beside([1e6 * each for each in costs], "{:.1f} µs".format), f"<= {1e6 * COST:.0f} µs", costs[0] <= COST,
         )  # fmt: skip
+    yield Row("the same of pyModbusTCP's server, 1 client", f"{1e6 * _peer():.1f} µs")
     with serving(NOTHING) as bench, _bare() as bare:
         for clients in (1, 8):
             own_rate, bare_rate = _rates(bench.description.links["signal_generator"].port, bare, clients)
@@ -64,6 +74,11 @@ def measure() -> Iterator[Row]:
                 ratio >= GOAL,
             )
     yield _other_process()
+
+
+def _peer() -> float:
+    """Processor time of a request to pyModbusTCP's server, one client [s]."""
+    return min(served(PEER, partial(_cost, clients=1), ROUNDS))
 
 
 def _cost(ready: dict[str, Any], used: Callable[[], dict[str, float]], clients: int) -> float:

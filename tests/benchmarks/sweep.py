@@ -15,7 +15,7 @@ from tests.benchmarks.load import busy
 from tests.benchmarks.row import Row
 
 GOAL, SWITCHES, PROCESS, STRETCH = 1000, 650, 1.7, 1.3
-ROUNDS = 5
+ROUNDS, FEWER = 5, 2
 BUSY = 10
 RUN = """
 import palpate
@@ -56,8 +56,8 @@ def measure() -> Iterator[Row]:
         "the same, switches of threads", beside(switches, "{:.0f}".format), f"<= {SWITCHES}", switches[0] <= SWITCHES
     )
     with busy(BUSY):
-        among = in_turn(RUN, ROUNDS)
-        bare = [in_turn(LOOP % run["cpu"], ROUNDS)[0] for run in among]
+        among = in_turn(RUN, FEWER)
+        bare = [in_turn(LOOP % run["cpu"], FEWER)[0] for run in among]
     ratios = [run["wall"] / loop["wall"] for run, loop in zip(among, bare, strict=True)]
     yield Row(
         f"the same beside {BUSY} busy processes / a bare loop of the same processor time",
