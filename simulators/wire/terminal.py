@@ -77,7 +77,8 @@ class Terminal:
 
     def close(self) -> None:
         """Close both ends: the server hears nothing more, and the client's line is gone."""
-        self._loop.forget(self._own)
-        os.close(self._client)
-        os.close(self._own)
+        if self._own >= 0:
+            self._loop.forget(self._own)
+            os.close(self._client)
+            os.close(self._own)
         self._own = -1
