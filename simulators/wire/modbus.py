@@ -18,7 +18,6 @@ from palpate.simulators.wire.terminal import Terminal
 if TYPE_CHECKING:
     from palpate.simulators.physics.stages import LineEffect
 
-OUTER = 4  # bytes of a frame around its data: unit id, function code, CRC
 NEVER_YET = -(10**18)  # ns
 
 
@@ -144,7 +143,7 @@ class _SerialLine:
         return not gap_ns or self._now_ns() - self._replied_ns >= gap_ns
 
     def request(self, size: int) -> None:
-        self._pass(size + OUTER)
+        self._pass(size)
 
     def reply(self, unit: int, size: int) -> bool:
         if unit not in self._units:

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusException
-from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
+from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import WriteSingleCoilRequest, WriteSingleCoilResponse
 from pymodbus.pdu.mei_message import ReadDeviceInformationRequest, ReadDeviceInformationResponse
@@ -223,17 +223,21 @@ class _Server:
 
     transactions = 0  # number of requests that have come in so far
 
-    def __init__(
-        self, loop: Loop, registers: Mapping[int, Registers], identities: dict[int, Identity], framer: type[FramerBase]
-    ) -> None:
+    def __init__(self, loop: Loop, registers: Mapping[int, Registers], identities: dict[int, Identity]) -> None:
         self.loop = loop
         self._identities = identities
         self._units: Any = Units(registers)
-        self._framer = framer(RequestDecoder(frozenset().union(*(each.functions for each in registers.values()))))
+        self._decoder = RequestDecoder(frozenset().union(*(each.functions for each in registers.values())))
 
-    def _response(self, request: ModbusPDU) -> ModbusPDU:
-        """Carry a request out; returns the answer."""
-        unit = request.dev_id
+    def _carried_out(self, unit: int, request: bytes) -> bytes:
+        """Carry a request out; returns the answer, both without what the link puts around them."""
+        registers = self._units.registers.get(unit)
+        if request[0] in THIN and registers is not None and (answer := thin_answer(registers, request)):
+            return answer
+        response = self._response(unit, self._decoder.decode(request))
+        return bytes([response.function_code]) + response.encode()
+
+    def _response(self, unit: int, request: ModbusPDU) -> ModbusPDU:
         identity = self._identities.get(unit)
         if identity is None:
             return ExceptionResponse(request.function_code & ~EXCEPTION, ExcCodes.GATEWAY_NO_RESPONSE)
@@ -245,12 +249,6 @@ class _Server:
         if isinstance(request, WriteSingleRegisterRequest | WriteSingleCoilRequest):
             return echo(request, registers)
         return done(request.datastore_update(self._units, unit))
-
-    def _framed(self, request: ModbusPDU) -> bytes:
-        """Carry a request out; returns the frame that answers it."""
-        response = self._response(request)
-        response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
-        return self._framer.buildFrame(response)
 
 
 class _Connection:
@@ -362,7 +360,7 @@ class TcpServer(_Server):
     ) -> None:
         """Listen. Raises OSError: that is not possible at this address."""
         units = (unit, *ITSELF)
-        super().__init__(loop, dict.fromkeys(units, registers), dict.fromkeys(units, identity), FramerSocket)
+        super().__init__(loop, dict.fromkeys(units, registers), dict.fromkeys(units, identity))
         self.connections: list[_Connection] = []
         self._address = address
         self.listen_again()
@@ -375,13 +373,8 @@ class TcpServer(_Server):
     def answer(self, frame: bytes) -> bytes:
         """Carry out the request in a whole frame; returns the frame that answers it."""
         self.transactions += 1
-        unit, function = frame[HEADER : HEADER + 2]
-        registers = self._units.registers.get(unit)
-        if function in THIN and registers is not None and (pdu := thin_answer(registers, frame[HEADER + 1 :])):
-            return frame[: HEADER - 2] + (1 + len(pdu)).to_bytes(2) + frame[HEADER : HEADER + 1] + pdu
-        _, request = self._framer.handleFrame(frame, 0, 0)
-        assert request is not None
-        return self._framed(request)
+        answer = self._carried_out(frame[HEADER], frame[HEADER + 1 :])
+        return frame[: HEADER - 2] + (1 + len(answer)).to_bytes(2) + frame[HEADER : HEADER + 1] + answer
 
     def stop_listening(self) -> None:
         """Accept no new clients; connected clients stay connected."""
@@ -443,7 +436,8 @@ class SerialServer(_Server):
     def __init__(
         self, loop: Loop, registers: Mapping[int, Registers], identities: dict[int, Identity], manners: LineManners
     ) -> None:
-        super().__init__(loop, registers, identities, LineFramer)
+        super().__init__(loop, registers, identities)
+        self._framer = LineFramer(self._decoder)
         self._manners = manners
         self._come = b""
 
@@ -454,20 +448,20 @@ class SerialServer(_Server):
             if not self._manners.lets_in(self._come[0]):
                 self._come = b""
                 return
-            used, request = self._framer.handleFrame(self._come, 0, 0)
+            used, unit, _, request = self._framer.decode(self._come)
             self._come = self._come[used:]
-            if request is not None:
-                self._answer(request, send)
-            elif not used:
+            if not used:
                 return
+            if request:
+                self._answer(unit, request, send)
 
-    def _answer(self, request: ModbusPDU, send: Callable[[bytes], object]) -> None:
+    def _answer(self, unit: int, request: bytes, send: Callable[[bytes], object]) -> None:
         self.transactions += 1
-        self._manners.request(len(request.encode()))
-        if request.dev_id == BROADCAST and BROADCAST not in self._identities:
-            for unit in self._identities:
-                done(request.datastore_update(self._units, unit))
+        self._manners.request(len(request) + UNIT_AND_CHECK)
+        if unit == BROADCAST and BROADCAST not in self._identities:
+            for each in self._identities:
+                self._carried_out(each, request)
             return
-        answer = self._framed(request)
-        if self._manners.reply(answer[0], len(answer)):
+        answer = self._framer.encode(self._carried_out(unit, request), unit, 0)
+        if self._manners.reply(unit, len(answer)):
             send(answer)
