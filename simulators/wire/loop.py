@@ -17,6 +17,7 @@ from palpate.instrument.own_process import Ends, close_in_child
 from palpate.instrument.whole import Whole
 
 Call = Callable[[], object]
+MOST_ROUNDS = 1000  # in a step, which ends although another program asks without end
 GLANCE = 0.005  # s of wall time after which a client that waits for no descriptor looks again
 
 
@@ -117,8 +118,9 @@ class Loop:
             self._inside = True
             try:
                 with self._whole:
-                    while self._serve([descriptor for descriptor, _ in self._epoll.poll(0)]):
-                        pass
+                    for _ in range(MOST_ROUNDS):
+                        if not self._serve([descriptor for descriptor, _ in self._epoll.poll(0)]):
+                            break
             finally:
                 self._inside = False
 
@@ -131,7 +133,7 @@ class Loop:
         while True:
             self.step()
             left = max(until - time.monotonic(), 0.0)
-            found = looked.poll(1e3 * left)
+            found = looked.poll(1e3 * (min(left, self._left()) if self._timers else left))
             if any(each == descriptor for each, _ in found):
                 return True
             if not found and not left:
@@ -151,9 +153,10 @@ class Loop:
 
     def _serve(self, descriptors: list[int]) -> bool:
         """Serve these descriptors and all that is due; returns whether there was anything."""
-        busy = bool(descriptors)
+        busy = False
         for descriptor in descriptors:
             if (heard := self._heard.get(descriptor)) is not None:  # else it was closed meanwhile
+                busy = True
                 heard()
         while self._timers and self._timers[0][0] <= time.monotonic():
             busy = True

@@ -210,6 +210,7 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # keeps a clien
 BROADCAST = 0
 LONGEST_RUBBISH = 65536  # bytes on a serial line among which a request is looked for
 MOST_CONNECTIONS = 32  # clients of one port
+REST = 0.1  # s after which a server that could not accept a client tries again
 IDLE = 60.0  # s of silence after which a client makes room for another
 PIECE = 4096  # bytes that are read from one client before the next one has its turn
 UNREAD = 65536  # bytes of answers that a client may leave unread
@@ -387,7 +388,11 @@ class TcpServer(_Server):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._listening = socket.create_server(self._address, family=family)
         self._listening.setblocking(False)
-        self.loop.watch(self._listening.fileno(), self._accept)
+        self._attend()
+
+    def _attend(self) -> None:
+        if self._listening.fileno() >= 0:
+            self.loop.watch(self._listening.fileno(), self._accept)
 
     def _accept(self) -> None:
         """Accept one more client.
@@ -397,7 +402,11 @@ class TcpServer(_Server):
         """
         try:
             end, _ = self._listening.accept()
-        except OSError:  # it has gone again, or this process may open nothing more
+        except BlockingIOError:  # it has gone again
+            return
+        except OSError:  # this process may open nothing more for now
+            self.loop.forget(self._listening.fileno())
+            self.loop.at(time.monotonic() + REST, self._attend)
             return
         if len(self.connections) >= MOST_CONNECTIONS:
             silent = min(self.connections, key=lambda client: client.asked)

@@ -67,6 +67,15 @@ def test_threads_share_a_bench() -> None:
         assert found == 4 * [{PROBE}]
 
 
+def test_a_client_is_answered_though_another_program_asks_without_end() -> None:
+    """Private, because no other program asks as fast as that for sure."""
+    with palpate.open_bench(scene="ideal") as bench:
+        stepper = bench.bench.links["line"].client._stepper  # type: ignore[union-attr]
+        assert stepper is not None
+        stepper.take_turns(lambda: True)
+        assert probes(bench.bench) == {PROBE}
+
+
 @pytest.mark.parametrize(("number", "raised"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)])
 def test_a_signal_in_the_middle_of_what_a_device_does_ends_the_program_after_it(
     foreground: None, number: signal.Signals, raised: type[BaseException], monkeypatch: pytest.MonkeyPatch
