@@ -188,8 +188,10 @@ def check_alone(name: str, kind: DeviceKind, settings: Any, frequency: float) ->
 def _link(place: files.Link, clock: BenchClock) -> ModbusLink | CanLink:
     """A link, closed. What it waits between frames is not watched, so it gets the clock that keeps the time."""
     if isinstance(place, files.CanBus):
-        return CanLink(place)
-    return ModbusLink.rtu(place, clock) if isinstance(place, files.SerialLine) else ModbusLink.tcp(place, clock)
+        return CanLink(place, clock.stepper)
+    if isinstance(place, files.SerialLine):
+        return ModbusLink.rtu(place, clock, clock.stepper)
+    return ModbusLink.tcp(place, clock, clock.stepper)
 
 
 # --- The operator of a bench with devices that do some of a person's work ------------------------------

@@ -7,9 +7,11 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
 
 from palpate.drivers.clock import Clock
+from palpate.instrument.whole import when_whole
 
 Handler = Callable[[int, FrameType | None], object]
 TRIES = 4  # number of times that a failed step is tried again, evenly within its time
@@ -47,10 +49,15 @@ def _failure(step: Callable[[], object]) -> str:
 def taken(numbers: Iterable[signal.Signals], handler: Handler, *, ignored: bool = False) -> Iterator[None]:
     """Inside, `handler` gets these signals; those that the program was started to ignore only with `ignored`.
 
-    nohup starts a program so, and the `&` of a shell's script. Only the main thread of Python may set handlers;
+    One that comes in the middle of what a simulated device does in this thread waits for its end. nohup starts a
+    program with ignored signals, and the `&` of a shell's script. Only the main thread of Python may set handlers;
     elsewhere signals stay as they are.
     """
-    with _as(numbers, handler, ignored):
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        when_whole(partial(handler, number, frame))
+
+    with _as(numbers, handle, ignored):
         yield
 
 

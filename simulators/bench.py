@@ -25,7 +25,8 @@ from palpate.simulators.rig.rig import Rig, SimulatedOperator
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import device as wire
 from palpate.simulators.wire.can_bus import own_channel
-from palpate.simulators.wire.modbus import ServerThread
+from palpate.simulators.wire.loop import Loop
+from palpate.simulators.wire.modbus import Servers
 
 if TYPE_CHECKING:
     from palpate.simulators.devices.amplifier import SimulatedShakerAmplifier
@@ -70,19 +71,24 @@ class SimulatedBench:
     Entering it raises BenchError if a port is in use or the CAN interface cannot be opened.
     """
 
-    def __init__(self, scene: Scene, place: BenchAddresses = HERE, samples: Sequence[Sample] = ()) -> None:
+    def __init__(
+        self, scene: Scene, place: BenchAddresses = HERE, samples: Sequence[Sample] = (), *, stepped: bool = False
+    ) -> None:
         """Make the bench; it is served once the context is entered.
 
         Args:
             scene: the scene.
             place: its addresses.
             samples: samples in the sample changer. Without any there is no changer, and the operator mounts samples.
+            stepped: whether devices answer in the waits of the bench that gets `clock`, and nobody else; False: in
+                threads of their own.
 
         Raises ConfigError: the simulator of an additional device cannot be loaded.
         """
         self.scene = scene
         self._place = place
         self.clock = VirtualClock()
+        self._stepped = stepped
         self.rig = Rig(scene, self.clock)
         self.channel = own_channel(place.interface) if place.channel is None else place.channel
         self._replaced = replaced(scene.devices)
@@ -143,7 +149,10 @@ class SimulatedBench:
     def __enter__(self) -> Self:
         with Ends() as stack:
             stack.callback(self.can.close)
-            self.servers = stack.enter_context(ServerThread())
+            loop = Loop(self.clock.give_up_soon)
+            self.servers = stack.enter_context(Servers(loop, stepped=self._stepped))
+            if self._stepped:
+                self.clock.stepper = loop
             timeouts = _timeouts(self.scene)
             serial, bus = self.rig.effects.line, self.rig.effects.can
             self.bitrate = round(bus.bitrate) if bus else BITRATE

@@ -6,9 +6,12 @@ import math
 import threading
 import time
 from contextlib import AbstractContextManager
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from palpate.instrument.errors import BenchError, PalpateError
+
+if TYPE_CHECKING:
+    from palpate.instrument.bench.links import Stepper
 
 NEVER = 2**63 - 1
 PATIENCE = 1.0  # s of wall time in which an interrupted program can still switch its outputs off
@@ -28,12 +31,13 @@ class VirtualClock:
     """Simulated time in integer nanoseconds since the bench was opened.
 
     All that is simulated changes under `lock` only: during a wait in the waiting thread, or during a request in the
-    servers' thread. Between two events everything advances in one step, in the order in which it was added, so that
-    results do not depend on how a wait is divided.
+    thread that serves it. Between two events everything advances in one step, in the order in which it was added, so
+    that results do not depend on how a wait is divided.
     """
 
     goes_on = False  # True: time passes without waits, because a pacer moves the clock on
     served = False  # whether clients in other processes keep the time of the wall
+    stepper: Stepper | None = None  # answers in the waits of its clients; None: threads do
 
     def __init__(self) -> None:
         self.lock: AbstractContextManager[Any] = threading.RLock()
@@ -66,6 +70,8 @@ class VirtualClock:
                 self._pass(self._now + round(duration * 1e9))
             except Exception as error:
                 raise self.failed(error)  # noqa: B904  (it has its cause)
+        if self.stepper is not None:
+            self.stepper.step()  # clients hear at once what was sent meanwhile
 
     def _pass(self, target: int) -> None:
         while self._now < target:

@@ -64,7 +64,6 @@ from palpate.procedures.measurements.loads import procedure as loads
 from palpate.simulators.clock import VirtualClock
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: None
-canopen.Network.NOTIFIER_CYCLE = 0.002
 with tempfile.TemporaryDirectory() as folder, contextlib.suppress(SystemExit):
     os.environ["PALPATE_STORE"] = folder
     sys.argv = ["palpate", "sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s"]
@@ -114,6 +113,7 @@ def strike(root, number, how):
 
 class BenchClock:
     goes_on = False
+    stepper = None
     def __init__(self, begun=0):
         self._lock = threading.Lock()
         self._end = socket.socket(socket.AF_UNIX)

@@ -60,11 +60,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    import canopen
-
     from palpate.simulators.faults import inject
 
-    canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
     inject.TIMEOUT = "0.2 s"  # tests wait in vain a hundred times
 
 
@@ -125,10 +122,17 @@ def scene() -> Scene:
 
 
 @pytest.fixture
-def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+def in_threads() -> None:
+    """Simulated devices answer in threads of their own, also to others than the bench, and can be held up there."""
+
+
+@pytest.fixture
+def sim(request: pytest.FixtureRequest, nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+    """A simulated bench, which answers in the waits of the fixture `bench` where a test has it without `in_threads`."""
     from palpate.simulators.bench import SimulatedBench
 
-    with SimulatedBench(scene) as simulated:
+    stepped = "bench" in request.fixturenames and "in_threads" not in request.fixturenames
+    with SimulatedBench(scene, stepped=stepped) as simulated:
         yield simulated
 
 
@@ -138,6 +142,17 @@ def bench(sim: SimulatedBench) -> Iterator[Bench]:
 
     with Bench(sim.description, sim.clock, sim.operator) as opened:
         yield opened
+
+
+@pytest.fixture(params=["thin", "pymodbus"])
+def codec(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """What answers requests on Modbus TCP. Private, because nobody else chooses it."""
+    from palpate.simulators.wire import modbus_server
+
+    if request.param == "pymodbus":
+        monkeypatch.setattr(modbus_server, "THIN", frozenset())
+    name: str = request.param
+    return name
 
 
 Install = Callable[..., Path]

@@ -31,7 +31,6 @@ from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.clock import VirtualClock
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
-canopen.Network.NOTIFIER_CYCLE = 0.002
 parse("1 N", "N")
 with tempfile.TemporaryDirectory() as folder, contextlib.suppress(SystemExit):
     sys.argv = ["palpate", "sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--out", folder + "/first"]

@@ -58,7 +58,6 @@ from palpate.procedures.lab import open as session
 from palpate.procedures.commands.options import Output
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
-canopen.Network.NOTIFIER_CYCLE = 0.002
 with tempfile.TemporaryDirectory() as folder, contextlib.suppress(SystemExit):
     sys.argv = ["palpate", "sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--out", folder + "/first"]
     main()
@@ -73,6 +72,7 @@ Output.progress = progress
 
 class BenchClock:
     goes_on = False
+    stepper = None
     def __init__(self, begun=0):
         self._lock = threading.Lock()
         self._end = socket.socket(socket.AF_UNIX)

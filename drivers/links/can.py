@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,16 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.links import causes
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.links import MULTICAST, WITHIN_MACHINE, CanBus, close_bus_in_child, keep_to_group, leave
+from palpate.instrument.bench.links import (
+    MULTICAST,
+    WITHIN_MACHINE,
+    CanBus,
+    Stepper,
+    arrived,
+    close_bus_in_child,
+    keep_to_group,
+    leave,
+)
 from palpate.instrument.contracts.pdo import hand_over
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout, UnknownName
@@ -171,6 +181,15 @@ class _Tapped:
             self._heard(False, msg)
 
 
+def _take_up(network: canopen.Network) -> bool:
+    """Take up the frames that have come, as python-can's thread does where nobody steps; whether there were any."""
+    frames = arrived(network.bus)
+    for frame in frames:
+        for listener in network.listeners:
+            listener(frame)
+    return bool(frames)
+
+
 class CanLink:
     """One CAN bus, shared by the nodes on it; SDO transfers go one at a time.
 
@@ -178,12 +197,16 @@ class CanLink:
     next request. The node is therefore listened to until it has been silent for a whole time-out.
     """
 
-    def __init__(self, bus: files.CanBus) -> None:
-        """Raises ConfigError: python-can has no such interface."""
+    def __init__(self, bus: files.CanBus, stepper: Stepper | None = None) -> None:
+        """Make a link, closed. `stepper`: see `palpate.drivers.clock.BenchClock`.
+
+        Raises ConfigError: python-can has no such interface.
+        """
         self.name = f"{bus.interface}:{bus.channel}"
         if bus.interface not in can.VALID_INTERFACES:
             raise ConfigError(f"CAN bus {self.name}: {UnknownName('interface', bus.interface, can.VALID_INTERFACES)}")
         self._description = bus
+        self._stepper = stepper
         self._lock = OwnLock()
         self._network: canopen.Network | None = None
         self._cyclic: Cyclic | None = None
@@ -217,7 +240,15 @@ class CanLink:
         taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
         self._network.listeners = [*taps, self._listener]  # type: ignore[list-item]  # told before anybody acts on it
         self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # canopen would keep these frames for ever
-        self._network.connect()
+        if self._stepper is None:
+            self._network.connect()
+        else:
+            self._take_up = partial(_take_up, self._network)
+            self._stepper.take_turns(self._take_up)
+
+    def _step(self) -> None:
+        if self._stepper is not None:
+            self._stepper.step()
 
     def close(self) -> None:
         """Leave the bus. Raises LinkError: it failed meanwhile."""
@@ -228,6 +259,9 @@ class CanLink:
                 with suppress(can.CanError, OSError):  # whether or not the bus has failed, it is left
                     if cyclic is not None:
                         cyclic.end_all()
+                self._step()
+                if self._stepper is not None:
+                    self._stepper.end_turns(self._take_up)
                 leave(network)
             except (can.CanError, OSError) as error:
                 raise LinkError(self._why_lost(error)) from error
@@ -262,6 +296,7 @@ class CanLink:
         node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         node.sdo = CheckedSdoClient(node.sdo.rx_cobid, node.sdo.tx_cobid, node.object_dictionary)  # type: ignore[no-untyped-call]
         node.sdo.RESPONSE_TIMEOUT = self._description.timeout
+        node.sdo.stepper = self._stepper
         if has_wire(self._description):
             node.sdo.shortest = shortest_transfer(self._description.bitrate)
         node.sdo_channels = [node.sdo]
@@ -341,7 +376,7 @@ class CanLink:
     def _await_silence(self, who: str, node: canopen.RemoteNode) -> None:
         with suppress(queue.Empty):
             for _ in range(LATE_ANSWERS):
-                node.sdo.responses.get(timeout=self._description.timeout)
+                node.sdo.next_answer(self._description.timeout)
             raise LinkError(f"{who}: keeps sending unasked answers; look for a second SDO client on the bus")
 
     def beat(self, master: int) -> None:
@@ -362,6 +397,7 @@ class CanLink:
             self.network.send_message(cob_id, data)
         except (can.CanError, OSError) as error:
             raise LinkError(self._why_lost(error)) from error
+        self._step()
 
     def begin_cycle(self, cob_id: int, frames: Sequence[bytes], period_us: int) -> None:
         """From now on let the bus send these frames over and over; see `Cyclic.begin`. Raises LinkError."""
@@ -383,6 +419,7 @@ class CanLink:
                 do(self._cyclic)
             except (can.CanError, OSError) as error:
                 raise LinkError(self._why_lost(error)) from error
+            self._step()
 
     def command(self, node: canopen.RemoteNode, state: str) -> None:
         """NMT: ask a node to go to `state` (OPERATIONAL, PRE-OPERATIONAL, STOPPED, RESET); there is no answer."""
@@ -391,6 +428,7 @@ class CanLink:
                 node.nmt.state = state
             except (can.CanError, OSError) as error:
                 raise LinkError(self._why_lost(error)) from error
+            self._step()
 
 
 # -------------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import select
 import socket
 import struct
 from collections.abc import Callable, Iterator
@@ -17,8 +16,8 @@ from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 from palpate.drivers.clock import Clock, WallClock
 from palpate.drivers.links import causes
-from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
-from palpate.instrument.bench.links import SerialLine, TcpLink
+from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient, readable
+from palpate.instrument.bench.links import SerialLine, Stepper, TcpLink
 from palpate.instrument.contracts.declaration import USUAL
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.instrument.own_process import OwnLock, close_in_child
@@ -116,8 +115,9 @@ class TcpClient(ModbusTcpClient):
 
     failure: OSError | None = None
 
-    def __init__(self, host: str, **settings: Any) -> None:
+    def __init__(self, host: str, stepper: Stepper | None = None, **settings: Any) -> None:
         super().__init__(host, retries=0, **settings)
+        self._stepper = stepper
 
     def connect(self) -> bool:
         """Connect, if it is not connected; returns whether it is. Raises ValueError: no host can have this name."""
@@ -140,11 +140,23 @@ class TcpClient(ModbusTcpClient):
         sent: int = super().send(request, addr)
         return sent
 
+    def recv(self, size: int | None) -> bytes:
+        """Bytes that have come, as soon as there are any; empty after the time-out. The caller joins the pieces.
+
+        Raises ConnectionException: the connection is closed; OSError: it broke.
+        """
+        if self.socket is None:
+            raise ConnectionException(str(self))
+        if not readable(self.socket.fileno(), self.comm_params.timeout_connect, self._stepper):
+            return b""
+        if not (data := self.socket.recv(size or LARGEST_REPLY)):
+            self.close()  # type: ignore[no-untyped-call]
+            raise ConnectionException(str(self))
+        return data
+
     def _over(self, connection: socket.socket) -> bool:
         """Whether the other end has closed the connection, or has sent what nobody asked for."""
-        looked = select.poll()
-        looked.register(connection, select.POLLIN)
-        return bool(looked.poll(0))
+        return readable(connection.fileno(), 0.0, self._stepper)
 
 
 # --- the link ------------------------------------------------------------------------------------------
@@ -226,15 +238,16 @@ class ModbusLink:
         return _bounded(data)
 
     @classmethod
-    def tcp(cls, address: TcpLink, clock: Clock | None = None) -> Self:
-        client = TcpClient(address.host, port=address.port, timeout=address.timeout)
+    def tcp(cls, address: TcpLink, clock: Clock | None = None, stepper: Stepper | None = None) -> Self:
+        client = TcpClient(address.host, stepper, port=address.port, timeout=address.timeout)
         return cls(f"{address.host}:{address.port}", client, clock)
 
     @classmethod
-    def rtu(cls, line: SerialLine, clock: Clock | None = None) -> Self:
+    def rtu(cls, line: SerialLine, clock: Clock | None = None, stepper: Stepper | None = None) -> Self:
         client = RtuClient(
-            line.port, baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, timeout=line.timeout
-        )
+            line.port, stepper,
+            baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, timeout=line.timeout,
+        )  # fmt: skip
         return cls(line.port, client, clock)
 
     def open(self) -> None:

@@ -22,7 +22,7 @@ from pymodbus.exceptions import ConnectionException
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
 
-from palpate.instrument.bench.links import FASTEST, character_bits, earliest_reply, silence
+from palpate.instrument.bench.links import FASTEST, Stepper, character_bits, earliest_reply, silence
 
 READS_BITS, READS_REGISTERS, WRITES_ONE, WRITES_SOME = (1, 2), (3, 4), (5, 6), (15, 16)  # functions
 REFUSED = 0x80  # bit of a function code that marks a refusal
@@ -31,6 +31,15 @@ CHECK_SUM, OF_REFUSAL, OF_CONFIRMATION = 2, 5, 8  # bytes of a check sum, a refu
 HEAD = 3  # bytes of a reply to a read before its registers
 TERMINALS = "/dev/pts/"  # pseudo-terminals, which have no wire
 UART = re.compile(r"/dev/tty(S|USB|AMA|O|SC|THS|mxc|PS|UL|LP|HS|sWK|XRUSB)\d+")  # device files of Linux
+
+
+def readable(descriptor: int, within: float, stepper: Stepper | None) -> bool:
+    """Wait until something can be read, for at most so long [s]; returns whether it can. See `BenchClock.stepper`."""
+    if stepper is not None:
+        return stepper.ready(descriptor, within)
+    looked = select.poll()
+    looked.register(descriptor, select.POLLIN)
+    return bool(looked.poll(1e3 * within))
 
 
 class ReplyFramer(FramerRTU):
@@ -105,10 +114,10 @@ class RtuClient(ModbusSerialClient):
     """pymodbus' serial client, woken as soon as a reply comes; pymodbus' own looks for one every millisecond.
 
     `too_soon` counts the bytes that came after the last request, before a wire of `speed` bit/s could have brought its
-    reply. They are thrown away.
+    reply. They are thrown away. Devices that answer while this end steps them use no wire: their replies come at once.
     """
 
-    def __init__(self, port: str, **settings: Any) -> None:
+    def __init__(self, port: str, stepper: Stepper | None = None, **settings: Any) -> None:
         super().__init__(port, retries=0, **settings)
         self.replies = ReplyFramer(DecodePDU(False))
         self.framer = self.transaction.framer = self.replies
@@ -120,7 +129,9 @@ class RtuClient(ModbusSerialClient):
         terminal = os.path.realpath(port).startswith(TERMINALS)
         self.silence = 0.0 if terminal else silence(line.baudrate, self._bits)
         self.speed = line.baudrate if UART.fullmatch(os.path.realpath(port)) else FASTEST
-        self._has_wire = "://" not in port  # a gateway on the network can answer by itself, as soon as it is asked
+        self._stepper = stepper
+        # a gateway on the network can answer by itself, as soon as it is asked
+        self._has_wire = "://" not in port and stepper is None
 
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
         """Throw away bytes that came unasked, keep the silence between frames, and hand the request to the system.
@@ -198,7 +209,7 @@ class RtuClient(ModbusSerialClient):
         return time.monotonic()
 
     def _ready(self, within: float) -> bool:
-        return bool(select.select([self._line()], [], [], within)[0])
+        return readable(self._line().fileno(), within, self._stepper)
 
     def _read(self) -> bytes:
         return os.read(self._line().fileno(), LARGEST_REPLY)

@@ -9,6 +9,8 @@ import time
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from palpate.instrument.bench.links import Stepper
+
 LATE_ANSWERS = 10  # greatest number that an interrupted transfer can leave; a node that sends more is not trusted
 LARGEST_OBJECT = 4096  # bytes; a device name has some tens
 SEGMENT = 7  # bytes of an object in a frame
@@ -30,10 +32,12 @@ class CheckedSdoClient(SdoClient):
     Attributes:
         shortest: shortest time that request and answer take on the bus [s]; 0 where there is no wire.
         too_soon: number of answers to the last request that came sooner.
+        stepper: see `palpate.drivers.clock.BenchClock`.
     """
 
     shortest = 0.0
     too_soon = 0
+    stepper: Stepper | None = None
     _object = NO_OBJECT  # index and subindex of the transfer
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
@@ -55,7 +59,7 @@ class CheckedSdoClient(SdoClient):
             if not left and heard > LATE_ANSWERS:
                 break
             try:
-                answer: bytes = self.responses.get(timeout=left)
+                answer = self.next_answer(left)
             except queue.Empty:
                 break
             if self._now() < earliest:
@@ -67,6 +71,17 @@ class CheckedSdoClient(SdoClient):
                 return answer
         self.abort(TIMED_OUT)  # type: ignore[no-untyped-call]
         raise SdoCommunicationError("no answer in time")
+
+    def next_answer(self, within: float) -> bytes:
+        """The next answer of the node, to whatever request. Raises queue.Empty: none comes for so long [s]."""
+        if self.stepper is not None:
+            until = self._now() + within
+            self.stepper.step()
+            while self.responses.empty() and (left := until - self._now()) > 0:
+                self.stepper.glance(left)
+            within = 0.0
+        answer: bytes = self.responses.get(timeout=within)
+        return answer
 
     def _answers(self, answer: bytes, request: bytes) -> bool:
         asked = request[0] & SPECIFIER

@@ -178,6 +178,7 @@ class BusReplay:
     """
 
     goes_on = True
+    stepper = None
 
     def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
         """Read a log.

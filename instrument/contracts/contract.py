@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -26,6 +26,7 @@ from palpate.instrument.contracts.declaration import (
 from palpate.instrument.contracts.field import (
     NUL,
     PROBE,
+    STRUCT,
     Access,
     Codec,
     Field,
@@ -132,6 +133,13 @@ class Contract(Declaration):
                 raise struct.error(f"{raw} does not fit {f.part[1]} bits")
             raw = int(raw) << f.part[0]
         return self._ordered(f, self._codec[f.name].pack(raw))
+
+    def together(self, fields: Sequence[Field]) -> struct.Struct | None:
+        """What packs the raw values of fields that follow each other; None: some have bytes of a kind of their own."""
+        codecs = [self._plain[f.name][0] if f.name in self._plain else None for f in fields]
+        if not all(isinstance(each, struct.Struct) for each in codecs):
+            return None
+        return struct.Struct((">" if self.bus == "modbus" else "<") + "".join(STRUCT[f.type] for f in fields))
 
     @property
     def _octets(self) -> Literal["big", "little"]:

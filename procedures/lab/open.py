@@ -216,7 +216,7 @@ def opened(
             wire = stack.enter_context(chosen.logged.wire)
             description, clock, operator = wire.description, wire, ConsoleOperator(lambda _what, _word: None)
         elif chosen.scene is not None:
-            simulated = stack.enter_context(SimulatedBench(chosen.scene))
+            simulated = stack.enter_context(SimulatedBench(chosen.scene, stepped=True))
             description, clock, operator = simulated.description, simulated.clock, simulated.operator
             now = started  # a simulated bench stays on the date of its run
         assert description is not None

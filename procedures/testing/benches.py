@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import canopen
 import click
 import pytest
 
@@ -26,8 +25,6 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene, with_faults
 from palpate.simulators.scenes.heads import shipped
 from palpate.simulators.scenes.scene import Scene
-
-CYCLE = 0.002  # s that closing a bus waits; short, because tests close many
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +78,7 @@ def _read(name: str) -> Scene:
 @contextmanager
 def simulated_bench(scene: Scene) -> Iterator[WatchedBench]:
     """Serve a scene, and give its bench."""
-    canopen.Network.NOTIFIER_CYCLE = CYCLE
-    with SimulatedBench(scene) as simulated:
+    with SimulatedBench(scene, stepped=True) as simulated:
         bench = Bench(simulated.description, simulated.clock, simulated.operator)
         faults = [f"fault {table}" for table in scene.file.fault or ()]
         yield WatchedBench(bench, "\n".join([f"scene {scene.name}, seed {scene.seed}", *faults]), Traffic(bench))

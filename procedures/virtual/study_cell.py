@@ -137,7 +137,7 @@ def _on_a_bench(scene: Scene, sweep: LoadSweep) -> Iterator[dict[str, Any]]:
     header = {"procedure": "study", "simulated": True, "started": EPOCH}
     with (
         tempfile.TemporaryDirectory(prefix="palpate-") as folder,
-        SimulatedBench(scene) as simulated,
+        SimulatedBench(scene, stepped=True) as simulated,
         Recorder.create(Path(folder), header) as record,
         Bench(simulated.description, simulated.clock, simulated.operator) as bench,
     ):

@@ -54,7 +54,10 @@ class CanSegment:
         clock.add(self)
 
     def __enter__(self) -> Self:
-        self._network.connect()
+        if self._clock.stepper is None:
+            self._network.connect()
+        else:
+            self._clock.stepper.take_turns(self._network.take)
         for node in self.nodes:
             local = self._local[node.id]
             attach(self._network, local, node, self._let_pass, self._timing_changed)
@@ -64,6 +67,8 @@ class CanSegment:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self._clock.stepper is not None:
+            self._clock.stepper.end_turns(self._network.take)
         leave(self._network)
 
     def send_by(self, instead: Callable[[Send], Send]) -> None:

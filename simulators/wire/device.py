@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 from pymodbus.constants import ExcCodes
 
@@ -135,7 +135,21 @@ TABLE_OF: dict[int, Table] = {function: table for table, function in READS.items
 }
 IDENTIFY = 43
 
-Answer = list[int] | list[bool] | ExcCodes
+Answer = bytes | list[bool] | ExcCodes
+
+
+class _Range(NamedTuple):
+    """What lies in a range of a table.
+
+    Attributes:
+        fields: the fields that lie there, at least partly.
+        filled: whether they fill it.
+        together: what packs their raw values if each is there as a whole and once; None: they are packed one by one.
+    """
+
+    fields: list[Field]
+    filled: bool
+    together: struct.Struct | None
 
 
 class Registers:
@@ -162,16 +176,18 @@ class Registers:
         return frozenset(found)
 
     def read(self, function: int, address: int, count: int) -> Answer:
-        """The registers or bits of a range, or the exception code with which the device refuses."""
+        """The registers of a range as bytes, its bits, or the exception code with which the device refuses."""
         try:
             table = self._table(function)
             if table not in BITS and count > self.contract.manners.most_read:
                 raise Refused(ExcCodes.ILLEGAL_VALUE)
             with self.device.clock.lock:
-                fields = self._whole(table, address, count)
+                found = self._whole(table, address, count)
                 if table in BITS:
-                    return [bool(self.device.read(f.name)) for f in fields]
-                return self._registers(fields, address, count)
+                    return [bool(self.device.read(f.name)) for f in found.fields]
+                if found.together is not None:
+                    return found.together.pack(*[f.to_raw(self.device.read(f.name)) for f in found.fields])
+                return self._registers(found.fields, address, count)
         except Refused as refused:
             return ExcCodes(refused.code)
         except Exception as error:  # whatever a scene's numbers lead to
@@ -185,7 +201,7 @@ class Registers:
             if table not in BITS and len(values) > self.contract.manners.most_written:
                 raise Refused(ExcCodes.ILLEGAL_VALUE)
             with self.device.clock.lock:
-                fields = self._whole(table, address, len(values))
+                fields = self._whole(table, address, len(values)).fields
                 if any(f.access == "ro" for f in fields):
                     raise Refused(ExcCodes.ILLEGAL_ADDRESS)
                 if any(f.function not in (0, function) for f in fields):
@@ -207,29 +223,31 @@ class Registers:
             raise Refused(ExcCodes.ILLEGAL_FUNCTION)
         return TABLE_OF[function]
 
-    def _fields_at(self, table: Table, address: int, count: int) -> tuple[list[Field], bool]:
-        """Fields of a table that lie in a range, at least partly, and whether they fill it."""
+    def _fields_at(self, table: Table, address: int, count: int) -> _Range:
         end = address + count
         found = [f for f in self._tables[table] if f.address < end and f.address + f.width > address]
-        held = {at for f in found for at in range(f.address, f.address + f.width)}
-        return found, held.issuperset(range(address, end))
+        held = [at for f in found for at in range(f.address, f.address + f.width)]
+        alone = held == list(range(address, end)) and table not in BITS
+        return _Range(
+            found, set(held).issuperset(range(address, end)), self.contract.together(found) if alone else None
+        )
 
-    def _whole(self, table: Table, address: int, count: int) -> list[Field]:
-        """The fields of a range. Raises Refused: a part of it does not exist."""
-        fields, filled = self._at(table, address, count)
-        if not filled:
+    def _whole(self, table: Table, address: int, count: int) -> _Range:
+        """What lies in a range. Raises Refused: a part of it does not exist."""
+        found = self._at(table, address, count)
+        if not found.filled:
             raise Refused(ExcCodes.ILLEGAL_ADDRESS)
         self.device.requested()
-        return fields
+        return found
 
-    def _registers(self, fields: Sequence[Field], address: int, count: int) -> list[int]:
+    def _registers(self, fields: Sequence[Field], address: int, count: int) -> bytes:
         registers = [0] * count
         for f in fields:
             data = self._bytes(f)
             for number, register in enumerate(struct.unpack(f">{len(data) // 2}H", data), f.address - address):
                 if 0 <= number < count:
                     registers[number] |= register  # several fields may share a register
-        return registers
+        return struct.pack(f">{count}H", *registers)
 
     def _bytes(self, f: Field) -> bytes:
         if f.type == "text":
@@ -279,9 +297,12 @@ class Units:
     def __init__(self, registers: Mapping[int, Registers]) -> None:
         self.registers = registers
 
-    async def async_getValues(self, unit: int, function: int, address: int, count: int) -> Answer:
+    async def async_getValues(
+        self, unit: int, function: int, address: int, count: int
+    ) -> list[int] | list[bool] | ExcCodes:
         """Called by a request; it never awaits, because meanwhile pymodbus could answer another one."""
-        return self.registers[unit].read(function, address, count)
+        found = self.registers[unit].read(function, address, count)
+        return list(struct.unpack(f">{count}H", found)) if isinstance(found, bytes) else found
 
     async def async_setValues(
         self, unit: int, function: int, address: int, values: list[int] | list[bool]

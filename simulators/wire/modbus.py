@@ -2,79 +2,63 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import selectors
-import threading
 import time
-from collections.abc import Coroutine
-from typing import TYPE_CHECKING, Any, Self, TypeVar
-
-from pymodbus.pdu import ModbusPDU
+from typing import TYPE_CHECKING, Self
 
 from palpate.instrument.bench.links import LOOPBACK, check_loopback
 from palpate.instrument.errors import BenchError, PalpateError
-from palpate.instrument.own_process import Ends, close_in_child, watched
+from palpate.instrument.own_process import Ends
 from palpate.simulators.wire.device import Registers, SimulatedDevice
+from palpate.simulators.wire.loop import Loop
 from palpate.simulators.wire.modbus_server import Identity, SerialServer, TcpServer
 from palpate.simulators.wire.relay import LineNoise, Relay
+from palpate.simulators.wire.terminal import Terminal
 
 if TYPE_CHECKING:
     from palpate.simulators.physics.stages import LineEffect
 
-OUTER = 4  # bytes of a frame around its data: unit id, function code, CRC
 NEVER_YET = -(10**18)  # ns
-T = TypeVar("T")
 
 
-class ServerThread:
-    """A thread with one event loop for all Modbus servers of a bench. Leaving the context stops all that it started."""
+class Servers:
+    """All Modbus servers of a bench, on one loop. Leaving the context stops all that it started.
 
-    def __init__(self) -> None:
-        selector = selectors.DefaultSelector()
-        close_in_child(selector, watched)
-        self._loop = asyncio.SelectorEventLoop(selector)
-        self._thread = threading.Thread(target=self._loop.run_forever, name="simulated Modbus", daemon=True)
-        self._servers: list[Any] = []
+    Attributes:
+        loop: serves them, in a thread of its own unless `stepped`: then only in the steps of its clients.
+    """
+
+    def __init__(self, loop: Loop | None = None, *, stepped: bool = False) -> None:
+        self.loop = loop or Loop()
+        self._stepped = stepped
+        self._servers: list[TcpServer | SerialServer] = []
+        self._open: list[TcpServer | Terminal] = []
         self._of_device: dict[int, TcpServer] = {}
         self._ends = Ends()
 
     def __enter__(self) -> Self:
-        self._thread.start()
-        self._ends.callback(self._stop)
+        self._ends.enter_context(self.loop)
+        self._ends.callback(self._close)
+        if not self._stepped:
+            self.loop.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._ends.close()
 
-    def _stop(self) -> None:
-        self._run(self._shut_down())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-
-    def _run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result()
-
-    async def _shut_down(self) -> None:
-        for server in self._servers:
-            await server.shutdown()
-        for task in asyncio.all_tasks() - {asyncio.current_task()}:
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
+    def _close(self) -> None:
+        with self.loop.lock:
+            for each in self._open:
+                each.close()
 
     def catch_up(self) -> None:
-        """Wait until the servers have taken up all requests that have arrived up to now."""
-        done = threading.Event()
-        # a callback scheduled twice runs after the loop has polled its sockets once
-        self._loop.call_soon_threadsafe(self._loop.call_soon, done.set)
-        done.wait()
+        """Let the servers take up all requests that have arrived up to now."""
+        self.loop.step()
 
     @property
     def transactions(self) -> int:
         """Number of requests that have come in so far."""
-        return sum(server.transactions for server in self._servers if isinstance(server, TcpServer | SerialServer))
+        return sum(server.transactions for server in self._servers)
 
     def serve_tcp(
         self,
@@ -88,25 +72,18 @@ class ServerThread:
         """
 
         check_loopback(address[0])
-
-        async def start() -> int:
-            server = TcpServer(unit, Registers(device), _identity(device), address)
-            if not await server.listen():
-                raise OSError
-            self._servers.append(server)
-            self._of_device[id(device)] = server
-            transport: Any = server.transport
-            port: int = transport.sockets[0].getsockname()[1]
-            return port
-
         try:
-            return self._run(start())
+            server = TcpServer(self.loop, unit, Registers(device), _identity(device), address)
         except OSError:
             host, taken = address
             raise BenchError(
                 f"cannot listen on {host}:{taken}: the port is in use, or the host is no address of this machine; give "
                 "another"
             ) from None
+        self._servers.append(server)
+        self._of_device[id(device)] = server
+        self._open.append(server)
+        return server.port
 
     def put_between(self, device: SimulatedDevice, link: Relay) -> None:
         """From now on let requests to a device on TCP pass through `link`, which may damage them."""
@@ -114,31 +91,20 @@ class ServerThread:
 
     def make_noisy(self, noise: LineNoise) -> None:
         """From now on let frames of the serial line pass through `noise`, which may damage them."""
-
-        async def make() -> None:
-            terminal: Any = next(server.transport for server in self._servers if isinstance(server, SerialServer))
-            terminal.make_noisy(noise)
-
-        self._run(make())
+        self._terminal.make_noisy(noise)
 
     def serve_rtu(self, devices: dict[int, SimulatedDevice], timing: LineEffect | None) -> str:
         """Serve devices on one serial line, by unit id. Returns the path of the terminal that a client opens."""
-        line = _SerialLine(devices, timing)
-
-        async def start() -> str:
-            server = SerialServer(
-                {unit: Registers(device) for unit, device in devices.items()},
-                {unit: _identity(device) for unit, device in devices.items()},
-                trace_pdu=line.trace_pdu,
-                trace_packet=line.trace_packet,
-            )
-            await server.listen()
-            self._servers.append(server)
-            terminal: Any = server.transport
-            path: str = terminal.path
-            return path
-
-        return self._run(start())
+        server = SerialServer(
+            self.loop,
+            {unit: Registers(device) for unit, device in devices.items()},
+            {unit: _identity(device) for unit, device in devices.items()},
+            _SerialLine(devices, timing),
+        )
+        self._servers.append(server)
+        self._terminal = Terminal(self.loop, server, at_once=self._stepped)
+        self._open.append(self._terminal)
+        return self._terminal.path
 
 
 def _identity(device: SimulatedDevice) -> Identity:
@@ -162,8 +128,7 @@ def _identity(device: SimulatedDevice) -> Identity:
 class _SerialLine:
     """The serial line itself: absent units are silent, each frame takes time, and who is asked too soon hears nothing.
 
-    A wait here blocks the servers' whole thread. That is right: the client waits for its reply, and nobody else moves
-    the clock on.
+    A wait here blocks all servers. That is right: the client waits for its reply, and nobody else moves the clock on.
     """
 
     def __init__(self, devices: dict[int, SimulatedDevice], timing: LineEffect | None) -> None:
@@ -173,20 +138,19 @@ class _SerialLine:
         self._timing = timing
         self._replied_ns = NEVER_YET
 
-    def trace_pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
-        if not sending:
-            self._pass(len(pdu.encode()) + OUTER)
-        return pdu
+    def lets_in(self, unit: int) -> bool:
+        gap_ns = self._gaps_ns.get(unit, 0)
+        return not gap_ns or self._now_ns() - self._replied_ns >= gap_ns
 
-    def trace_packet(self, sending: bool, data: bytes) -> bytes:
-        if not sending:
-            gap_ns = self._gaps_ns.get(data[0], 0) if data else 0
-            return data if not gap_ns or self._now_ns() - self._replied_ns >= gap_ns else b""
-        if data and data[0] not in self._units:
-            return b""  # pymodbus would answer for an absent unit
-        self._pass(len(data))
+    def request(self, size: int) -> None:
+        self._pass(size)
+
+    def reply(self, unit: int, size: int) -> bool:
+        if unit not in self._units:
+            return False
+        self._pass(size)
         self._replied_ns = self._now_ns()
-        return data
+        return True
 
     def _now_ns(self) -> int:
         """The time by which clients keep silences; a served clock stands still for longer than these last."""

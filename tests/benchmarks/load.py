@@ -29,16 +29,16 @@ while os.getppid() == parent and time.monotonic() < end:
 """
 
 
-def measure(sweeps: int = SWEEPS, busy: int = BUSY) -> Iterator[Row]:
+def measure(sweeps: int = SWEEPS, programs: int = BUSY) -> Iterator[Row]:
     """How many sweeps end well, several at once, each on a bench of another process."""
-    with TemporaryDirectory() as place, _busy(busy), ThreadPoolExecutor(AT_ONCE) as pool:
+    with TemporaryDirectory() as place, busy(programs), ThreadPoolExecutor(AT_ONCE) as pool:
         folders = [Path(place) / str(number) for number in range(sweeps)]
         results = list(pool.map(_swept, folders))
         load = os.getloadavg()[0]
     failures = [said for _, said in results if said]
     well, longest = sweeps - len(failures), max(took for took, _ in results)
     yield Row(
-        f"served sweeps that end well, {AT_ONCE} at once beside {busy} busy programs, load {load:.0f},"
+        f"served sweeps that end well, {AT_ONCE} at once beside {programs} busy programs, load {load:.0f},"
         f" {longest:.0f} s at most",
         f"{well} of {sweeps}" + (f": {failures[0]}" if failures else ""),
         f"{sweeps} of {sweeps}",
@@ -76,7 +76,7 @@ def _served(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _busy(count: int) -> Iterator[None]:
+def busy(count: int) -> Iterator[None]:
     programs = [subprocess.Popen([sys.executable, "-S", "-E", "-c", SPIN]) for _ in range(count)]
     try:
         yield

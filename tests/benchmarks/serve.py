@@ -8,11 +8,13 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -22,20 +24,48 @@ from palpate.instrument.contracts.signal_generator import CONTRACT
 from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.planning.settle import read_scene
+from tests.benchmarks.in_turn import beside, served
 from tests.benchmarks.row import Row
 
 REQUESTS = 3000  # of a round, all clients together
 ROUNDS = 5
 GOAL = 0.8
+CLIENTS = (1, 8, 32)
+COST = 10e-6  # s
+SERVED = """
+from palpate.procedures.virtual.served_bench import Wish, serving
+from palpate.simulators.bench import BenchAddresses
+from palpate.simulators.planning.settle import read_scene
+with serving(Wish(read_scene("thesis_single"), BenchAddresses(), None, 1.0, 1.0, (), None)) as served:
+    print(json.dumps({"port": served.description.links["signal_generator"].port}), flush=True)
+    for _ in sys.stdin:
+        print(json.dumps(used()), flush=True)
+"""
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.5 s", "--json")
+PEER = """
+from pyModbusTCP.server import ModbusServer
+server = ModbusServer("127.0.0.1", 0, no_block=True)
+server.start()
+print(json.dumps({"port": server._service.server_address[1]}), flush=True)
+for _ in sys.stdin:
+    print(json.dumps(used()), flush=True)
+server.stop()
+"""
 NOTHING = Wish(read_scene("thesis_single"), BenchAddresses(), None, 1.0, 1.0, (), None)
 
 
 def measure() -> Iterator[Row]:
-    """Requests a second, and the ratio of a sample from another process."""
-    with serving(NOTHING) as served, _bare() as bare:
+    """Processor time of a request, requests a second, and the ratio of a sample from another process."""
+    for clients in CLIENTS:
+        costs = served(SERVED, partial(_cost, clients=clients), ROUNDS)
+        yield Row(
+            f"a served request, {clients} client{'s' * (clients > 1)}: processor time",
+            beside([1e6 * each for each in costs], "{:.1f} µs".format), f"<= {1e6 * COST:.0f} µs", costs[0] <= COST,
+        )  # fmt: skip
+    yield Row("the same of pyModbusTCP's server, 1 client", f"{1e6 * _peer():.1f} µs")
+    with serving(NOTHING) as bench, _bare() as bare:
         for clients in (1, 8):
-            own_rate, bare_rate = _rates(served.description.links["signal_generator"].port, bare, clients)
+            own_rate, bare_rate = _rates(bench.description.links["signal_generator"].port, bare, clients)
             ratio = own_rate / bare_rate
             yield Row(
                 f"served generator / bare pymodbus, {clients} client{'s' * (clients > 1)}",
@@ -44,6 +74,18 @@ def measure() -> Iterator[Row]:
                 ratio >= GOAL,
             )
     yield _other_process()
+
+
+def _peer() -> float:
+    """Processor time of a request to pyModbusTCP's server, one client [s]."""
+    return min(served(PEER, partial(_cost, clients=1), ROUNDS))
+
+
+def _cost(ready: dict[str, Any], used: Callable[[], dict[str, float]], clients: int) -> float:
+    """Processor time of the server for a request [s]."""
+    before = used()
+    _ask(ready["port"], clients)
+    return (used()["cpu"] - before["cpu"]) / (clients * (REQUESTS // clients))
 
 
 def _rates(own: int, bare: int, clients: int) -> tuple[float, float]:

@@ -170,6 +170,7 @@ def test_a_program_on_another_machine_is_refused_and_changes_nothing(
             """Time in which the first program goes on, too."""
 
             goes_on = False
+            stepper = None
             now_ns = sim.clock.now_ns
 
             def wait(self, duration: float) -> None:

@@ -28,6 +28,7 @@ class Ticking:
     """A clock that is never twice the same, as that of the wall."""
 
     goes_on = False
+    stepper = None
 
     def __init__(self, sim: SimulatedBench) -> None:
         self._clock = sim.clock

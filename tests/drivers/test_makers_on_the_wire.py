@@ -17,7 +17,7 @@ from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import SimulatedPlace
-from palpate.simulators.wire.modbus import ServerThread
+from palpate.simulators.wire.modbus import Servers
 from tests.contracts import modbus_contract
 
 THING = modbus_contract(
@@ -47,13 +47,13 @@ class Thing(Twin):
 
 
 @pytest.fixture(params=["tcp", "rtu"])
-def wired(request: pytest.FixtureRequest) -> Iterator[tuple[ModbusDevice, Any, VirtualClock]]:
+def wired(codec: str, request: pytest.FixtureRequest) -> Iterator[tuple[ModbusDevice, Any, VirtualClock]]:
     """A driver on a link of either kind, the twin that it drives at unit 0, and the clock of both."""
     rig: Any = None
     kind: Any = SimpleNamespace(contract=THING)
     clock = VirtualClock()
     thing = Thing.at(SimulatedPlace(clock, rig, 0, "SIM-TH-0003", None, kind, lambda _role: None))
-    with ServerThread() as servers:
+    with Servers() as servers:
         if request.param == "tcp":
             link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=servers.serve_tcp(0, thing), timeout="1 s"), clock)  # type: ignore[arg-type]
         else:

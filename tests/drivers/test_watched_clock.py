@@ -132,6 +132,7 @@ class GoesOn:
     """The bench's clock as that of a wall, which a test moves on itself."""
 
     goes_on = True
+    stepper = None
 
     def __init__(self, sim: SimulatedBench) -> None:
         self.now_ns, self.wait = sim.clock.now_ns, sim.clock.wait

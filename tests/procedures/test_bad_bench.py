@@ -14,9 +14,7 @@ import pytest
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.contracts.contract import Identity
 from palpate.procedures.records.run import Run
-from palpate.simulators import bench as simulated_bench
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.wire.modbus import ServerThread
 from tests.conftest import hasty
 from tests.drivers.benches import altered
 from tests.procedures.conftest import Benches, Palpate, outputs
@@ -114,20 +112,6 @@ def test_a_device_of_another_identity_or_word_order_is_refused(
     assert nothing_in_runs()
 
 
-@pytest.fixture
-def servers(monkeypatch: pytest.MonkeyPatch) -> list[ServerThread]:
-    """The Modbus servers of the simulated benches that are opened."""
-    started: list[ServerThread] = []
-
-    class Kept(ServerThread):
-        def __init__(self) -> None:
-            super().__init__()
-            started.append(self)
-
-    monkeypatch.setattr(simulated_bench, "ServerThread", Kept)
-    return started
-
-
 LINE, GENERATOR, AMPLIFIER, NODE = range(4)
 
 
@@ -142,7 +126,7 @@ LINE, GENERATOR, AMPLIFIER, NODE = range(4)
     ids=["line", "generator", "amplifier", "node"],
 )
 def test_a_device_cut_off_in_the_middle_ends_the_run_with_the_other_outputs_off(
-    palpate: Palpate, benches: Benches, servers: list[ServerThread], on_progress: Any,
+    palpate: Palpate, benches: Benches, on_progress: Any,
     cut: int, message: str, left_on: tuple[bool, bool], told: bool,
 ) -> None:  # fmt: skip
     def shorten(sim: SimulatedBench) -> None:
@@ -155,7 +139,7 @@ def test_a_device_cut_off_in_the_middle_ends_the_run_with_the_other_outputs_off(
             can = benches[0].can
             can._network.unsubscribe(can._local[1].sdo.rx_cobid)
         else:
-            servers[0]._run(servers[0]._servers[cut].shutdown())
+            benches[0].servers._open[cut].close()
 
     benches.doctor = shorten  # type: ignore[method-assign]
     on_progress(progress)

@@ -20,7 +20,7 @@ from palpate.procedures.lab.scan import ScanPlan
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import SimulatedPlace
-from palpate.simulators.wire.modbus import ServerThread
+from palpate.simulators.wire.modbus import Servers
 from tests.procedures.conftest import Palpate
 
 OVEN = """
@@ -57,7 +57,7 @@ def oven(tmp_path: Path) -> Iterator[tuple[Path, int]]:
     kind: Any = SimpleNamespace(contract=read_map(path).contract)
     rig: Any = None
     twin = Twin.at(SimulatedPlace(VirtualClock(), rig, 1, "SIM-OV-0042", None, kind, lambda _role: None))
-    with ServerThread() as servers:
+    with Servers() as servers:
         yield path, servers.serve_tcp(1, twin)
 
 

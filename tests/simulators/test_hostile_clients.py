@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import socket
 import struct
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -27,7 +29,7 @@ def framed(pdu: bytes, transaction: int = 7) -> bytes:
 
 
 @pytest.fixture
-def address(scene: Scene) -> Iterator[TcpLink]:
+def address(codec: str, scene: Scene) -> Iterator[TcpLink]:
     with SimulatedBench(scene) as simulated:
         yield simulated.description.links["signal_generator"]
 
@@ -131,6 +133,25 @@ def test_a_client_that_leaves_its_answers_unread_is_cut(
             answers += 1
         assert answers < 100
     assert served(own)
+
+
+def test_a_server_that_may_open_nothing_more_for_a_while_serves_its_clients_and_then_the_new_one(
+    address: TcpLink, own: SignalGenerator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert served(own)
+    accept, failed = socket.socket.accept, list[int]()
+
+    def exhausted(listening: socket.socket) -> Any:
+        if len(failed) < 2:
+            failed.append(1)
+            raise OSError(errno.EMFILE, "Too many open files")
+        return accept(listening)
+
+    monkeypatch.setattr(socket.socket, "accept", exhausted)
+    with clients(address, 1, framed(READ)) as (late,):
+        assert served(own)
+        assert late.recv(100)[7:] == b"\x03\x04" + PROBE.to_bytes(4, "big")
+    assert len(failed) == 2
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import select
 import socket
 import tty
 from collections.abc import Iterator
+from random import Random
 
 import pytest
 from pymodbus.framer import FramerRTU
@@ -14,6 +15,7 @@ from pymodbus.framer import FramerRTU
 from palpate.instrument.contracts.contract import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire import modbus_server
 
 LOST = 40  # requests after rubbish on a line, at most: 320 bytes
 
@@ -29,7 +31,7 @@ def served(scene: Scene) -> Iterator[SimulatedBench]:
 
 
 @pytest.fixture
-def client(served: SimulatedBench) -> Iterator[socket.socket]:
+def client(codec: str, served: SimulatedBench) -> Iterator[socket.socket]:
     address = served.description.links["signal_generator"]
     with socket.create_connection((address.host, address.port), timeout=5) as connected:
         yield connected
@@ -81,6 +83,38 @@ def asked(client: socket.socket, pdu: str, unit: int = 1) -> str:
 )
 def test_what_is_wrong_with_a_request_has_its_exception_code(client: socket.socket, request_: str, answer: str) -> None:
     assert asked(client, request_) == answer
+
+
+def random_requests(count: int) -> Iterator[bytes]:
+    """Requests with the functions that the thin codec has, most of them with something wrong."""
+    random = Random(7)
+    for _ in range(count):
+        function, address = random.choice([3, 3, 4, 6, 16, 16]), random.choice([random.randrange(64), 0x7000, 0xFFFF])
+        number = random.choice([0, 1, 2, 3, 4, 8, 123, 124, 125, 126, 255, 65535])
+        request = bytes([function]) + address.to_bytes(2) + number.to_bytes(2)
+        if function == 16:
+            request += bytes([random.choice([2 * number, number]) & 0xFF]) + random.randbytes(min(2 * number, 246))
+        yield random.choice([request, request, request[: random.randrange(1, len(request))], request + b"\0"])
+
+
+def test_both_codecs_give_the_same_answers_to_a_thousand_requests_good_and_bad(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Private, because nobody else chooses a codec."""
+    answers = []
+    for functions in (modbus_server.THIN, frozenset[int]()):
+        monkeypatch.setattr(modbus_server, "THIN", functions)
+        with SimulatedBench(scene) as simulated:
+            address = simulated.description.links["signal_generator"]
+            with socket.create_connection((address.host, address.port), timeout=5) as connected:
+                stream = connected.makefile("rb")
+                heard = []
+                for request in random_requests(1000):
+                    connected.sendall(framed(request))
+                    head = stream.read(6)
+                    heard.append((request.hex(), (head + stream.read(int.from_bytes(head[4:6]))).hex()))
+        answers.append(heard)
+    assert answers[0] == answers[1]
 
 
 @pytest.mark.parametrize("unit", [2, 17, 247])

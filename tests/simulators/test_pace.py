@@ -39,7 +39,9 @@ def test_what_has_come_is_answered_though_the_server_had_no_turn_meanwhile(sim: 
     with socket.create_connection((address.host, address.port), timeout=10) as client:
         client.sendall(READ)
         assert client.recv(64)
-        sim.servers._loop.call_soon_threadsafe(turn.wait)  # another program has the processor
+        sim.servers.loop.at(0.0, turn.wait)  # another program has the processor
+        client.sendall(READ)
+        assert client.recv(64)
         before = sim.servers.transactions
         client.sendall(READ)
         threading.Timer(0.0, turn.set).start()
