@@ -15,6 +15,7 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevice
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.links.can import CanLink, FrameCallback
+from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap, raw_limits
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, Pdo
@@ -438,8 +439,7 @@ def _check_rate(node: MappedNode, sync: Sync, within: tuple[float, float]) -> No
 # --- ours ----------------------------------------------------------------------------------------------
 
 CONTRACT = sensor_node.CONTRACT
-_SAMPLES, _STAMP = CONTRACT.pdos
-_SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo in (_SAMPLES, _STAMP))
+_SIZES = [sum(CONTRACT[f].size for f in pdo.fields) for pdo in CONTRACT.pdos]  # of its frames, in their order
 _FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
 _MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples before the counter starts again
 
@@ -458,7 +458,7 @@ class CanopenSensorNode(CanopenDevice):
         super().__init__(link, node_id, clock)
         self.rate = 1000.0
         self._volts_per_count = np.ones(CHANNELS)
-        self._frames: list[bytearray] = []
+        self._data, self._sizes = bytearray(), bytearray()  # of the frames that came, one after the other
         self._most = 0  # greatest number of frames that are kept, because a node may send without end
 
     def connect(self) -> None:
@@ -469,6 +469,7 @@ class CanopenSensorNode(CanopenDevice):
         for channel in range(1, CHANNELS + 1):
             self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
         self._listen()
+        self.link.take_blocks(self._on_frame, self._on_block)
 
     def set_range(self, channel: int, range_: str) -> None:
         """Set the input range of a channel (1 to 4): "5 V" or "500 mV"."""
@@ -510,7 +511,7 @@ class CanopenSensorNode(CanopenDevice):
 
     def arm(self, count: int = LARGEST_RECORDING) -> None:
         """Forget earlier samples, and take `count` samples from the next SYNC on."""
-        self._frames = []
+        self._data, self._sizes = bytearray(), bytearray()
         self._most = 2 * count
         self.start()
 
@@ -523,8 +524,16 @@ class CanopenSensorNode(CanopenDevice):
         return self._on_frame
 
     def _on_frame(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
-        if len(self._frames) < self._most:
-            self._frames.append(data)
+        if len(self._sizes) < self._most:
+            self._data += data
+            self._sizes.append(len(data))
+
+    def _on_block(self, columns: Mapping[int, Octets]) -> None:
+        """The frames of several SYNCs are kept in the same order as if they came one by one."""
+        count = max(self._most - len(self._sizes), 0) // len(columns)
+        sent = [data[:count] for data in columns.values()]
+        self._data += np.hstack(sent).tobytes()
+        self._sizes += len(sent[0]) * bytes(data.shape[1] for data in sent)
 
     def collect(self, count: int) -> Recording:
         """The first `count` samples since `arm`.
@@ -533,16 +542,16 @@ class CanopenSensorNode(CanopenDevice):
             LinkError: frames are missing, doubled or out of order; the message names the first such sample.
             DeviceError: the node has sent more emergencies than can be kept.
         """
-        frames, self._frames, self._most = self._frames, [], 0
+        data, came, self._most = self._data, np.frombuffer(self._sizes, np.uint8), 0
+        self._data, self._sizes = bytearray(), bytearray()
         if len(self.emergencies) == MOST_EMERGENCIES:
             raise DeviceError(f"{self.name}: has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again")
         lost = f"{self.name}: samples are missing from number {{}} on; the bus lost frames, record again"
-        sizes = np.fromiter(map(len, frames), int)
-        odd = np.flatnonzero(sizes != np.resize([_SAMPLES_SIZE, _STAMP_SIZE], sizes.size))
-        good = int(odd[0]) if odd.size else sizes.size
+        odd = np.flatnonzero(came != np.resize(_SIZES, came.size))
+        good = int(odd[0]) if odd.size else came.size
         if good // 2 < count:
             raise LinkError(lost.format(good // 2 + 1))
-        pairs = np.frombuffer(b"".join(frames[: 2 * count]), _FRAME_PAIR)
+        pairs = np.frombuffer(data, _FRAME_PAIR, count)
         counter = pairs["counter"].astype(np.int64)
         wrong = np.flatnonzero(counter != np.arange(1, count + 1))
         if wrong.size:
