@@ -90,10 +90,10 @@ class Sums:
             time: (n,) s, about the middle of the record.
             signals: (channels, n). Take a common level off them first, because squares of large numbers lose digits.
         """
-        columns = _unscaled(time, *self._of) * self.scale
+        rows = _rows(time, *self._of, self.scale)
         self.samples += time.size
-        self.gram += columns.T @ columns
-        self._moments = self._moments + columns.T @ signals.T
+        self.gram += rows @ rows.T
+        self._moments = self._moments + rows @ signals.T
         self._squares = self._squares + (signals**2).sum(axis=1)
 
     def solve(self) -> Floats:
@@ -153,8 +153,8 @@ class SineColumns:
             return found
         found = np.empty((scaled.shape[1], self.time.size))
         for part in _parts(self.time.size):
-            columns = _unscaled(self.time[part], self.frequency, self.mains, self.slopes) * self.scale
-            found[:, part] = (columns[:, :count] @ scaled).T
+            rows = _rows(self.time[part], self.frequency, self.mains, self.slopes, self.scale)
+            found[:, part] = scaled.T @ rows[:count]
         return found
 
     def _summed(self, signals: Floats) -> Sums:
@@ -277,7 +277,7 @@ def _factored(centred: Floats, frequency: float, mains: Sequence[float], slopes:
         if condition > CONDITION_LIMIT:
             return replace(found, condition=condition)
         return replace(found, r=np.asarray(np.linalg.cholesky(gram).T, dtype=np.float64), condition=condition)
-    columns = _unscaled(centred, frequency, mains, slopes) * scale
+    columns = np.ascontiguousarray(_rows(centred, frequency, mains, slopes, scale).T)
     q, r = np.linalg.qr(columns)
     condition = float(np.linalg.cond(r))
     return SineColumns(frequency, centred, columns, scale, q, r, middle, condition, tuple(mains), slopes)
@@ -287,11 +287,13 @@ def _parts(size: int) -> list[slice]:
     return [slice(first, first + PIECE) for first in range(0, size, PIECE)]
 
 
-def _unscaled(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool) -> Floats:
-    pairs = [_pair(centred, each) for each in mains]
-    straight = [np.ones_like(centred)[:, np.newaxis], centred[:, np.newaxis]]
-    sloping = [centred[:, np.newaxis] * pair for pair in pairs] if slopes else []
-    return np.concatenate([_pair(centred, frequency), *straight, *pairs, *sloping], axis=1)
+def _rows(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, scale: Floats) -> Floats:
+    """The scaled columns as rows, which are quick to fill."""
+    hum = [row for each in mains for row in _turning(centred, each)]
+    sloping = [centred * row for row in hum] if slopes else []
+    rows = np.stack([*_turning(centred, frequency), np.ones_like(centred), centred, *hum, *sloping])
+    rows *= scale[:, np.newaxis]
+    return rows
 
 
 def _scale(half: float, mains: int, slopes: bool) -> Floats:
@@ -303,5 +305,9 @@ def _scale(half: float, mains: int, slopes: bool) -> Floats:
 
 def _pair(time: Floats, frequency: float) -> Floats:
     """Cosine and sine at times (n,): an array (n, 2)."""
+    return np.stack(_turning(time, frequency), axis=1)
+
+
+def _turning(time: Floats, frequency: float) -> tuple[Floats, Floats]:
     angle = 2 * np.pi * frequency * time
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.cos(angle), np.sin(angle)
