@@ -573,7 +573,7 @@ class CanopenSensorNode(CanopenDevice):
         )
 
 
-LONGEST_WHOLE, PIECE = 60.0, 10.0  # s: the longest recording that is taken at once, and the pieces of longer ones
+LONGEST_WHOLE, PIECE = 60.0, 5.0  # s: the longest recording that is taken at once, and the pieces of longer ones
 
 
 def acquire(nodes: Sequence[CanopenSensorNode], duration: float) -> list[Recording]:

@@ -285,7 +285,7 @@ class CanLink:
         self._listener = _Listener(self._network.subscribers)
         taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
         self._network.listeners = [*taps, self._listener]  # type: ignore[list-item]  # told before anybody acts on it
-        if isinstance(bus, VirtualBus):
+        if taps and isinstance(bus, VirtualBus):
             self._in_order = _InOrder(bus.queue, self._network.listeners)
             self._network.listeners = [self._in_order]  # type: ignore[list-item]
         self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # canopen would keep these frames for ever
@@ -317,7 +317,7 @@ class CanLink:
         return errors
 
     def settle(self) -> None:
-        """Return when what has come on a bus within this process is heard, or after the time-out."""
+        """Return when taps have heard what has come on a bus within this process, or after the time-out."""
         if self._in_order is not None:
             self._in_order.settle(self._description.timeout)
 

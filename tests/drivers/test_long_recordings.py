@@ -65,7 +65,8 @@ def test_nothing_of_a_piece_is_kept_and_their_times_go_on(bench: Bench) -> None:
         sizes.append((piece.time.size, len(node._data), len(node._sizes)))
         times += piece.time.tolist()
     one = round(PIECE * RATE)
-    assert sizes == [*6 * [(one, 0, 0)], (round(LONG * RATE) - 6 * one, 0, 0)]
+    many, rest = divmod(round(LONG * RATE), one)
+    assert sizes == [*many * [(one, 0, 0)], (rest, 0, 0)]
     assert times == (np.arange(1, round(LONG * RATE) + 1) / RATE).tolist()
 
 
