@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Protocol, Self
@@ -15,6 +15,7 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevice
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.links.can import CanLink, FrameCallback
+from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap, raw_limits
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, Pdo
@@ -438,8 +439,7 @@ def _check_rate(node: MappedNode, sync: Sync, within: tuple[float, float]) -> No
 # --- ours ----------------------------------------------------------------------------------------------
 
 CONTRACT = sensor_node.CONTRACT
-_SAMPLES, _STAMP = CONTRACT.pdos
-_SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo in (_SAMPLES, _STAMP))
+_SIZES = [sum(CONTRACT[f].size for f in pdo.fields) for pdo in CONTRACT.pdos]  # of its frames, in their order
 _FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
 _MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples before the counter starts again
 
@@ -458,7 +458,8 @@ class CanopenSensorNode(CanopenDevice):
         super().__init__(link, node_id, clock)
         self.rate = 1000.0
         self._volts_per_count = np.ones(CHANNELS)
-        self._frames: list[bytearray] = []
+        self._data, self._sizes = bytearray(), bytearray()  # of the frames that came, one after the other
+        self._collected = 0  # samples since `arm` that were collected
         self._most = 0  # greatest number of frames that are kept, because a node may send without end
 
     def connect(self) -> None:
@@ -469,6 +470,7 @@ class CanopenSensorNode(CanopenDevice):
         for channel in range(1, CHANNELS + 1):
             self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
         self._listen()
+        self.link.take_blocks(self._on_frame, self._on_block)
 
     def set_range(self, channel: int, range_: str) -> None:
         """Set the input range of a channel (1 to 4): "5 V" or "500 mV"."""
@@ -510,7 +512,8 @@ class CanopenSensorNode(CanopenDevice):
 
     def arm(self, count: int = LARGEST_RECORDING) -> None:
         """Forget earlier samples, and take `count` samples from the next SYNC on."""
-        self._frames = []
+        self._data, self._sizes = bytearray(), bytearray()
+        self._collected = 0
         self._most = 2 * count
         self.start()
 
@@ -523,42 +526,76 @@ class CanopenSensorNode(CanopenDevice):
         return self._on_frame
 
     def _on_frame(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
-        if len(self._frames) < self._most:
-            self._frames.append(data)
+        if len(self._sizes) < self._most:
+            self._data += data
+            self._sizes.append(len(data))
+
+    def _on_block(self, columns: Mapping[int, Octets]) -> None:
+        """The frames of several SYNCs are kept in the same order as if they came one by one."""
+        count = max(self._most - len(self._sizes), 0) // len(columns)
+        sent = [data[:count] for data in columns.values()]
+        self._data += np.hstack(sent).tobytes()
+        self._sizes += len(sent[0]) * bytes(data.shape[1] for data in sent)
 
     def collect(self, count: int) -> Recording:
-        """The first `count` samples since `arm`.
+        """The next `count` samples since `arm`, which it then forgets.
 
         Raises:
             LinkError: frames are missing, doubled or out of order; the message names the first such sample.
             DeviceError: the node has sent more emergencies than can be kept.
         """
-        frames, self._frames, self._most = self._frames, [], 0
         if len(self.emergencies) == MOST_EMERGENCIES:
             raise DeviceError(f"{self.name}: has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again")
         lost = f"{self.name}: samples are missing from number {{}} on; the bus lost frames, record again"
-        sizes = np.fromiter(map(len, frames), int)
-        odd = np.flatnonzero(sizes != np.resize([_SAMPLES_SIZE, _STAMP_SIZE], sizes.size))
-        good = int(odd[0]) if odd.size else sizes.size
-        if good // 2 < count:
-            raise LinkError(lost.format(good // 2 + 1))
-        pairs = np.frombuffer(b"".join(frames[: 2 * count]), _FRAME_PAIR)
+        first, frames = self._collected + 1, len(_SIZES) * count
+        came = np.frombuffer(bytes(self._sizes[:frames]), np.uint8)  # of copies, because more may come meanwhile
+        odd = np.flatnonzero(came != np.tile(np.array(_SIZES, np.uint8), count)[: came.size])
+        good = int(odd[0]) if odd.size else came.size
+        if good < frames:
+            raise LinkError(lost.format(first + good // len(_SIZES)))
+        size = count * _FRAME_PAIR.itemsize
+        pairs = np.frombuffer(bytes(self._data[:size]), _FRAME_PAIR)
+        del self._data[:size], self._sizes[:frames]
+        self._most -= frames
+        self._collected += count
         counter = pairs["counter"].astype(np.int64)
-        wrong = np.flatnonzero(counter != np.arange(1, count + 1))
+        number = np.arange(first, first + count)
+        wrong = np.flatnonzero(counter != number)
         if wrong.size:
-            raise LinkError(lost.format(int(wrong[0]) + 1))
+            raise LinkError(lost.format(first + int(wrong[0])))
         saturation = pairs["saturation"]
         return Recording(
             node=self.id,
             rate=self.rate,
-            time=np.arange(1, count + 1) / self.rate,
+            time=number / self.rate,
             voltage=pairs["samples"].T * self._volts_per_count[:, np.newaxis],
             saturated=(saturation >> np.arange(CHANNELS, dtype=np.uint8)[:, np.newaxis] & 1).astype(bool),
         )
 
 
+LONGEST_WHOLE, PIECE = 60.0, 5.0  # s: the longest recording that is taken at once, and the pieces of longer ones
+
+
 def acquire(nodes: Sequence[CanopenSensorNode], duration: float) -> list[Recording]:
-    """Sample with all `nodes` together for `duration` [s]; the first one produces SYNC.
+    """Sample with all `nodes` together for `duration` [s]; the first one produces SYNC. Raises as `in_pieces`."""
+    return [_joined(pieces) for pieces in zip(*in_pieces(nodes, duration), strict=True)]
+
+
+def _joined(pieces: Sequence[Recording]) -> Recording:
+    if len(pieces) == 1:
+        return pieces[0]
+    first = pieces[0]
+    time, voltage, saturated = (
+        np.concatenate([getattr(piece, name) for piece in pieces], axis=-1) for name in ("time", "voltage", "saturated")
+    )
+    return Recording(first.node, first.rate, time, voltage, saturated)
+
+
+def in_pieces(nodes: Sequence[CanopenSensorNode], duration: float) -> Iterator[list[Recording]]:
+    """Sample with all `nodes` together for `duration` [s], and give the samples while it lasts.
+
+    The first node produces SYNC until all pieces are taken, or whoever takes them stops. Up to `LONGEST_WHOLE` there is
+    one piece. A longer recording comes in pieces of `PIECE`, of which none is kept, so that it needs no more memory.
 
     A node's answer to a request follows its samples on the bus, so when it has told its count, every
     sample up to there has arrived; each count is then checked against what came.
@@ -569,6 +606,28 @@ def acquire(nodes: Sequence[CanopenSensorNode], duration: float) -> list[Recordi
         DeviceError: the nodes took too few samples.
     """
     producer = nodes[0]
+    count = _samples(producer, duration)
+    for node in nodes:
+        node.rate = producer.rate
+        node.arm(count)
+    piece = count if duration <= LONGEST_WHOLE else max(round(PIECE * producer.rate), 1)
+    producer.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+    try:
+        for first in range(0, count, piece):
+            last = min(first + piece, count)
+            producer.clock.wait(duration if piece == count else (last - first) / producer.rate)
+            _await(nodes, last)
+            if last < count:
+                yield [node.collect(last - first) for node in nodes]
+    finally:
+        producer.set("sync_cob_id", SYNC_COB_ID)
+        for node in nodes:
+            node.disarm()
+    yield [node.collect(last - first) for node in nodes]
+
+
+def _samples(producer: CanopenSensorNode, duration: float) -> int:
+    """Number of samples in a duration [s]. Raises RangeError, DeviceError: it cannot be recorded."""
     if not producer.rate:
         raise DeviceError(
             f"{producer.name}: sync_period (1006h) is 0, so it sends no SYNC and nothing is sampled; set the sample "
@@ -586,21 +645,15 @@ def acquire(nodes: Sequence[CanopenSensorNode], duration: float) -> list[Recordi
             f"{producer.name}: {count} samples are more than the nodes' counters tell apart, {_MOST}; "
             f"record at most {_MOST / producer.rate:.6g} s at once"
         )
-    for node in nodes:
-        node.rate = producer.rate
-        node.arm(count)
-    producer.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
-    try:
-        producer.clock.wait(duration)
-        for _ in range(LATEST_WAITS):
-            missing = count - int(min(node.get("sample_counter") for node in nodes))
-            if missing <= 0:
-                break
-            producer.clock.wait(missing / producer.rate)
-        else:
-            raise DeviceError(f"{producer.name}: {missing} of {count} samples were not taken; check SYNC and NMT state")
-    finally:
-        producer.set("sync_cob_id", SYNC_COB_ID)
-        for node in nodes:
-            node.disarm()
-    return [node.collect(count) for node in nodes]
+    return count
+
+
+def _await(nodes: Sequence[CanopenSensorNode], count: int) -> None:
+    """Wait until each node has taken so many samples. Raises DeviceError: they take too few."""
+    producer = nodes[0]
+    for _ in range(LATEST_WAITS):
+        missing = count - int(min(node.get("sample_counter") for node in nodes))
+        if missing <= 0:
+            return
+        producer.clock.wait(missing / producer.rate)
+    raise DeviceError(f"{producer.name}: {missing} of {count} samples were not taken; check SYNC and NMT state")

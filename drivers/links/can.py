@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import queue
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -14,6 +15,7 @@ from typing import Any
 
 import can
 import canopen
+from can.interfaces.virtual import VirtualBus
 from canopen.lss import LssMaster
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
@@ -21,6 +23,7 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.links import causes
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
+from palpate.instrument.bench.can_block import Block, Octets, take_blocks
 from palpate.instrument.bench.links import (
     MULTICAST,
     WITHIN_MACHINE,
@@ -115,6 +118,7 @@ NOT_ACKNOWLEDGED = 0x20  # bit of an error frame's identifier (CAN_ERR_ACK of Li
 
 FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
+BlockCallback = Callable[[Mapping[int, Octets]], None]
 
 
 def has_wire(bus: files.CanBus) -> bool:
@@ -122,6 +126,16 @@ def has_wire(bus: files.CanBus) -> bool:
     if bus.interface == "socketcan":
         return not Path("/sys/devices/virtual/net", bus.channel).exists()
     return bus.interface not in ("virtual", MULTICAST)
+
+
+class _BlockFrame(can.Message):
+    """A frame of a block, with its time on the bench's clock [ns]."""
+
+    __slots__ = ("time_ns",)
+
+    def __init__(self, time_ns: int, cob_id: int, data: bytes) -> None:
+        super().__init__(arbitration_id=cob_id, data=data, is_extended_id=False)
+        self.time_ns = time_ns
 
 
 class _Listener(can.Listener):
@@ -135,14 +149,18 @@ class _Listener(can.Listener):
 
     def __init__(self, subscribers: Mapping[int, Sequence[FrameCallback]]) -> None:
         self._subscribers = subscribers
+        self.whole: dict[FrameCallback, BlockCallback] = {}  # who takes blocks, by what they would take frames with
 
-    def on_message_received(self, msg: can.Message) -> None:
+    def on_message_received(self, msg: can.Message | Block) -> None:
+        if isinstance(msg, Block):
+            self._take(msg)
+            return
         if msg.is_error_frame:
             self.errors += 1
             self.destroyed += 1
             self.unheard += bool(msg.arbitration_id & NOT_ACKNOWLEDGED)
             return
-        self.nodes |= msg.arbitration_id & FUNCTION in FROM_NODES and msg.arbitration_id not in (SYNC, self.own)
+        self.nodes |= self._of_node(msg.arbitration_id)
         if not (msg.is_extended_id or msg.is_fd or msg.is_remote_frame):
             try:
                 for callback in self._subscribers.get(msg.arbitration_id, ()):
@@ -151,6 +169,27 @@ class _Listener(can.Listener):
                 logging.getLogger("canopen").error("%s", error)
 
     __call__ = on_message_received
+
+    def _of_node(self, cob_id: int) -> bool:
+        return cob_id & FUNCTION in FROM_NODES and cob_id not in (SYNC, self.own)
+
+    def _take(self, block: Block) -> None:
+        """Hand a block whole to each subscriber that takes blocks, and frame by frame to the others."""
+        whole: dict[BlockCallback, dict[int, Octets]] = {}
+        singly: dict[int, list[FrameCallback]] = {}
+        for cob_id, data in block.columns:
+            self.nodes |= self._of_node(cob_id)
+            for callback in self._subscribers.get(cob_id, ()):
+                if taker := self.whole.get(callback):
+                    whole.setdefault(taker, {})[cob_id] = data
+                else:
+                    singly.setdefault(cob_id, []).append(callback)
+        for taker, columns in whole.items():
+            taker(columns)
+        if singly:
+            for time_ns, cob_id, octets in block.frames():
+                for callback in singly.get(cob_id, ()):
+                    callback(cob_id, bytearray(octets), time_ns / 1e9)
 
 
 def _unheard(_cob_id: int, _data: bytearray, _timestamp: float) -> None:
@@ -172,7 +211,11 @@ class _Tapped:
             self._echoes.append((msg.arbitration_id, bytes(msg.data)))
         self._send(msg, timeout)
 
-    def __call__(self, msg: can.Message) -> None:
+    def __call__(self, msg: can.Message | Block) -> None:
+        if isinstance(msg, Block):
+            for each in msg.frames():
+                self._heard(False, _BlockFrame(*each))
+            return
         frame = (msg.arbitration_id, bytes(msg.data))
         if self._echoes and frame in self._echoes:
             while self._echoes.popleft() != frame:
@@ -188,6 +231,29 @@ def _take_up(network: canopen.Network) -> bool:
         for listener in network.listeners:
             listener(frame)
     return bool(frames)
+
+
+class _InOrder:
+    """Hands each frame that comes on a bus within this process to its listeners, and knows when all are handed over."""
+
+    def __init__(
+        self, received: queue.Queue[can.Message], listeners: Sequence[Callable[[can.Message], object]]
+    ) -> None:
+        self._received, self._listeners = received, listeners
+        self._thread = 0  # in which frames are heard
+
+    def __call__(self, msg: can.Message) -> None:
+        self._thread = threading.get_ident()
+        try:
+            for each in self._listeners:
+                each(msg)
+        finally:
+            self._received.task_done()
+
+    def settle(self, timeout: float) -> None:
+        if threading.get_ident() != self._thread:
+            with self._received.all_tasks_done:
+                self._received.all_tasks_done.wait_for(lambda: not self._received.unfinished_tasks, timeout)
 
 
 class CanLink:
@@ -210,6 +276,7 @@ class CanLink:
         self._lock = OwnLock()
         self._network: canopen.Network | None = None
         self._cyclic: Cyclic | None = None
+        self._in_order: _InOrder | None = None
         self._listener = _Listener({})  # until the bus is open; that of an absent optional device stays closed
         self._answers_due: set[canopen.RemoteNode] = set()
         self._taps: list[FrameTap] = []
@@ -233,12 +300,17 @@ class CanLink:
             raise LinkError(causes.down(self.name, d.channel, d.bitrate))
         if d.interface == MULTICAST:
             keep_to_group(bus)
+        if isinstance(bus, VirtualBus):
+            take_blocks(bus.queue)
         close_bus_in_child(bus)
         self._network = canopen.Network(bus)
         self._cyclic = Cyclic(bus, d.interface, self.name)
         self._listener = _Listener(self._network.subscribers)
         taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
         self._network.listeners = [*taps, self._listener]  # type: ignore[list-item]  # told before anybody acts on it
+        if taps and isinstance(bus, VirtualBus) and self._stepper is None:
+            self._in_order = _InOrder(bus.queue, self._network.listeners)
+            self._network.listeners = [self._in_order]  # type: ignore[list-item]
         self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # canopen would keep these frames for ever
         if self._stepper is None:
             self._network.connect()
@@ -253,7 +325,7 @@ class CanLink:
     def close(self) -> None:
         """Leave the bus. Raises LinkError: it failed meanwhile."""
         network, self._network = self._network, None
-        cyclic, self._cyclic = self._cyclic, None
+        cyclic, self._cyclic, self._in_order = self._cyclic, None, None
         if network is not None:
             try:
                 with suppress(can.CanError, OSError):  # whether or not the bus has failed, it is left
@@ -277,6 +349,12 @@ class CanLink:
         """Number of error frames on the bus since the last call."""
         errors, self._listener.errors = self._listener.errors, 0
         return errors
+
+    def settle(self) -> None:
+        """Return when taps have heard what has come on a bus within this process, or after the time-out."""
+        if self._in_order is not None:
+            self._in_order.settle(self._description.timeout)
+        self._step()
 
     @property
     def bitrate(self) -> float:
@@ -307,6 +385,13 @@ class CanLink:
     def subscribe(self, cob_id: int, callback: FrameCallback) -> None:
         """Call `callback(cob_id, data, timestamp)` in the receiving thread for each frame with this identifier."""
         self.network.subscribe(cob_id, callback)
+
+    def take_blocks(self, instead_of: FrameCallback, callback: BlockCallback) -> None:
+        """Call `callback`, instead of a subscribed callback for each frame, where a bus hands on a block of frames.
+
+        It gets the data of the subscribed identifiers, in their order on the bus, as `Block.columns` has them.
+        """
+        self._listener.whole[instead_of] = callback
 
     def upload(self, who: str, node: canopen.RemoteNode, index: int, subindex: int, size: int | None = None) -> bytes:
         """Read an object; `size` is its size in bytes if the node does not give one.

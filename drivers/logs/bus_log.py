@@ -18,6 +18,7 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
+from palpate.instrument.bench.can_block import time_of
 from palpate.instrument.bench.description import Listed
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.errors import RecordError, UsageError, check_path
@@ -148,7 +149,7 @@ class BusLog:
     """A context manager that logs the traffic of a bench; enter it before the bench.
 
     The log holds the program's actions in their order: what it sends, each reply, and each reading of the clock. A CAN
-    frame comes before the actions that follow from it.
+    frame comes before the actions that follow from it. What nodes of a simulated bench send has its own time.
 
     Args:
         bench: the bench, not open yet.
@@ -213,6 +214,7 @@ class BusLog:
         def heard(sending: bool, data: bytes) -> None:
             nonlocal asked
             if sending:
+                self._settle()
                 asked = whom(data)
             with self._lock:
                 self._write(self._whole.write, Packet(self._now_ns(), asked, kind, sending, data))
@@ -220,16 +222,24 @@ class BusLog:
         link.tap(heard)
 
     def _heard_frame(self, whom: Callable[[bytes], str], channel: int, sending: bool, frame: can.Message) -> None:
+        if sending:
+            self._settle()
         data = packed(frame)
         stamped = unpacked(data)
         with self._lock:
-            now = self._now_ns()
+            now = self._begun_ns + (self._clock.now_ns() if (own := time_of(frame)) is None else own)
             self._write(self._whole.write, Packet(now, whom(data), Link.CAN, sending, data))
             stamped.timestamp, stamped.is_rx, stamped.channel = now / 1e9, not sending, channel
             for log in self._frames:
                 self._write(log, stamped)
 
+    def _settle(self) -> None:
+        """Let frames that came before what the program does now be written before it."""
+        for link, _ in can_links(self._bench):
+            link.settle()
+
     def _told_time(self, now_ns: int) -> None:
+        self._settle()
         self._note(CLOCK, str(now_ns))
 
     def _note(self, what: str, text: str) -> None:

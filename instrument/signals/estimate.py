@@ -4,7 +4,8 @@ The sine is fitted by least squares with its frequency known (IEEE 1057, three p
 with it. One is a linear trend, because a PVDF film is pyroelectric and drifts with temperature [S]. The other is the
 mains' hum, because over few cycles the trend would follow the hum and change the fitted drive. Time and signals are
 centred and the columns scaled before one QR factorization. Normal equations of the plain columns would square the
-condition number and lose the amplitude beneath a large offset.
+condition number and lose the amplitude beneath a large offset. Only for long records, over which the scaled columns are
+nearly orthogonal, normal equations of these are summed in pieces (`sine_columns`).
 """
 
 from __future__ import annotations
@@ -132,10 +133,10 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     basis = sine_columns(t, frequency)
     level = y.mean(axis=1, keepdims=True)
     basis, scaled = tuned(basis, y - level, basis.solve(y - level))
-    residuals = (y - level) - (basis.columns @ scaled).T
+    residuals = (y - level) - basis.fitted(scaled)
     a, b, offset, trend = scaled[:COEFFICIENTS] * basis.scale[:COEFFICIENTS, np.newaxis]
     at_middle = np.arctan2(-b, a)
-    spent = basis.columns.shape[1]
+    spent = basis.scale.size
     along, across = basis.direction(at_middle), basis.direction(at_middle + np.pi / 2)
     around = short_noise(basis, residuals, step) or noise_at(frequency, residuals, step, spent)
     amplitude, hum_u = np.hypot(a, b), _wandering(basis, scaled)

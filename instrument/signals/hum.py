@@ -70,8 +70,8 @@ def _off(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
 
 def _deviation(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
     """Standard deviation (channels,) [V] of a fitted amplitude by the residuals of the record."""
-    left = signals - (basis.columns @ scaled).T
-    free = max(basis.time.size - basis.columns.shape[1], 1)
+    left = signals - basis.fitted(scaled)
+    free = max(basis.time.size - basis.scale.size, 1)
     found = np.sqrt(2 * (left**2).sum(axis=1) / free / basis.time.size)
     return _above_round_off(found, signals)
 
@@ -86,7 +86,7 @@ def _above_round_off(deviation: Floats, signals: Floats) -> Floats:
 
 def _searched(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColumns, Floats]:
     """Columns and coefficients with each of the mains at the frequency of greatest power, where that is hum."""
-    drive = (basis.columns[:, :COEFFICIENTS] @ scaled[:COEFFICIENTS]).T
+    drive = basis.fitted(scaled[:COEFFICIENTS])
     left, time = signals - drive, basis.time
     deviation = _above_round_off(left.std(axis=1) * np.sqrt(2 / time.size), signals)
     edges = np.searchsorted(time, np.arange(time[0], time[-1], BLOCK))

@@ -12,6 +12,10 @@ with hum is fitted (`hum`).
 Columns are left out where they could not be told from the drive. That concerns the slopes over one cycle. It concerns
 columns and slopes of 50 Hz beside a drive of 48 Hz over 0.1 s, and of 60 Hz sampled at 62.5 Hz beside a drive of 2.5 Hz
 over any time.
+
+The columns of a long record are not kept. They are made piece by piece, and the normal equations are summed over the
+pieces. That is exact enough because over many cycles the columns are nearly orthogonal: a condition of 5 of the
+columns, squared, costs a digit or two of sixteen.
 """
 
 from __future__ import annotations
@@ -37,6 +41,8 @@ At the limit the amplitude can be about 50 times as uncertain as from a whole nu
 """
 HUM_CONDITION = 5.0  # largest condition number with columns of the mains: the variance grows six times at most
 SAMPLES_PER_COLUMN = 2  # fewest samples for each column, with columns of the mains
+LONGEST_FACTORED = 1 << 17  # samples; the columns of a longer record are summed in pieces
+PIECE = 1 << 14  # samples
 REMEMBERED, LONGEST_REMEMBERED = 8, 10_000  # records that are remembered, and samples in one; fits repeat
 WANDER = 0.2  # Hz, by which the mains differ from their rated frequency (EN 50160: 0.5 Hz for 99.5 % of a year)
 SHOWN = 1e-12  # V that leak from 1 V of hum; below this it is round-off
@@ -49,13 +55,65 @@ class ColumnCache:
     modes: tuple[Floats, Floats] | None = None
 
 
+class Sums:
+    """Normal equations of a fit, summed over the pieces of a record, of which none is kept.
+
+        sums = Sums(frequency, half)
+        for time, signals in pieces:
+            sums.add(time, signals)
+        amplitude = np.hypot(*(sums.solve() * sums.scale[:, np.newaxis])[:2])
+
+    Attributes:
+        scale: scale of each column, by which a coefficient becomes one in the signals' unit.
+        samples: number of samples so far.
+    """
+
+    def __init__(self, frequency: float, half: float, mains: Sequence[float] = MAINS, slopes: bool = True) -> None:
+        """Begin with no piece.
+
+        Args:
+            frequency: frequency of the drive [Hz].
+            half: from the middle of the record to its last sample [s].
+            mains: frequencies of the mains that get columns [Hz].
+            slopes: whether each of these gets slopes, too.
+        """
+        self._of = frequency, tuple(mains), slopes
+        self.scale = _scale(half, len(self._of[1]), slopes)
+        self.samples = 0
+        self.gram = np.zeros((self.scale.size, self.scale.size))
+        self._moments, self._squares = np.zeros((self.scale.size, 1)), np.zeros(1)  # as many channels as come
+
+    def add(self, time: Floats, signals: Floats) -> None:
+        """Add a piece.
+
+        Args:
+            time: (n,) s, about the middle of the record.
+            signals: (channels, n). Take a common level off them first, because squares of large numbers lose digits.
+        """
+        rows = _rows(time, *self._of, self.scale)
+        self.samples += time.size
+        self.gram += rows @ rows.T
+        self._moments = self._moments + rows @ signals.T
+        self._squares = self._squares + (signals**2).sum(axis=1)
+
+    def solve(self) -> Floats:
+        """Coefficients (columns, channels) of the scaled columns, by least squares."""
+        return np.asarray(np.linalg.solve(self.gram, self._moments), dtype=np.float64)
+
+    def deviation(self) -> Floats:
+        """Standard deviation (channels,) of the residuals."""
+        left = self._squares - (self.solve() * self._moments).sum(axis=0)
+        return np.asarray(np.sqrt(np.maximum(left, 0.0) / (self.samples - self.scale.size)), dtype=np.float64)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SineColumns:
-    """Columns about the middle of a record, scaled, and their QR factors.
+    """Columns about the middle of a record, scaled, and their factors.
 
     Args:
         frequency: frequency of the drive [Hz].
-        columns: (n, 4), then two columns for each of the `mains`, then two slopes for each where `slopes`.
+        columns: (n, 4), then two columns for each of the `mains`, then two slopes for each where `slopes`; of a long
+            record none, as of `q`.
         mains: frequencies of the mains that have columns [Hz].
         hum: what 1 V of mains without columns may add to an amplitude, at their worst phase and frequency [V].
         strays: the same for mains that have columns but no slopes, in their order, for 1 V that the columns see [V].
@@ -78,10 +136,35 @@ class SineColumns:
 
     def solve(self, signals: Floats) -> Floats:
         """Coefficients (columns, channels) of the scaled columns, by least squares."""
+        if self.is_long:
+            return self._summed(signals).solve()
         return np.asarray(np.linalg.solve(self.r, self.q.T @ signals.T), dtype=np.float64)
 
+    @property
+    def is_long(self) -> bool:
+        """Whether the columns are not kept, but made piece by piece."""
+        return self.time.size > LONGEST_FACTORED
+
+    def fitted(self, scaled: Floats) -> Floats:
+        """What the first columns give (channels, n) with these coefficients (columns, channels)."""
+        count = len(scaled)
+        if not self.is_long:
+            found: Floats = (self.columns[:, :count] @ scaled).T
+            return found
+        found = np.empty((scaled.shape[1], self.time.size))
+        for part in _parts(self.time.size):
+            rows = _rows(self.time[part], self.frequency, self.mains, self.slopes, self.scale)
+            found[:, part] = scaled.T @ rows[:count]
+        return found
+
+    def _summed(self, signals: Floats) -> Sums:
+        sums = Sums(self.frequency, self.time[-1], self.mains, self.slopes)
+        for part in _parts(self.time.size):
+            sums.add(self.time[part], signals[:, part])
+        return sums
+
     def weights(self) -> Floats:
-        """Matrix (2, n) that turns samples into the coefficients of the drive's cosine and sine."""
+        """Matrix (2, n) that turns samples into the coefficients of the drive's cosine and sine, not if long."""
         found: Floats = np.linalg.solve(self.r, self.q.T)[:2] * self.scale[:2, np.newaxis]
         return found
 
@@ -185,21 +268,46 @@ def correlated(noise: Floats, direction: Floats, of_noise: Floats) -> Floats:
 
 
 def _factored(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, middle: float) -> SineColumns:
-    # Over many cycles the factors give each column an rms near 1. They are fixed, because a column scaled by its own
-    # norm
-    # would hide a cosine that was sampled at its zeros.
-    pairs = [_pair(centred, each) for each in mains]
-    straight = [np.ones_like(centred)[:, np.newaxis], centred[:, np.newaxis]]
-    sloping = [centred[:, np.newaxis] * pair for pair in pairs] if slopes else []
-    scale = [math.sqrt(2)] * 2 + [1.0, math.sqrt(3) / centred[-1]] + [math.sqrt(2)] * 2 * len(pairs)
-    scale += [math.sqrt(6) / centred[-1]] * 2 * len(sloping)
-    columns = np.concatenate([_pair(centred, frequency), *straight, *pairs, *sloping], axis=1) * scale
+    scale = _scale(centred[-1], len(mains), slopes)
+    if centred.size > LONGEST_FACTORED:
+        none = np.empty((0, scale.size))
+        found = SineColumns(frequency, centred, none, scale, none, none, middle, 0.0, tuple(mains), slopes)
+        gram = found._summed(np.empty((0, centred.size))).gram
+        condition = math.sqrt(max(float(np.linalg.cond(gram)), 1.0))
+        if condition > CONDITION_LIMIT:
+            return replace(found, condition=condition)
+        return replace(found, r=np.asarray(np.linalg.cholesky(gram).T, dtype=np.float64), condition=condition)
+    columns = np.ascontiguousarray(_rows(centred, frequency, mains, slopes, scale).T)
     q, r = np.linalg.qr(columns)
     condition = float(np.linalg.cond(r))
-    return SineColumns(frequency, centred, columns, np.array(scale), q, r, middle, condition, tuple(mains), slopes)
+    return SineColumns(frequency, centred, columns, scale, q, r, middle, condition, tuple(mains), slopes)
+
+
+def _parts(size: int) -> list[slice]:
+    return [slice(first, first + PIECE) for first in range(0, size, PIECE)]
+
+
+def _rows(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, scale: Floats) -> Floats:
+    """The scaled columns as rows, which are quick to fill."""
+    hum = [row for each in mains for row in _turning(centred, each)]
+    sloping = [centred * row for row in hum] if slopes else []
+    rows = np.stack([*_turning(centred, frequency), np.ones_like(centred), centred, *hum, *sloping])
+    rows *= scale[:, np.newaxis]
+    return rows
+
+
+def _scale(half: float, mains: int, slopes: bool) -> Floats:
+    # Over many cycles the factors give each column an rms near 1. They are fixed, because a column scaled by its own
+    # norm would hide a cosine that was sampled at its zeros.
+    scale = [math.sqrt(2)] * 2 + [1.0, math.sqrt(3) / half] + [math.sqrt(2)] * 2 * mains
+    return np.array(scale + ([math.sqrt(6) / half] * 2 * mains if slopes else []), dtype=np.float64)
 
 
 def _pair(time: Floats, frequency: float) -> Floats:
     """Cosine and sine at times (n,): an array (n, 2)."""
+    return np.stack(_turning(time, frequency), axis=1)
+
+
+def _turning(time: Floats, frequency: float) -> tuple[Floats, Floats]:
     angle = 2 * np.pi * frequency * time
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.cos(angle), np.sin(angle)

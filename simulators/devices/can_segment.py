@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.bench.can_block import Block
 from palpate.instrument.bench.links import MULTICAST, leave
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.attached import attach, local_node
-from palpate.simulators.wire.can_bus import VirtualNetwork, burst, open_bus
+from palpate.simulators.wire.can_bus import VirtualNetwork, hand_over, open_bus
 from palpate.simulators.wire.canopen_device import SimulatedNode
 
 if TYPE_CHECKING:
     from palpate.simulators.wire.relay import Send
 
-BURST = 64  # number of SYNCs whose frames are sent together
 NMT_FRAME = 2  # bytes
 OPERATIONAL, STOPPED, PRE_OPERATIONAL = 5, 4, 127
 SYNC_COB, SYNC_PERIOD = sdo(0x1005), sdo(0x1006)  # objects of CiA 301
@@ -159,23 +159,21 @@ class CanSegment:
                 task.send()
 
     def _sample(self, time_ns: npt.NDArray[np.int64], *, send_sync: bool) -> None:
-        """Let all operational nodes sample at each SYNC, and send their frames in the order of the SYNCs."""
+        """Let all operational nodes sample at each SYNC, and send their frames."""
         period = self._sync_period_ns or int(1e6)
         films = functools.cache(lambda: self._rig.film_voltages(time_ns, period))
         active = [node for node in self.nodes if self._local[node.id].nmt.state == "OPERATIONAL"]
         frames = [frame for node in active for frame in node.frames_at(time_ns, films, period)]
         if self._timing is not None and send_sync:
-            sizes = [(cob_id, len(payloads[0])) for cob_id, payloads in frames]
+            sizes = [(cob_id, data.shape[1]) for cob_id, data in frames]
             in_time, busy_ns = self._timing.burst(sizes, self._sync_period_ns)
             frames = [frames[place] for place in in_time]
             self._busy_until_ns = int(time_ns[-1]) + busy_ns
         if send_sync:
-            frames.insert(0, (SYNC_COB_ID, len(time_ns) * [b""]))
+            frames.insert(0, (SYNC_COB_ID, np.empty((len(time_ns), 0), np.uint8)))
             if self._echoes is not None:
                 self._echoes += len(time_ns)
-        for first in range(0, len(time_ns), BURST):
-            last = min(first + BURST, len(time_ns))
-            burst(self._bus, [(cob_id, payloads[i]) for i in range(first, last) for cob_id, payloads in frames])
+        hand_over(self._bus, Block(time_ns, frames))
         for node in active:
             node.sampled()
 

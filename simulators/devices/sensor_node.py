@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
@@ -11,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.bench.role_maps.sensor_node import VOLTS, SensorNodeMap, raw_limits
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Command, Field
@@ -22,7 +22,7 @@ from palpate.simulators.devices.twin import CanopenTwin
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.converter import convert
 from palpate.simulators.rig.rig import FilmInputs, Rig
-from palpate.simulators.wire.canopen_device import SimulatedNode, Times
+from palpate.simulators.wire.canopen_device import SimulatedNode, Times, octets
 from palpate.simulators.wire.device import SimulatedPlace
 
 BEYOND = 0xFF00  # emergency code, manufacturer-specific
@@ -61,7 +61,7 @@ class SimulatedMappedNode(CanopenTwin):
             self._zero = self._zero + self._last
             self._last = np.zeros(len(self._channels))
 
-    def frames_at(self, time_ns: Times, films: Callable[[], Floats], period_ns: int) -> list[tuple[int, list[bytes]]]:
+    def frames_at(self, time_ns: Times, films: Callable[[], Floats], period_ns: int) -> list[tuple[int, Octets]]:
         """Its frames with the samples at these SYNCs; see `CanopenDevice.frames_at`."""
         pdos = self.at_sync()
         if not pdos:
@@ -70,7 +70,7 @@ class SimulatedMappedNode(CanopenTwin):
         found = []
         for pdo in pdos:
             columns = [self._column(name, counts, len(time_ns)) for name in pdo.fields]
-            found.append((pdo.cob_id(self.id), [b"".join(row) for row in zip(*columns, strict=True)]))
+            found.append((pdo.cob_id(self.id), octets([b"".join(row) for row in zip(*columns, strict=True)])))
         return found
 
     def sample(self, time_ns: Times, volts: Floats, period_ns: int) -> npt.NDArray[np.int64]:
@@ -114,8 +114,7 @@ CONTRACT = sensor_node.CONTRACT
 SATURATED = 0xFF01  # emergency code, manufacturer-specific
 ROLLOVER = 1 << 8 * CONTRACT["sample_counter"].size
 VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
-SAMPLES, STAMP = CONTRACT.pdos
-STAMP_LAYOUT = struct.Struct("<IB")
+STAMPS = np.dtype([("counter", "<u4"), ("saturation", "u1")])  # data of the second PDO
 
 
 @dataclass(frozen=True)
@@ -175,16 +174,15 @@ class SimulatedSensorNode(SimulatedNode):
         else:
             super().write(field, value)
 
-    def frames_at(self, time_ns: Times, films: Callable[[], Floats], period_ns: int) -> list[tuple[int, list[bytes]]]:
+    def frames_at(self, time_ns: Times, films: Callable[[], Floats], period_ns: int) -> list[tuple[int, Octets]]:
         """As for every node."""
         samples = self.sample(time_ns, self.film_channels @ films(), period_ns)
         self._clipped = bool(samples.saturation.any())
-        data = samples.counts.tobytes()
-        size = samples.counts.itemsize * CHANNELS
-        counts = [data[at : at + size] for at in range(0, len(data), size)]
-        numbers = ((samples.counter + np.arange(len(samples.counts))) % ROLLOVER).tolist()
-        stamps = list(map(STAMP_LAYOUT.pack, numbers, samples.saturation.tolist()))
-        return [(SAMPLES.base + self.id, counts), (STAMP.base + self.id, stamps)]
+        stamps = np.empty(len(time_ns), STAMPS)
+        stamps["counter"] = samples.counter + np.arange(len(time_ns))  # the counter rolls over as the field does
+        stamps["saturation"] = samples.saturation
+        data = samples.counts.view(np.uint8), stamps.view(np.uint8).reshape(len(stamps), -1)
+        return [(pdo.base + self.id, each) for pdo, each in zip(CONTRACT.pdos, data, strict=True)]
 
     def sampled(self) -> None:
         """As for every node; an emergency is sent for the first saturated sample since the node was started."""

@@ -6,7 +6,6 @@ import itertools
 import logging
 import os
 import socket
-import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from typing import Any, Self
@@ -16,6 +15,7 @@ import canopen
 from can.interfaces.virtual import VirtualBus
 from canopen.network import MessageListener
 
+from palpate.instrument.bench.can_block import Block, takes_blocks
 from palpate.instrument.bench.links import MULTICAST, WITHIN_MACHINE, arrived, close_bus_in_child, keep_to_group
 from palpate.instrument.contracts.pdo import Receiver
 from palpate.instrument.errors import BenchError
@@ -30,20 +30,24 @@ for _name in ("can", "canopen"):
 _numbers = itertools.count(1)
 GROUPS = 1 << 16  # number of multicast groups, 239.74.0.0/16
 
-Payload = tuple[int, bytes]  # identifier and data of a frame
-
 
 class _Frame(can.Message):
-    """A CAN frame that is constant after it was sent, so that all receivers on the virtual bus can share it."""
+    """A CAN frame that is constant after it was sent, so that all receivers on the virtual bus can share it.
 
-    __slots__ = ()
+    Attributes:
+        time_ns: time on the bench's clock at which it is sent [ns].
+    """
+
+    __slots__ = ("time_ns",)
+    time_ns: int
 
     @classmethod
-    def of(cls, cob_id: int, data: bytes, timestamp: float = 0.0, channel: Any = None) -> Self:
+    def of(cls, time_ns: int, cob_id: int, data: bytes) -> Self:
         """Make a frame faster than python-can's constructor, which checks arguments that are known to be good here."""
         frame = cls.__new__(cls)
+        frame.time_ns = time_ns
         frame.arbitration_id, frame.data, frame.dlc = cob_id, bytearray(data), len(data)
-        frame.timestamp, frame.channel, frame.is_rx = timestamp, channel, True
+        frame.timestamp, frame.channel, frame.is_rx = 0.0, None, True
         frame.is_extended_id = frame.is_remote_frame = frame.is_error_frame = False
         frame.is_fd = frame.bitrate_switch = frame.error_state_indicator = False
         return frame
@@ -55,19 +59,17 @@ class _Frame(can.Message):
 class _Virtual(VirtualBus):
     """python-can's virtual bus, which connects clients in this process."""
 
-    def burst(self, payloads: Sequence[Payload]) -> None:
-        """Send frames that follow each other, and lock each receiver's queue once for all of them.
-
-        With one lock for each frame the sending and the receiving thread wait for each other.
-        """
+    def hand_over(self, block: Block) -> None:
+        """Give a block of frames whole to each receiver that takes blocks, and frame by frame to others."""
         self._check_if_open()
-        now, channel = time.time(), self.channel_id
-        frames = [_Frame.of(cob_id, data, now, channel) for cob_id, data in payloads]
         for receiver in self.channel:
-            if receiver is not self.queue:
-                with receiver.mutex:
-                    receiver.queue.extend(frames)
-                    receiver.not_empty.notify()
+            if receiver is self.queue:
+                continue
+            if takes_blocks(receiver):
+                receiver.put(block)  # type: ignore[arg-type]
+            else:
+                for each in block.frames():
+                    receiver.put(_Frame.of(*each))
 
 
 def own_channel(interface: str) -> str:
@@ -129,16 +131,13 @@ def _release_with(bus: can.BusABC, claim: socket.socket) -> None:
     bus.shutdown = shutdown  # type: ignore[method-assign]
 
 
-def burst(bus: can.BusABC, payloads: Sequence[Payload]) -> None:
-    """Send frames that follow each other.
-
-    A virtual bus takes them all at once, unless an injected fault has replaced its `send`.
-    """
+def hand_over(bus: can.BusABC, block: Block) -> None:
+    """Send a block of frames: whole on a virtual bus, unless an injected fault has replaced its `send`."""
     if isinstance(bus, _Virtual) and "send" not in vars(bus):
-        bus.burst(payloads)
+        bus.hand_over(block)
         return
-    for cob_id, data in payloads:
-        bus.send(_Frame.of(cob_id, data))
+    for each in block.frames():
+        bus.send(_Frame.of(*each))
 
 
 class MendedListener(MessageListener):
@@ -197,7 +196,7 @@ class LockedNetwork(canopen.Network):
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame like canopen does, but without a copy for each receiver."""
-        burst(self._own, [(can_id, data)])
+        self._own.send(_Frame.of(self.clock.now_ns(), can_id, data))
         self.check()
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:

@@ -13,6 +13,7 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer as CanopenSdoServer
 
+from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
 from palpate.instrument.contracts.field import codec
 from palpate.instrument.contracts.pdo import (
@@ -233,6 +234,12 @@ class SdoServer(CanopenSdoServer):
 
 Times = npt.NDArray[np.int64]
 
+
+def octets(data: Sequence[bytes]) -> Octets:
+    """The data of frames of one size, shape (n, bytes)."""
+    return np.frombuffer(b"".join(data), np.uint8).reshape(len(data), -1)
+
+
 VALUE_RANGE = 0x0609_0030
 
 
@@ -329,15 +336,15 @@ class SimulatedNode:
         sent = [pdo for pdo in self.contract.pdos if self.process_data.at_sync(pdo, self.settings)]
         return [pdo for pdo in map(self.process_data.as_set, sent) if pdo is not None]
 
-    def frames_at(self, time_ns: Times, films: Callable[[], Floats], period_ns: int) -> list[tuple[int, list[bytes]]]:
-        """What the node sends at some SYNCs: the identifier of each message with the data of all its frames.
+    def frames_at(self, time_ns: Times, films: Callable[[], Floats], period_ns: int) -> list[tuple[int, Octets]]:
+        """What the node sends at some SYNCs: the identifier of each message with the data of its frames (n, bytes).
 
         Args:
             time_ns: times of the SYNCs, shape (n,) [ns].
             films: gives the voltages of all films at these times, shape (films, n) [V].
             period_ns: the SYNC period [ns].
         """
-        return [(pdo.cob_id(self.id), len(time_ns) * [self.packed(pdo)]) for pdo in self.at_sync()]
+        return [(pdo.cob_id(self.id), octets(len(time_ns) * [self.packed(pdo)])) for pdo in self.at_sync()]
 
     def sampled(self) -> None:
         """Called when the frames of `frames_at` are on the bus."""

@@ -21,6 +21,7 @@ class Objects:
         done: uploads, downloads and commands, in order.
         failures: raised instead of an answer, one a transfer; None: that one is answered.
         subscribed: who wants frames of an identifier.
+        whole: who takes blocks, by what they would take frames with.
     """
 
     name = "bus"
@@ -31,6 +32,7 @@ class Objects:
         self.done: list[tuple[Any, ...]] = []
         self.failures: list[Exception | None] = []
         self.subscribed: dict[int, Callable[..., None]] = {}
+        self.whole: dict[Callable[..., None], Callable[..., None]] = {}
         self.put(**{field.name: field.default for field in contract.fields if not field.beside})
         self.put(**values)
 
@@ -53,6 +55,9 @@ class Objects:
 
     def subscribe(self, cob_id: int, callback: Callable[..., None]) -> None:
         self.subscribed[cob_id] = callback
+
+    def take_blocks(self, instead_of: Callable[..., None], callback: Callable[..., None]) -> None:
+        self.whole[instead_of] = callback
 
     def send(self, cob_id: int, data: bytes) -> None:
         """A frame of the node comes to whoever wants it."""

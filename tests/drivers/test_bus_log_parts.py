@@ -133,6 +133,9 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
         def tap(self, heard: Any) -> None:
             taps[self.name] = heard
 
+        def settle(self) -> None:
+            """What is told here is told at once."""
+
     devices = [
         SimpleNamespace(name=name, kind=SimpleNamespace(name=kind, contract=NODE), link=link, unit=unit)
         for name, kind, link, unit in (

@@ -10,12 +10,14 @@ from typing import Any
 
 import can
 import canopen
+import numpy as np
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.links.can import CanLink, _Listener, _Tapped
 from palpate.drivers.links.sdo import LATE_ANSWERS
 from palpate.instrument.bench import links
+from palpate.instrument.bench.can_block import Block, time_of
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
 
@@ -178,6 +180,39 @@ def test_a_multicast_bus_keeps_to_its_group_and_echoes(
         listener(frame(0x601))
     assert groups == kept * [bus]
     assert told == [True, False][:heard]
+
+
+def block() -> Block:
+    """Two SYNCs, with a frame of node 1 and one of node 2 at each."""
+    one, two = (np.array([[number, 0], [number, 1]], np.uint8) for number in (1, 2))
+    return Block(np.array([1000, 2000]), [(0x80, np.empty((2, 0), np.uint8)), (0x181, one), (0x182, two)])
+
+
+def test_a_block_goes_whole_to_those_who_take_blocks_and_frame_by_frame_to_others(link: CanLink) -> None:
+    link.open()
+    whole, single = list[object](), list[tuple[object, ...]]()
+    taken: Callable[..., None] = lambda *told: single.append(("of a block", *told))  # noqa: E731
+    for identifier in (0x181, 0x182):
+        link.subscribe(identifier, taken)
+    link.take_blocks(taken, lambda columns: whole.append({at: data.tolist() for at, data in columns.items()}))
+    for identifier in (0x182, 0x80):
+        link.subscribe(identifier, lambda *told: single.append(told))
+    link._listener(block())
+    assert whole == [{0x181: [[1, 0], [1, 1]], 0x182: [[2, 0], [2, 1]]}]
+    assert single == [(0x80, b"", 1e-6), (0x182, b"\2\0", 1e-6), (0x80, b"", 2e-6), (0x182, b"\2\1", 2e-6)]
+    assert link._listener.nodes
+    link._listener(frame(0x181, b"alone"))
+    assert single[-1][:3] == ("of a block", 0x181, b"alone")
+
+
+def test_a_tap_hears_each_frame_of_a_block_with_its_own_time(link: CanLink) -> None:
+    told: list[can.Message] = []
+    link.tap(lambda _sent, message: told.append(message))
+    link.open()
+    for listener in link.network.listeners:
+        listener(block())  # type: ignore[arg-type]
+    assert [(m.arbitration_id, bytes(m.data)) for m in told[:3]] == [(0x80, b""), (0x181, b"\1\0"), (0x182, b"\2\0")]
+    assert [time_of(m) for m in told] == [1000, 1000, 1000, 2000, 2000, 2000]
 
 
 def test_a_tap_hears_of_a_frame_before_anybody_acts_on_it(link: CanLink) -> None:

@@ -12,6 +12,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sensor_node import Counts, MappedNode, missing_sync
+from palpate.instrument.bench.can_block import Block
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.role_maps.sensor_node import NodeSettings
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
@@ -236,20 +237,24 @@ def test_nodes_that_send_no_sync_sample_at_that_of_another_and_leave_it_off(benc
     assert sim.can.sync_rate == 0.0
 
 
+def half(block: Block) -> Block:
+    """The first half of the SYNCs, with what is sent at them."""
+    count = (len(block.time_ns) + 1) // 2
+    return Block(block.time_ns[:count], [(cob_id, data[:count]) for cob_id, data in block.columns])
+
+
 def test_sync_that_does_not_come_or_too_seldom_is_noticed(
     bench: tuple[SimulatedBench, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sim, opened = bench
     one = opened.device("film_1")
     one.set_sample_rate(250.0)
-    carry = sim.can._bus.burst  # type: ignore[attr-defined]
+    carry = sim.can._bus.hand_over  # type: ignore[attr-defined]
     with monkeypatch.context() as patched:
-        patched.setattr(sim.can._bus, "burst", lambda payloads: carry([each for each in payloads if each[0] > 0x200]))
+        patched.setattr(sim.can._bus, "hand_over", lambda block: carry(Block(block.time_ns, block.columns[1:])))
         with pytest.raises(DeviceError, match="no SYNC came; check that node 3 is there"):
             one.acquire_with([], 0.4)
-        patched.setattr(
-            sim.can._bus, "burst", lambda payloads: carry(payloads[: (len(payloads) + 1) // 2])
-        )  # whole periods
+        patched.setattr(sim.can._bus, "hand_over", lambda block: carry(half(block)))
         with pytest.raises(
             LinkError, match=r"SYNCs came in .* were due; the bus lost frames, or another node sends SYNC"
         ):

@@ -36,6 +36,46 @@ def test_samples_are_volts_of_their_channel_s_range_with_their_time_and_saturati
     assert found.saturated.tolist() == [[False, False], [False, True], [False, False], [False, True]]
 
 
+def block(link: Any, counters: list[int]) -> None:
+    counts = np.array([[counter, -counter, 0, 7] for counter in counters], "<i2").view(np.uint8)
+    stamps = np.array([[*counter.to_bytes(4, "little"), 0b0100] for counter in counters], np.uint8)
+    (take,) = link.whole.values()
+    take({0x183: counts, 0x283: stamps})
+
+
+def test_a_block_of_samples_gives_what_its_frames_give_one_by_one() -> None:
+    driver, link, _ = node()
+    driver.arm(4)
+    for counter in (1, 2, 3, 4):
+        samples(link, counter, counter, -counter, 0, 7, saturated=0b0100)
+    singly = driver.collect(4)
+    driver.arm(4)
+    samples(link, 1, 1, -1, 0, 7, saturated=0b0100)
+    block(link, [2, 3])
+    samples(link, 4, 4, -4, 0, 7, saturated=0b0100)
+    found = driver.collect(4)
+    assert found.voltage.tolist() == singly.voltage.tolist()
+    assert found.saturated.tolist() == singly.saturated.tolist()
+
+
+def test_no_more_is_kept_of_a_block_than_was_asked_for() -> None:
+    driver, link, _ = node()
+    block(link, [1, 2])
+    assert driver._sizes == b""
+    driver.arm(1)
+    block(link, [1, 2, 3, 4])
+    assert len(driver._sizes) == 2
+
+
+@pytest.mark.parametrize(("counters", "first"), [([1, 2, 4, 5], 3), ([1, 1, 2, 3], 2), ([1, 2, 3], 4)])
+def test_samples_that_a_block_lacks_or_holds_twice_are_told(counters: list[int], first: int) -> None:
+    driver, link, _ = node()
+    driver.arm(4)
+    block(link, counters)
+    with pytest.raises(LinkError, match=f"samples are missing from number {first} on"):
+        driver.collect(4)
+
+
 def test_what_came_before_is_forgotten_by_the_next_recording() -> None:
     driver, link, _ = node()
     driver.arm(5)

@@ -147,7 +147,8 @@ class Frames:
 
     def decode(self, data: bytes) -> None:
         self.node.emergencies.clear()
-        self.node._frames, self.node._most = [], 1000
+        self.node._data, self.node._sizes = bytearray(), bytearray()
+        self.node._collected, self.node._most = 0, 1000
         ours: list[bytes] = []
         emergencies = 0
         at = 0

@@ -75,7 +75,7 @@ def test_what_a_node_sends_unasked_is_not_kept() -> None:
         transfers.node._node.sdo.on_response(0x580 + NODE, bytearray(8), 0.0)
         frames.node._on_frame(0x180 + NODE, bytearray(8), 0.0)
     assert transfers.node._node.sdo.responses.qsize() < 20
-    assert frames.node._frames == []
+    assert frames.node._sizes == b""
 
 
 def test_damaged_solutions_say_how_to_make_them_anew(tmp_path: Path) -> None:

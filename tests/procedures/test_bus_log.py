@@ -6,6 +6,7 @@ import re
 import struct
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,9 @@ def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate
         assert text in can_texts
     times = [m["time"] for m in whole]
     assert times == sorted(times)
+    synced = [m["time"] for m in whole if m["text"] == "SYNC"]
+    periods = [after - before for before, after in pairwise(synced)]
+    assert min(periods) == pytest.approx(0.004, abs=1e-6)  # the period that was set
     lines = palpate("bus", "show", "trace.pcapng").out.splitlines()
     assert len(lines) == len(whole)
     assert lines[0].split() == ["0.000000", "shaker_amplifier", "<-", "identify"]

@@ -1,0 +1,84 @@
+"""A long record is fitted by sums over its pieces; the same samples give the same fit by one factorization."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.signals import sine_columns
+from palpate.instrument.signals.estimate import SineFit, fit_sine
+from palpate.instrument.signals.sine_columns import COEFFICIENTS, Sums
+
+RATE = 1000.0  # Hz
+COUNT, LONG = 40_000, 30_000  # samples; what counts as long here, so that the factorization is quick
+
+Floats = np.ndarray
+
+
+def record(frequency: float, hum: float) -> tuple[Floats, Floats]:
+    """Times (n,) and signals (2, n) on a great offset, with a trend, and hum beside the mains' rated frequency."""
+    t = np.arange(1, COUNT + 1) / RATE
+    noise = 1e-3 * np.random.default_rng(5).standard_normal((2, COUNT))
+    drive = np.outer([0.3, 1e-3], np.cos(2 * np.pi * frequency * t + 0.4))
+    return t, 2.0 + 1e-4 * t + drive + hum * np.cos(2 * np.pi * 50.013 * t + 1) + noise
+
+
+def fitted(t: Floats, y: Floats, frequency: float, longest: int, monkeypatch: pytest.MonkeyPatch) -> SineFit:
+    """The fit if so many samples are the most that are factored at once."""
+    with monkeypatch.context() as patched:
+        patched.setattr(sine_columns, "LONGEST_FACTORED", longest)
+        return fit_sine(t, y, frequency)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "hum", "mains"),
+    [
+        (10.0, 0.0, (50.0, 60.0)),
+        (10.0, 0.02, (50.013, 60.0)),
+        (50.0, 0.02, (60.0,)),  # the columns of 50 Hz are those of the drive
+        (0.03, 0.0, (50.0, 60.0)),  # 1.2 cycles
+    ],
+)
+def test_sums_give_the_fit_that_one_factorization_gives(
+    frequency: float, hum: float, mains: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t, y = record(frequency, hum)
+    kept = np.ones(COUNT, bool)
+    kept[20_000:20_100] = False  # bad samples that were left out
+    by_sums, by_qr = (fitted(t[kept], y[:, kept], frequency, longest, monkeypatch) for longest in (LONG, COUNT))
+    assert by_sums.mains == pytest.approx(mains, abs=1e-4)
+    assert by_sums.mains == pytest.approx(by_qr.mains, rel=1e-12)
+    for name in ("amplitude", "phase", "offset", "trend", "amplitude_u", "phase_u", "noise", "hum", "most_hum"):
+        assert getattr(by_sums, name) == pytest.approx(getattr(by_qr, name), rel=1e-11, abs=1e-14), name
+    assert by_sums.condition == pytest.approx(by_qr.condition)
+    assert by_sums.rapid.rms == pytest.approx(by_qr.rapid.rms, rel=1e-12)
+    assert by_sums.degrees_of_freedom == by_qr.degrees_of_freedom
+
+
+def test_times_that_do_not_determine_a_sine_are_refused_for_a_long_record_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    t, y = record(10.0, 0.0)
+    said = []
+    for longest in (LONG, COUNT):
+        with pytest.raises(
+            EstimateError, match=r"do not determine a sine of 500 Hz: condition number [\d.e+]+, limit 100;"
+        ) as refused:
+            fitted(t, y, 499.99999, longest, monkeypatch)
+        said.append(str(refused.value).partition(":")[0])
+    assert said[0] == said[1]
+
+
+def test_sums_over_uneven_pieces_are_least_squares_of_the_whole() -> None:
+    t, y = record(10.0, 0.02)
+    t, y = t - (t[0] + t[-1]) / 2, y - 2.0
+    sums = Sums(10.0, t[-1], mains=(50.013,), slopes=False)
+    for part in np.split(np.arange(COUNT), [1, 1000, 30_000]):
+        sums.add(t[part], y[:, part])
+    turns = [2 * np.pi * frequency * t for frequency in (10.0, 50.013)]
+    columns = [each for turn in turns for each in (np.cos(turn), np.sin(turn))]
+    columns[2:2] = [np.ones(COUNT), t]
+    whole, left, *_ = np.linalg.lstsq(np.stack(columns, axis=1), y.T, rcond=None)
+    found = sums.solve() * sums.scale[:, np.newaxis]
+    assert found[:COEFFICIENTS] == pytest.approx(whole[:COEFFICIENTS], rel=1e-9, abs=1e-13)
+    assert sums.deviation() == pytest.approx(np.sqrt(left / (COUNT - 6)), rel=1e-8)
+    assert sums.samples == COUNT
