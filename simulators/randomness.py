@@ -8,8 +8,8 @@ generator is SFC64 (C. Doty-Humphrey, PractRand), NumPy's fastest.
 
 from __future__ import annotations
 
-import functools
 import hashlib
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -22,6 +22,17 @@ MIXING = 12  # words to discard until every bit of the seed has reached every bi
 _KEPT = 2  # blocks kept, so that small pieces across a border draw each block once
 
 
+class _ThreadsOwn(threading.local):
+    """A thread's generator, which takes longer to make than a block to draw; each block sets its whole state."""
+
+    def __init__(self) -> None:
+        self.generator = Generator(SFC64(0))
+        self.state = dict(self.generator.bit_generator.state)
+
+
+_OWN = _ThreadsOwn()
+
+
 class Stream:
     """Independent standard normals, numbered from 0. Streams of one seed and name are equal."""
 
@@ -29,19 +40,9 @@ class Stream:
         self._name: tuple[Any, ...] = (seed, *name)
         digest = hashlib.sha256(repr(self._name).encode()).digest()
         self._words = int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:16], "little")
+        self._state = np.array([*self._words, 0, 1], np.uint64)  # those of two blocks differ in the block number only
         self._blocks: dict[int, npt.NDArray[np.float64]] = {}
         self.kept: dict[object, Any] = {}  # a cache for effects, of values computed from this stream's numbers
-
-    @functools.cached_property
-    def _generator(self) -> Generator:
-        return Generator(SFC64(0))
-
-    @functools.cached_property
-    def _state(self) -> dict[str, Any]:
-        """State of the generator; the states of two blocks differ in the block number only."""
-        state = dict(self._generator.bit_generator.state)
-        state["state"] = {"state": np.array([*self._words, 0, 1], np.uint64)}
-        return state
 
     def child(self, *name: object) -> Stream:
         """The stream of a part, independent of this one and of its other children."""
@@ -64,10 +65,11 @@ class Stream:
     def block(self, number: int) -> npt.NDArray[np.float64]:
         """Numbers `number` * BLOCK to the next multiple, (BLOCK,), not to be written to."""
         if number not in self._blocks:
-            self._state["state"]["state"][2] = number
-            self._generator.bit_generator.state = self._state
-            self._generator.bit_generator.random_raw(MIXING)  # with `output=False` it takes three times as long
-            keep(self._blocks, number, self._generator.standard_normal(BLOCK))
+            self._state[2] = number
+            _OWN.state["state"]["state"] = self._state
+            _OWN.generator.bit_generator.state = _OWN.state
+            _OWN.generator.bit_generator.random_raw(MIXING)  # with `output=False` it takes three times as long
+            keep(self._blocks, number, _OWN.generator.standard_normal(BLOCK))
         return self._blocks[number]
 
 

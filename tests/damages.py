@@ -28,7 +28,8 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run, reading
 from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
-from palpate.procedures.study.run import CellOutcome, Store, stored
+from palpate.procedures.study.block import MEASURED, BlockBuilder
+from palpate.procedures.study.run import Store, stored
 
 Files = dict[str, bytes]
 BAD = ("silent", "whole point not returned", "wrong point returned", "crashed")
@@ -245,15 +246,24 @@ def study(folder: Path) -> Victim:
     with Store(folder, {"study": {"loads": "1 N, 2 N"}}) as store:
         for cell in range(8):
             before.append(_read(folder))
-            store.add([CellOutcome(cell, "too soft" * (cell == 3), f'[{{"force_ratio":0.{cell}17,"load_N":2.0}}]')])
+            builder = BlockBuilder(cell, 1, 1)
+            builder.rows(0, [{**dict.fromkeys(MEASURED, 0.1 * cell), "valid": True, "flags": []}])
+            if cell == 3:
+                builder.failed(0, "too soft")
+            store.add([builder.block()])
         files = _read(folder)
     for name, content in files.items():
         (folder / name).write_bytes(content)
-    whole = stored(folder)
+
+    def held(folder: Path) -> tuple[dict[str, Any], list[bytes]]:
+        asked, blocks = stored(folder)
+        return asked, [block.stored() for block in blocks]
+
+    whole = held(folder)
 
     def judge(folder: Path, files: Files) -> list[str]:
         try:
-            return ["nothing changed" if stored(folder) == whole else "silent"]
+            return ["nothing changed" if held(folder) == whole else "silent"]
         except (RecordError, UsageError):
             return ["noticed"]
 

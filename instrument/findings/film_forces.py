@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,79 +91,124 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
         EstimateError: a base film's amplitude is below three of its standard uncertainties.
     """
     films = design.films
-    gains = np.array([film.sensitivity for film in films])
-    voltage = 2 * fit.unbiased
-    force = voltage / gains
-    force_u = 2 * fit.amplitude_u / gains
-    covariance = fit.amplitude_correlation * np.outer(force_u, force_u)
-    bases = [i for i, film in enumerate(films) if film.kind == FILM_KINDS[1]]
-    for i in bases:
+    for i in _bases(design):
         if not fit.amplitude[i] > LEAST_SIGNAL * fit.amplitude_u[i]:
             raise EstimateError(
                 f"film {films[i].name!r} on channel {films[i].channel} gives {show(float(fit.amplitude[i]), 'V')} with "
                 f"standard uncertainty {show(float(fit.amplitude_u[i]), 'V')}, too little for a ratio; check its "
                 "connection"
             )
+    sums, teeth = _forces(design, fit)
+    return FilmForces(
+        **{name: float(value) for name, value in sums.items()},
+        teeth=tuple(
+            ToothPoint(tooth=tooth, **{name: float(value) for name, value in of.items()}) for tooth, of in teeth.items()
+        ),
+    )
+
+
+def stacked_forces(design: Design, fits: SineFit) -> tuple[dict[str, Floats], npt.NDArray[np.bool_]]:
+    """What `film_forces` gives for each record of a stack, to the last bit: its numbers by name, each (records,).
+
+    Teeth are left out. The second array tells for which records there are forces; for the others `film_forces` raises.
+    """
+    bases = _bases(design)
+    sound = np.asarray((fits.amplitude[:, bases] > LEAST_SIGNAL * fits.amplitude_u[:, bases]).all(axis=1))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return _forces(design, fits)[0], sound
+
+
+def _bases(design: Design) -> list[int]:
+    return [i for i, film in enumerate(design.films) if film.kind == FILM_KINDS[1]]
+
+
+def _forces(design: Design, fit: SineFit) -> tuple[dict[str, Floats], dict[int, dict[str, Floats]]]:
+    """The numbers of `FilmForces`, and those of `ToothPoint` by the tooth's number, of a record or of a stack of them.
+
+    A square is written as a product: numpy rounds the power of one number and of an array in different ways.
+    """
+    films = design.films
+    gains = np.array([film.sensitivity for film in films])
+    voltage = 2 * fit.unbiased
+    force = voltage / gains
+    force_u = 2 * fit.amplitude_u / gains
+    covariance = fit.amplitude_correlation * _outer(force_u)
+    bases = _bases(design)
     calibrated = np.zeros((len(films), len(films))) if design.film_covariance is None else design.film_covariance
-    force_covariance = np.asarray(calibrated) * np.outer(force, force)
-    pickup_covariance = pickup_u(design) ** 2 * float(force[bases].sum()) ** 2 * np.eye(len(films))
-    scatter_covariance = np.asarray(design.scatter_covariance) * np.outer(force, force)
+    force_covariance = np.asarray(calibrated) * _outer(force)
+    on_bases = np.take(force, bases, axis=-1).sum(axis=-1)
+    share = pickup_u(design)
+    pickup_covariance = (share * share * (on_bases * on_bases))[..., np.newaxis, np.newaxis] * np.eye(len(films))
+    scatter_covariance = np.asarray(design.scatter_covariance) * _outer(force)
     parts = (covariance, scatter_covariance, force_covariance, pickup_covariance)
     whole_covariance: Floats = np.sum(parts, axis=0)
-    each_u = np.sqrt(np.diag(whole_covariance))
-    slopes = np.zeros(len(films))
-    teeth = []
+    each_u = np.sqrt(np.diagonal(whole_covariance, axis1=-2, axis2=-1))
+    slopes = np.zeros_like(force)
+    teeth = {}
     for rigid, film in enumerate(films):
         if film.kind != FILM_KINDS[0]:
             continue
         base = next(i for i in bases if film.teeth[0] in films[i].teeth)
-        slope = np.zeros(len(films))
-        slope[rigid] = 1 / force[base]
-        slope[base] = -force[rigid] / force[base] ** 2
+        on_tooth, on_base = force[..., rigid], force[..., base]
+        slope = np.zeros_like(force)
+        slope[..., rigid] = 1 / on_base
+        slope[..., base] = -on_tooth / (on_base * on_base)
         slopes += slope / len(bases)
-        ratio, noise_u = float(force[rigid] / force[base]), _u(slope, covariance)
-        ratio -= quotient_bias(ratio, float(force[base]), float(covariance[base, base]), float(covariance[rigid, base]))
-        teeth.append(
-            ToothPoint(
-                tooth=film.teeth[0] + 1,
-                voltage_V=float(voltage[rigid]),
-                force_N=float(force[rigid]),
-                base_voltage_V=float(voltage[base]),
-                base_force_N=float(force[base]),
-                force_ratio=ratio,
-                force_ratio_u=math.hypot(*(_u(slope, part) for part in parts)),
-                noise_u=noise_u,
-                force_u=float(each_u[rigid]),
-                base_force_u=float(each_u[base]),
-            )
-        )
+        ratio = on_tooth / on_base
+        ratio = ratio - quotient_bias(ratio, on_base, covariance[..., base, base], covariance[..., rigid, base])
+        by_part = [_u(slope, part) for part in parts]
+        teeth[film.teeth[0] + 1] = {
+            "voltage_V": voltage[..., rigid],
+            "force_N": on_tooth,
+            "base_voltage_V": voltage[..., base],
+            "base_force_N": on_base,
+            "force_ratio": ratio,
+            "force_ratio_u": _each(math.hypot, by_part),
+            "noise_u": by_part[0],
+            "force_u": each_u[..., rigid],
+            "base_force_u": each_u[..., base],
+        }
     rigids = [i for i in range(len(films)) if i not in bases]
     of_rigid = np.array([float(i in rigids) for i in range(len(films))])
-    ratio = math.fsum(tooth.force_ratio for tooth in teeth) / len(bases)
-    noise_u, scatter_u, calibration_u, by_pickup = (_u(slopes, part) for part in parts)
-    return FilmForces(
-        voltage_rigid_V=float(voltage[rigids].sum()),
-        voltage_total_V=float(voltage[bases].sum()),
-        force_rigid_N=float(force[rigids].sum()),
-        force_total_N=float(force[bases].sum()),
-        force_ratio=ratio,
-        force_ratio_u=math.hypot(noise_u, scatter_u, calibration_u, by_pickup),
-        noise_u=noise_u,
-        calibration_u=calibration_u,
-        pickup_u=by_pickup,
-        degrees_of_freedom=fit.degrees_of_freedom,
-        force_rigid_u=_u(of_rigid, whole_covariance),
-        force_total_u=_u(1 - of_rigid, whole_covariance),
-        force_total_noise_u=_u(1 - of_rigid, covariance),
-        teeth=tuple(teeth),
-    )
+    by_part = [_u(slopes, part) for part in parts]
+    sums = {
+        "voltage_rigid_V": np.take(voltage, rigids, axis=-1).sum(axis=-1),
+        "voltage_total_V": np.take(voltage, bases, axis=-1).sum(axis=-1),
+        "force_rigid_N": np.take(force, rigids, axis=-1).sum(axis=-1),
+        "force_total_N": on_bases,
+        "force_ratio": _each(_sum, [tooth["force_ratio"] for tooth in teeth.values()]) / len(bases),
+        "force_ratio_u": _each(math.hypot, by_part),
+        "noise_u": by_part[0],
+        "calibration_u": by_part[2],
+        "pickup_u": by_part[3],
+        "degrees_of_freedom": np.asarray(fit.degrees_of_freedom),
+        "force_rigid_u": _u(of_rigid, whole_covariance),
+        "force_total_u": _u(1 - of_rigid, whole_covariance),
+        "force_total_noise_u": _u(1 - of_rigid, covariance),
+    }
+    return sums, teeth
+
+
+def _outer(values: Floats) -> Floats:
+    return values[..., :, np.newaxis] * values[..., np.newaxis, :]
+
+
+def _sum(*values: float) -> float:
+    return math.fsum(values)
+
+
+def _each(combine: Callable[..., float], parts: Sequence[Floats]) -> Floats:
+    """A function of Python's floats, of which numpy has none that rounds alike, for each record."""
+    together = np.stack(parts, axis=-1)
+    rows = together.reshape(-1, len(parts)).tolist()
+    return np.array([combine(*row) for row in rows]).reshape(together.shape[:-1])
 
 
 def calibration_u(design: Design) -> float:
     """Relative standard uncertainty of the ratio by the films' calibration, where all teeth bear alike."""
     if design.film_covariance is None:
         return 0.0
-    return _u(np.array(design.ratio_slopes), np.asarray(design.film_covariance))
+    return float(_u(np.array(design.ratio_slopes), np.asarray(design.film_covariance)))
 
 
 def pickup_u(design: Design) -> float:
@@ -174,5 +220,6 @@ def pickup_u(design: Design) -> float:
     return (design.pickup or 0.0) / math.sqrt(2)
 
 
-def _u(slope: Floats, covariance: Floats) -> float:
-    return math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+def _u(slope: Floats, covariance: Floats) -> Floats:
+    variance = ((slope[..., np.newaxis, :] @ covariance) @ slope[..., :, np.newaxis])[..., 0, 0]
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

@@ -12,19 +12,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.errors import EstimateError, UnknownName
-from palpate.instrument.signals.hum import tuned
-from palpate.instrument.signals.noise import MAINS, noise_at
+from palpate.instrument.signals.hum import humming, tuned
+from palpate.instrument.signals.noise import MAINS, EquivalentNoise, noise_at
 from palpate.instrument.signals.noise_parts import short_noise
 from palpate.instrument.signals.rapid_noise import RapidNoise, rapid_noise
 from palpate.instrument.signals.sine_columns import COEFFICIENTS, WANDER, SineColumns, correlated, sine_columns
 
 Floats = npt.NDArray[np.float64]
+Some = TypeVar("Some", float, Floats)
 
 SHORTEST_RECORD = 0.25
 """Shortest record [cycles].
@@ -43,7 +45,7 @@ LEAST_SHARE = 1e-3  # share of an uncertainty; a smaller part of it by noise doe
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SineFit:
-    """Fit of a sine in each channel.
+    """Fit of a sine in each channel. Where a stack of records was fitted, arrays have one axis more, in front.
 
     `signal = offset + trend·(t − middle of the record) + amplitude·cos(2π·frequency·t + phase)`
 
@@ -65,7 +67,7 @@ class SineFit:
         noise: (channels,) V, standard deviation of one sample of white noise that has the density of the noise around
             the drive (see `noise_at`).
         correlation: (channels, channels), correlation of the noise.
-        degrees_of_freedom: degrees of freedom of `amplitude_u`.
+        degrees_of_freedom: degrees of freedom of `amplitude_u`; (records,) of a stack.
         amplitude_correlation, phase_correlation: (channels, channels), correlations of the errors of `amplitude` and of
             `phase`.
         condition: condition number of the scaled columns; 1 is the least.
@@ -131,45 +133,83 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     step = _check_frequency(t, frequency)
 
     basis = sine_columns(t, frequency)
-    level = y.mean(axis=1, keepdims=True)
+    level = y.mean(axis=-1, keepdims=True)
     basis, scaled = tuned(basis, y - level, basis.solve(y - level))
-    residuals = (y - level) - basis.fitted(scaled)
-    a, b, offset, trend = scaled[:COEFFICIENTS] * basis.scale[:COEFFICIENTS, np.newaxis]
+    fit = _fitted(basis, t, level, y - level, scaled, step)
+    return replace(fit, degrees_of_freedom=float(fit.degrees_of_freedom))
+
+
+def fit_sines(time: Floats, stack: Floats, frequency: float) -> tuple[SineFit, npt.NDArray[np.bool_]]:
+    """Fit each record (channels, n) of a stack (records, channels, n), to the last bit as `fit_sine` fits it alone.
+
+    The records must be finite. Arithmetic depends on neither the number of records nor their places, because numpy and
+    BLAS treat the matrices of a stack one by one.
+
+    Returns:
+        The fits, and which records they hold for. In the others the mains may have another frequency than the rated
+        one, so that each must be fitted alone.
+
+    Raises:
+        EstimateError: as in `fit_sine`, for the times and the frequency.
+    """
+    _check_samples(time, stack[0])
+    step = _check_frequency(time, frequency)
+    basis = sine_columns(time, frequency)
+    level = stack.mean(axis=-1, keepdims=True)
+    centred = stack - level
+    scaled = basis.solve(centred)
+    return _fitted(basis, time, level, centred, scaled, step), ~humming(basis, centred, scaled)
+
+
+def _fitted(basis: SineColumns, time: Floats, level: Floats, centred: Floats, scaled: Floats, step: float) -> SineFit:
+    """Fit of a record (channels, n) or of a stack of them, of which `centred` is what is left about the `level`."""
+    frequency = basis.frequency
+    residuals = centred - basis.fitted(scaled)
+    a, b, offset, trend = np.moveaxis(scaled[..., :COEFFICIENTS, :] * basis.scale[:COEFFICIENTS, np.newaxis], -2, 0)
     at_middle = np.arctan2(-b, a)
     spent = basis.scale.size
     along, across = basis.direction(at_middle), basis.direction(at_middle + np.pi / 2)
-    around = short_noise(basis, residuals, step) or noise_at(frequency, residuals, step, spent)
+    around = _noise_around(basis, residuals, step, spent)
     amplitude, hum_u = np.hypot(a, b), _wandering(basis, scaled)
-    noise_u, across_u = (around.sigma * np.linalg.norm(each, axis=0) for each in (along, across))
+    noise_u, across_u = (around.sigma * np.linalg.norm(each, axis=-2) for each in (along, across))
     amplitude_u, turned_u = np.hypot(noise_u, hum_u), np.hypot(across_u, hum_u)
     of_noise, turned_by_noise = (
         np.divide(part, whole, out=np.ones_like(part), where=whole > 0)
         for part, whole in ((noise_u, amplitude_u), (across_u, turned_u))
     )
     turns = math.remainder(frequency * basis.middle, 1.0)
+    freedom = np.asarray(around.degrees_of_freedom)[..., np.newaxis] / np.maximum(of_noise, LEAST_SHARE) ** 4
     return SineFit(
         frequency=float(frequency),
         amplitude=amplitude,
         phase=np.remainder(at_middle - 2 * np.pi * turns + np.pi, 2 * np.pi) - np.pi,
-        offset=level[:, 0] + offset,
+        offset=level[..., 0] + offset,
         trend=trend,
         amplitude_u=amplitude_u,
         phase_u=np.divide(turned_u, amplitude, out=np.full_like(amplitude, np.inf), where=amplitude > 0),
         amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - across_u**2, 0.0)),
         hum_u=hum_u,
-        rapid=rapid_noise(t, residuals, 1 / (frequency * step), spent),
+        rapid=rapid_noise(time, residuals, 1 / (frequency * step), spent),
         noise=around.sigma,
         correlation=around.correlation,
-        degrees_of_freedom=float((around.degrees_of_freedom / np.maximum(of_noise, LEAST_SHARE) ** 4).min()),
+        degrees_of_freedom=freedom.min(axis=-1),
         amplitude_correlation=correlated(around.correlation, along, of_noise),
         phase_correlation=correlated(around.correlation, across, turned_by_noise),
         condition=basis.condition,
         hum=basis.hum,
         most_hum=max((basis.hum, *basis.strays)),
         mains=basis.mains,
-        samples=t.size,
+        samples=time.size,
         rate=1 / step,
     )
+
+
+def _noise_around(basis: SineColumns, residuals: Floats, step: float, spent: int) -> EquivalentNoise:
+    found = short_noise(basis, residuals, step)
+    if found is not None and found[1].all():
+        return found[0]
+    longer = noise_at(basis.frequency, residuals, step, spent)
+    return longer if found is None else found[0].where(found[1], longer)
 
 
 def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
@@ -218,7 +258,7 @@ def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[flo
     return ratio - quotient_bias(ratio, bottom, bottom_u**2, common), math.sqrt(max(variance, 0.0)) / bottom
 
 
-def quotient_bias(ratio: float, bottom: float, variance: float, covariance: float) -> float:
+def quotient_bias(ratio: Some, bottom: Some, variance: Some, covariance: Some) -> Some:
     """Mean error that noise adds to a quotient, to second order.
 
     A denominator that is too small has a greater effect than one that is too large by as much.
@@ -229,7 +269,7 @@ def quotient_bias(ratio: float, bottom: float, variance: float, covariance: floa
         variance: variance of the denominator.
         covariance: covariance of numerator and denominator.
     """
-    return (ratio * variance - covariance) / bottom**2
+    return (ratio * variance - covariance) / (bottom * bottom)
 
 
 def _wandering(basis: SineColumns, scaled: Floats) -> Floats:
@@ -240,11 +280,11 @@ def _wandering(basis: SineColumns, scaled: Floats) -> Floats:
     as two standard uncertainties.
     """
     if not basis.strays:
-        return np.zeros(scaled.shape[1])
+        return np.zeros((*scaled.shape[:-2], scaled.shape[-1]))
     hum, _ = basis.phasors(scaled)
     turns = np.abs(np.array(basis.mains) - basis.frequency) * (basis.time[-1] - basis.time[0])
     typical = np.where(turns < 1, 0.5, 1 / math.sqrt(6)) * basis.strays
-    found: Floats = np.linalg.norm(np.abs(hum).T * typical, axis=1)
+    found: Floats = np.linalg.norm(np.abs(hum).swapaxes(-1, -2) * typical, axis=-1)
     return found
 
 

@@ -53,15 +53,24 @@ def tuned(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColu
     return basis, scaled
 
 
+def humming(basis: SineColumns, signals: Floats, scaled: Floats) -> npt.NDArray[np.bool_]:
+    """In which records of a stack (..., channels, n) `tuned` may find other frequencies of the mains."""
+    if not (basis.mains and basis.slopes):
+        return np.zeros(signals.shape[:-2], bool)
+    if basis.time[-1] - basis.time[0] > LONG:
+        return np.ones(signals.shape[:-2], bool)
+    return np.asarray(_off(basis, signals, scaled).any(axis=-1))
+
+
 def _off(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
-    """Difference [Hz] of each of the mains from the frequency of its columns; 0: no difference can be told."""
+    """Difference (..., mains) [Hz] of the mains from the frequency of their columns; 0: no difference can be told."""
     hum, slope = basis.phasors(scaled)
-    deviation = _deviation(basis, signals, scaled)
-    power = (np.abs(hum / deviation) ** 2).sum(axis=1)
-    shown = power > SEEN**2 * signals.shape[0]
+    deviation = _deviation(basis, signals, scaled)[..., np.newaxis, :]
+    power = (np.abs(hum / deviation) ** 2).sum(axis=-1)
+    shown = power > SEEN**2 * signals.shape[-2]
     half = basis.time[-1]
     # hum (1 + i δ t) turns by δ; all channels share the frequency of the mains.
-    turned = ((slope / deviation) * (hum / deviation).conj()).imag.sum(axis=1)
+    turned = ((slope / deviation) * (hum / deviation).conj()).imag.sum(axis=-1)
     rate = np.divide(turned, power, out=np.zeros_like(power), where=shown)
     turned_u = np.sqrt(np.divide(3.0, power, out=np.zeros_like(power), where=shown)) / half
     needed = shown & (np.abs(rate) * half > CENTRED) & (np.abs(rate) > SURE * turned_u)
@@ -69,16 +78,16 @@ def _off(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
 
 
 def _deviation(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
-    """Standard deviation (channels,) [V] of a fitted amplitude by the residuals of the record."""
+    """Standard deviation (..., channels) [V] of a fitted amplitude by the residuals of the record."""
     left = signals - basis.fitted(scaled)
     free = max(basis.time.size - basis.scale.size, 1)
-    found = np.sqrt(2 * (left**2).sum(axis=1) / free / basis.time.size)
+    found = np.sqrt(2 * (left**2).sum(axis=-1) / free / basis.time.size)
     return _above_round_off(found, signals)
 
 
 def _above_round_off(deviation: Floats, signals: Floats) -> Floats:
     """The deviation, at least that of round-off: the residuals of a record without noise are no hum."""
-    largest: Floats = np.abs(signals).max(axis=1, initial=0.0)
+    largest: Floats = np.abs(signals).max(axis=-1, initial=0.0)
     least = np.where(largest > 0, ROUND_OFF * largest, 1.0)
     found: Floats = np.maximum(deviation, least)
     return found

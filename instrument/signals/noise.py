@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
+Complexes = npt.NDArray[np.complex128]
 
 MAINS = (50.0, 60.0)  # Hz
 FEWEST_LINES = 8  # least number of lines of the spectrum; in a record with fewer, all residuals count
@@ -30,14 +31,22 @@ class EquivalentNoise:
     """White noise that has the same effect on the drive's amplitude as the real noise.
 
     Args:
-        sigma: (channels,) standard deviation of a sample, in the signals' unit.
-        correlation: (channels, channels), correlation of the channels' noise.
-        degrees_of_freedom: degrees of freedom of `sigma`.
+        sigma: (..., channels) standard deviation of a sample, in the signals' unit.
+        correlation: (..., channels, channels), correlation of the channels' noise.
+        degrees_of_freedom: (...,), degrees of freedom of `sigma`.
     """
 
     sigma: Floats
     correlation: Floats
-    degrees_of_freedom: float
+    degrees_of_freedom: Floats
+
+    def where(self, chosen: npt.NDArray[np.bool_], other: EquivalentNoise) -> EquivalentNoise:
+        """This noise for the chosen records of a stack, and the other one for the rest."""
+        return EquivalentNoise(
+            np.where(chosen[..., np.newaxis], self.sigma, other.sigma),
+            np.where(chosen[..., np.newaxis, np.newaxis], self.correlation, other.correlation),
+            np.where(chosen, self.degrees_of_freedom, other.degrees_of_freedom),
+        )
 
 
 def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> EquivalentNoise:
@@ -50,96 +59,120 @@ def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> Eq
 
     Args:
         frequency: frequency of the drive [Hz].
-        residuals: (channels, n), residuals of the fit; a few missing samples do no harm.
+        residuals: (..., channels, n), residuals of the fit; a few missing samples do no harm.
         step: time between samples [s].
         spent: number of coefficients of the fit.
     """
-    n = residuals.shape[1]
+    n = residuals.shape[-1]
     cycles = frequency * n * step
     lines = np.arange(FIRST_LINE, (n + 1) // 2)
     harmonics = int(lines.size // cycles) + 1 if cycles >= HARMONICS_FROM else 1
     for tone in (*(cycles * np.arange(1, harmonics + 1)), *(mains * n * step for mains in MAINS)):
         lines = lines[np.abs(lines - tone) >= 1 - 1e-6]
     if lines.size < FEWEST_LINES:
-        return EquivalentNoise(*moments(residuals, n - spent), n - spent)
-    spectrum = np.fft.rfft(residuals, axis=1)[:, lines] / np.sqrt(n)
+        return _known_by(residuals, n - spent, n - spent)
+    spectrum = _picked(np.fft.rfft(residuals, axis=-1), lines) / np.sqrt(n)
+    fitted, holds = None, np.zeros(residuals.shape[:-2], bool)
     if lines.size >= SHAPE_LINES:
-        fitted = _shaped(spectrum, cycles / lines)
-        if fitted is not None:
+        fitted, holds = _shaped(spectrum, cycles / lines)
+        if holds.all():
             return fitted
     octaves = np.abs(np.log2(lines / cycles))
     near = np.argsort(octaves, kind="stable")[: max(LINES, np.count_nonzero(octaves <= 1))]
-    around = spectrum[:, near]
-    return EquivalentNoise(*moments(np.concatenate([around.real, around.imag], axis=1), near.size), 2 * near.size)
+    around = _picked(spectrum, near)
+    averaged = _known_by(np.concatenate([around.real, around.imag], axis=-1), near.size, 2 * near.size)
+    return averaged if fitted is None else fitted.where(holds, averaged)
 
 
-def _shaped(spectrum: Floats, pink: Floats) -> EquivalentNoise | None:
-    """Noise by the most likely density white + 1/f (Whittle); None: the spectrum of a channel has another shape.
+def _known_by(values: Floats, count: int, degrees_of_freedom: int) -> EquivalentNoise:
+    sigma, correlation = moments(values, count)
+    return EquivalentNoise(sigma, correlation, np.full(values.shape[:-2], float(degrees_of_freedom)))
+
+
+def _picked(spectrum: Complexes, lines: npt.NDArray[np.int64]) -> Complexes:
+    """Some lines (..., channels, lines) of a spectrum, with the channels of each line side by side in memory.
+
+    By their order in memory numpy sums them in the same order in one record and in a stack.
+    """
+    return np.take(spectrum.swapaxes(-1, -2), lines, axis=-2).swapaxes(-1, -2)
+
+
+def _shaped(spectrum: Complexes, pink: Floats) -> tuple[EquivalentNoise, npt.NDArray[np.bool_]]:
+    """Noise by the most likely density white + 1/f (Whittle), and in which records every channel has that shape.
 
     Args:
-        spectrum: (channels, lines), complex; the mean of the squares is the density.
+        spectrum: (..., channels, lines), complex; the mean of the squares is the density.
         pink: (lines,) falling density of 1/f noise, 1 at the drive.
     """
     edges = np.geomspace(pink[0], pink[-1], BANDS + 1)[:-1]
     first = np.unique(np.searchsorted(-pink, -edges))
     lines = np.diff(first, append=pink.size)
-    power = np.add.reduceat(spectrum.real**2 + spectrum.imag**2, first, axis=1) / lines
-    if not (power > 0).all():
-        return None
+    power = np.add.reduceat(spectrum.real**2 + spectrum.imag**2, first, axis=-1) / lines
+    sound = np.asarray((power > 0).all(axis=(-2, -1)))
+    power = np.where(sound[..., np.newaxis, np.newaxis], power, 1.0)
     slope = np.add.reduceat(pink, first) / lines
     white, rising = _whittle(power, slope, lines)
-    density = white[:, np.newaxis] + rising[:, np.newaxis] * slope
-    if not _holds(power / density, lines):
-        return None
-    whitened = spectrum / np.sqrt(white[:, np.newaxis] + rising[:, np.newaxis] * pink)
-    correlation = moments(np.concatenate([whitened.real, whitened.imag], axis=1), pink.size)[1]
+    density = white[..., np.newaxis] + rising[..., np.newaxis] * slope
+    whitened = spectrum / np.sqrt(white[..., np.newaxis] + rising[..., np.newaxis] * pink)
+    correlation = moments(np.concatenate([whitened.real, whitened.imag], axis=-1), pink.size)[1]
     a, b, c = ((lines / density**2) @ slope**order for order in range(3))
     variance = (a - 2 * b + c) / (a * c - b**2) / (white + rising) ** 2
     # A drive far below the first line is out of the data's reach: the density there is practically unknown.
-    return EquivalentNoise(np.sqrt(white + rising), correlation, max(int(2 / variance.mean()), 1))
+    known = np.maximum(np.trunc(2 / variance.mean(axis=-1)), 1.0)
+    return EquivalentNoise(np.sqrt(white + rising), correlation, known), sound & _holds(power / density, lines)
 
 
 def _whittle(power: Floats, slope: Floats, lines: Floats) -> tuple[Floats, Floats]:
-    """Power (channels,) of white noise and of 1/f noise, neither negative, by Fisher scoring.
+    """Power (..., channels) of white noise and of 1/f noise, neither negative, by Fisher scoring.
 
-    The power of a line is its density times half a chi-squared of two degrees of freedom.
+    The power of a line is its density times half a chi-squared of two degrees of freedom. The channels of a record
+    are scored together, until all of them have settled.
 
     Args:
-        power: (channels, bands), mean power in each band.
+        power: (..., channels, bands), mean power in each band.
         slope: (bands,) mean density of 1/f noise in each band, 1 at the drive.
         lines: (bands,) number of lines in each band.
     """
     flat, steep = power @ lines / lines.sum(), (power / slope) @ lines / lines.sum()
-    white, rising = flat, np.zeros(len(power))
+    white, rising = flat, np.zeros(flat.shape)
+    moving = np.ones((*flat.shape[:-1], 1), bool)
     for _ in range(SCORINGS):
         before = white + rising
-        weight = lines / (white[:, np.newaxis] + rising[:, np.newaxis] * slope) ** 2
+        weight = lines / (white[..., np.newaxis] + rising[..., np.newaxis] * slope) ** 2
         a, b, c = (weight @ slope**order for order in range(3))
-        d, e = (weight * power).sum(axis=1), (weight * power) @ slope
+        d, e = (weight * power).sum(axis=-1), (weight * power) @ slope
         free_white, free_rising = (c * d - b * e) / (a * c - b**2), (a * e - b * d) / (a * c - b**2)
-        white = np.where(free_rising <= 0, flat, np.where(free_white <= 0, 0.0, free_white))
-        rising = np.where(free_rising <= 0, 0.0, np.where(free_white <= 0, steep, free_rising))
-        if (np.abs(white + rising - before) <= SETTLED * before).all():
+        next_white = np.where(free_rising <= 0, flat, np.where(free_white <= 0, 0.0, free_white))
+        next_rising = np.where(free_rising <= 0, 0.0, np.where(free_white <= 0, steep, free_rising))
+        white, rising = np.where(moving, next_white, white), np.where(moving, next_rising, rising)
+        moving = moving & ~(np.abs(white + rising - before) <= SETTLED * before).all(axis=-1, keepdims=True)
+        if not moving.any():
             break
     return white, rising
 
 
-def _holds(relative: Floats, lines: Floats) -> bool:
-    """Whether power over fitted density (channels, bands) differs from 1 in no band by more than chance explains.
+def _holds(relative: Floats, lines: Floats) -> npt.NDArray[np.bool_]:
+    """Whether power over fitted density (..., channels, bands) differs from 1 in no band by more than chance explains.
 
     The mean of a band has a chi-squared distribution; its cube root is nearly normal (Wilson and Hilferty).
     """
     from scipy.special import chdtri
 
     ninth = 1 / (9 * lines)
-    off = ((np.cbrt(relative) - (1 - ninth)) ** 2 / ninth).sum(axis=1)
-    return bool(off.max() <= chdtri(lines.size, SURE / len(relative)))
+    off = ((np.cbrt(relative) - (1 - ninth)) ** 2 / ninth).sum(axis=-1)
+    return np.asarray(off.max(axis=-1) <= chdtri(lines.size, SURE / relative.shape[-2]))
 
 
 def moments(values: Floats, count: int) -> tuple[Floats, Floats]:
-    """Standard deviation of each row, with `count` degrees of freedom, and correlation of the rows."""
-    norm = np.linalg.norm(values, axis=1, keepdims=True)
+    """Standard deviation of each row (..., rows, n), with `count` degrees of freedom, and correlation of the rows."""
+    norm = np.linalg.norm(values, axis=-1, keepdims=True)
     unit = np.divide(values, norm, out=np.zeros_like(values), where=norm > 0)
-    correlation: Floats = unit @ unit.T
-    np.fill_diagonal(correlation, 1.0)
-    return norm[:, 0] / np.sqrt(count), correlation
+    correlation: Floats = unit @ unit.swapaxes(-1, -2)
+    fill_diagonal(correlation)
+    return norm[..., 0] / np.sqrt(count), correlation
+
+
+def fill_diagonal(correlation: Floats) -> None:
+    """Make each channel's correlation with itself 1, in a matrix or a stack of them."""
+    each = np.arange(correlation.shape[-1])
+    correlation[..., each, each] = 1.0

@@ -36,12 +36,16 @@ UPPER = (1 + COVERAGE) / 2
 LOWEST = 0.01  # cycles in a record: offset and trend take up slower 1/f noise
 
 
-def short_noise(basis: SineColumns, residuals: Floats, step: float) -> EquivalentNoise | None:
-    """White noise that has the effect of the real noise on the drive; None: the record is too long or too short.
+def short_noise(
+    basis: SineColumns, residuals: Floats, step: float
+) -> tuple[EquivalentNoise, npt.NDArray[np.bool_]] | None:
+    """White noise that has the effect of the real noise on the drive, and which records have noise in all channels.
+
+    None: the records are too long or too short.
 
     Args:
         basis: columns of the fit.
-        residuals: (channels, n), residuals of the fit.
+        residuals: (..., channels, n), residuals of the fit.
         step: time between samples [s].
     """
     if basis.time.size > LONGEST:
@@ -55,10 +59,10 @@ def short_noise(basis: SineColumns, residuals: Floats, step: float) -> Equivalen
         return None
     seen = residuals @ directions
     shape = 1 - SHARES[:, np.newaxis] + SHARES[:, np.newaxis] * relative  # (shares, residuals)
-    squares = seen**2 @ (1 / shape).T  # (channels, shares)
+    squares = seen**2 @ (1 / shape).T  # (..., channels, shares)
     count = len(relative)
-    if not (squares > 0).all():
-        return None
+    sound = np.asarray((squares > 0).all(axis=(-2, -1)))
+    squares = np.where(sound[..., np.newaxis, np.newaxis], squares, 1.0)
     likelihood = -0.5 * np.log(shape).sum(axis=1) - 0.5 * count * np.log(squares)
     mean, freedom, weight = _power(likelihood, squares, count)
     cycles = basis.frequency * basis.time.size * step
@@ -67,21 +71,21 @@ def short_noise(basis: SineColumns, residuals: Floats, step: float) -> Equivalen
     factor = stdtrit(worse_freedom, UPPER) * wider
     known = stdtridf(UPPER, np.maximum(factor, stdtrit(freedom, UPPER)))
     whitened = seen / np.sqrt(weight @ shape)
-    return EquivalentNoise(np.sqrt(_typical(mean, freedom)), moments(whitened, count)[1], float(known.min()))
+    return EquivalentNoise(np.sqrt(_typical(mean, freedom)), moments(whitened, count)[1], known.min(axis=-1)), sound
 
 
 def _power(log: Floats, squares: Floats, count: int) -> tuple[Floats, Floats, Floats]:
-    """Mean (channels,) of the noise's power at the drive, its degrees of freedom, and the weights of the shares.
+    """Mean (..., channels) of the noise's power at the drive, its degrees of freedom, and the weights of the shares.
 
     Args:
-        log: (channels, shares), logarithms of the weights, up to a constant.
-        squares: (channels, shares), sums of squared residuals, each scaled for its share.
+        log: (..., channels, shares), logarithms of the weights, up to a constant.
+        squares: (..., channels, shares), sums of squared residuals, each scaled for its share.
         count: number of residuals in a sum.
     """
-    weight = np.exp(log - log.max(axis=1, keepdims=True))
-    weight /= weight.sum(axis=1, keepdims=True)
-    mean = (weight * squares).sum(axis=1) / (count - 2)
-    square = (weight * squares**2).sum(axis=1) / ((count - 2) * (count - 4))
+    weight = np.exp(log - log.max(axis=-1, keepdims=True))
+    weight /= weight.sum(axis=-1, keepdims=True)
+    mean = (weight * squares).sum(axis=-1) / (count - 2)
+    square = (weight * squares**2).sum(axis=-1) / ((count - 2) * (count - 4))
     return mean, 4 + 2 / (square / mean**2 - 1), weight
 
 

@@ -24,9 +24,9 @@ class RapidNoise:
     """What is left of each channel's signal about lines.
 
     Args:
-        rms: (channels,) root mean square.
-        rms_u: (channels,) standard uncertainty of `rms`, with `degrees_of_freedom`.
-        greatest: (channels,) greatest absolute value.
+        rms: (..., channels) root mean square.
+        rms_u: (..., channels) standard uncertainty of `rms`, with `degrees_of_freedom`.
+        greatest: (..., channels) greatest absolute value.
         degrees_of_freedom: degrees of freedom of `rms_u`.
     """
 
@@ -49,7 +49,7 @@ def rapid_noise(time: Floats, residuals: Floats, cycle: float, spent: int) -> Ra
 
     Args:
         time: (n,) s.
-        residuals: (channels, n), residuals of a fit with offset and trend.
+        residuals: (..., channels, n), residuals of a fit with offset and trend.
         cycle: samples in a cycle.
         spent: number of coefficients of the fit, with offset and trend.
     """
@@ -57,27 +57,27 @@ def rapid_noise(time: Floats, residuals: Floats, cycle: float, spent: int) -> Ra
     count = time.size // length
     if count < 2:
         freedom = time.size - spent
-        rms = np.sqrt((residuals**2).sum(axis=1) / freedom)
-        return RapidNoise(rms, rms / math.sqrt(2 * freedom), np.abs(residuals).max(axis=1), math.inf)
+        rms = np.sqrt((residuals**2).sum(axis=-1) / freedom)
+        return RapidNoise(rms, rms / math.sqrt(2 * freedom), np.abs(residuals).max(axis=-1), math.inf)
     used = count * length
     at = time[:used].reshape(count, length)
     at = at - at.mean(axis=1, keepdims=True)
     square = (at**2).sum(axis=1)
-    left = residuals[:, :used].reshape(-1, count, length)
-    left = left - left.mean(axis=2, keepdims=True)
-    slope = (left * at).sum(axis=2) / square
-    left = left - slope[:, :, np.newaxis] * at
+    left = residuals[..., :used].reshape(*residuals.shape[:-1], count, length)
+    left = left - left.mean(axis=-1, keepdims=True)
+    slope = (left * at).sum(axis=-1) / square
+    left = left - slope[..., np.newaxis] * at
     freedom = used - 2 * count - (spent - 2)  # the lines hold offset and trend
-    rms = np.sqrt((left**2).sum(axis=(1, 2)) / freedom)
+    rms = np.sqrt((left**2).sum(axis=(-2, -1)) / freedom)
     free = 1 - 1 / length - at**2 / square[:, np.newaxis]  # of each sample, beside the line of its cycle
     squares = left**2 / free
-    at_place = squares.mean(axis=1)
-    mean, by_chance = at_place.mean(axis=1), squares.var(axis=1, ddof=1).mean(axis=1)
+    at_place = squares.mean(axis=-2)
+    mean, by_chance = at_place.mean(axis=-1), squares.var(axis=-2, ddof=1).mean(axis=-1)
     independent = np.maximum(2 * freedom * mean**2 + used * (by_chance - 2 * mean**2), 0.0) / freedom**2
-    repeated = (at_place.var(axis=1, ddof=1) - by_chance / count) / (length - HELD)
+    repeated = (at_place.var(axis=-1, ddof=1) - by_chance / count) / (length - HELD)
     mean_u = np.sqrt(np.maximum(independent + repeated, 0.0))
     half = np.divide(mean_u, 2 * mean, out=np.zeros_like(mean), where=mean > 0)  # a root has half the relative u
-    return RapidNoise(rms, half * rms, np.abs(left).max(axis=(1, 2)), length - HELD - 1)
+    return RapidNoise(rms, half * rms, np.abs(left).max(axis=(-2, -1)), length - HELD - 1)
 
 
 def of_greatest(samples: int) -> float:

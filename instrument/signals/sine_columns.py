@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals.noise import MAINS
+from palpate.instrument.signals.noise import MAINS, fill_diagonal
 
 Floats = npt.NDArray[np.float64]
 
@@ -135,10 +135,13 @@ class SineColumns:
     kept: ColumnCache = field(default_factory=ColumnCache)
 
     def solve(self, signals: Floats) -> Floats:
-        """Coefficients (columns, channels) of the scaled columns, by least squares."""
+        """Coefficients (..., columns, channels) of the scaled columns, by least squares; signals (..., channels, n).
+
+        Signals of a record that is long have no further axes.
+        """
         if self.is_long:
             return self._summed(signals).solve()
-        return np.asarray(np.linalg.solve(self.r, self.q.T @ signals.T), dtype=np.float64)
+        return np.asarray(np.linalg.solve(self.r, self.q.T @ signals.swapaxes(-1, -2)), dtype=np.float64)
 
     @property
     def is_long(self) -> bool:
@@ -146,10 +149,10 @@ class SineColumns:
         return self.time.size > LONGEST_FACTORED
 
     def fitted(self, scaled: Floats) -> Floats:
-        """What the first columns give (channels, n) with these coefficients (columns, channels)."""
-        count = len(scaled)
+        """What the first columns give (..., channels, n) with these coefficients (..., columns, channels)."""
+        count = scaled.shape[-2]
         if not self.is_long:
-            found: Floats = (self.columns[:, :count] @ scaled).T
+            found: Floats = (self.columns[:, :count] @ scaled).swapaxes(-1, -2)
             return found
         found = np.empty((scaled.shape[1], self.time.size))
         for part in _parts(self.time.size):
@@ -169,24 +172,24 @@ class SineColumns:
         return found
 
     def direction(self, phase: Floats) -> Floats:
-        """Vectors (columns, channels) of the effect of white noise on amplitudes.
+        """Vectors (..., columns, channels) of the effect of white noise on amplitudes.
 
         The length of a vector is the amplitude's standard deviation over that of a sample. The product of two vectors
         is the covariance of two amplitudes.
 
         Args:
-            phase: (channels,) rad, at the middle of the record.
+            phase: (..., channels) rad, at the middle of the record.
         """
-        gradient = np.stack([np.cos(phase), -np.sin(phase)]) * self.scale[:2, np.newaxis]
+        gradient = np.stack([np.cos(phase), -np.sin(phase)], axis=-2) * self.scale[:2, np.newaxis]
         found: Floats = np.linalg.inv(self.r).T[:, :2] @ gradient
         return found
 
     def phasors(self, scaled: Floats) -> tuple[Floats, Floats]:
-        """Complex amplitudes (mains, channels) of hum [V] and of its slopes [V/s], from the result of `solve`."""
+        """Complex amplitudes (..., mains, channels) of hum [V] and of its slopes [V/s], from the result of `solve`."""
         at, count = COEFFICIENTS, 2 * len(self.mains)
-        own = scaled[at:] * self.scale[at:, np.newaxis]
-        hum = own[0:count:2] - 1j * own[1:count:2]
-        return hum, own[count::2] - 1j * own[count + 1 :: 2]
+        own = scaled[..., at:, :] * self.scale[at:, np.newaxis]
+        hum = own[..., 0:count:2, :] - 1j * own[..., 1:count:2, :]
+        return hum, own[..., count::2, :] - 1j * own[..., count + 1 :: 2, :]
 
     def _leak(self, mains: float) -> float:
         """What 1 V at a frequency [Hz] may add to an amplitude, at its worst phase [V]."""
@@ -254,16 +257,16 @@ def _columns(time: Floats, frequency: float) -> SineColumns:
 
 
 def correlated(noise: Floats, direction: Floats, of_noise: Floats) -> Floats:
-    """Correlation (channels, channels) of errors, as of amplitudes or of phases.
+    """Correlation (..., channels, channels) of errors, as of amplitudes or of phases.
 
     Args:
-        noise: (channels, channels), correlation of the noise.
-        direction: (columns, channels), effect of white noise on each, as `SineColumns.direction` has it.
-        of_noise: (channels,), part of each standard uncertainty that is by noise. The rest is independent.
+        noise: (..., channels, channels), correlation of the noise.
+        direction: (..., columns, channels), effect of white noise on each, as `SineColumns.direction` has it.
+        of_noise: (..., channels), part of each standard uncertainty that is by noise. The rest is independent.
     """
-    scaled = direction / np.linalg.norm(direction, axis=0) * of_noise
-    found: Floats = noise * (scaled.T @ scaled)
-    np.fill_diagonal(found, 1.0)
+    scaled = direction / np.linalg.norm(direction, axis=-2, keepdims=True) * of_noise[..., np.newaxis, :]
+    found: Floats = noise * (scaled.swapaxes(-1, -2) @ scaled)
+    fill_diagonal(found)
     return found
 
 

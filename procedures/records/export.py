@@ -85,7 +85,12 @@ def _waveform_frames(run: Run) -> Iterator[pd.DataFrame]:
 def _write(path: Path, frames: Iterator[pd.DataFrame], to: str, undo: contextlib.ExitStack) -> None:
     with path.open("xb") as file:
         undo.callback(path.unlink)
-        {"csv": _write_csv, "parquet": _write_parquet}[to](file, frames)
+        write_frames(file, frames, to)
+
+
+def write_frames(file: BinaryIO, frames: Iterator[pd.DataFrame], to: str) -> None:
+    """Write the parts of a table, one after the other, in a format that `check_format` has checked."""
+    {"csv": _write_csv, "parquet": _write_parquet}[to](file, frames)
 
 
 def _write_csv(file: BinaryIO, frames: Iterator[pd.DataFrame]) -> None:

@@ -233,13 +233,17 @@ def _share_of_hum(fit: SineFit) -> str:
 
 def is_short(design: Design, fit: SineFit) -> bool:
     """Whether the uncertainty of the ratio is mostly noise, and the record is too short to know the noise well."""
-    if fit.degrees_of_freedom >= FEW_DEGREES or not _all_bases_answer(design, fit):
+    if fit.degrees_of_freedom >= FEW_DEGREES or not _all_bases_answer(design, fit):  # most fits end here
         return False
     forces = film_forces(design, fit)
-    if forces.noise_u == 0:
+    return is_mostly_noise(forces.force_ratio_u, forces.noise_u, forces.degrees_of_freedom)
+
+
+def is_mostly_noise(force_ratio_u: float, noise_u: float, degrees_of_freedom: float) -> bool:
+    """Whether a ratio's uncertainty has few degrees of freedom because of those of its part by noise."""
+    if degrees_of_freedom >= FEW_DEGREES or noise_u == 0:
         return False
-    freedom = forces.degrees_of_freedom * (forces.force_ratio_u / forces.noise_u) ** 4
-    return freedom < FEW_DEGREES
+    return degrees_of_freedom * (force_ratio_u / noise_u) ** 4 < FEW_DEGREES
 
 
 def _all_bases_answer(design: Design, fit: SineFit) -> bool:

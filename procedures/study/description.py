@@ -10,7 +10,6 @@ import math
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal
 
@@ -32,7 +31,7 @@ AXES = ("scene", "seed", "design", "model", "sample", "modulus")  # and effects.
 EFFECTS = "effects."
 DEFAULTS: Mapping[str, Value] = {"scene": "thesis_single", "sample": "2"}
 VALID: Mapping[str, Sequence[str]] = {"model": tuple(MODELS), "sample": tuple(SAMPLES)}
-MOST_CELLS, MOST_POINTS = 100_000, 1_000_000
+MOST_CELLS, MOST_POINTS = 10_000_000, 100_000_000
 LARGEST_SEED = 2**63 - 1
 DIGITS = 6  # digits of a number that is drawn from a range
 
@@ -110,6 +109,10 @@ class Study:
         """Number of values on each axis of a grid."""
         return tuple(len(axis) for axis in self.axes.values() if not isinstance(axis, Span))
 
+    def scenes(self) -> int:
+        """Number of cells that differ in more than their seeds; where cells are drawn, as many as there are cells."""
+        return len(self) if self.file.random else len(self) // len(self.axes.get("seed", [0]))  # type: ignore[arg-type]
+
     def cell(self, number: int) -> dict[str, Value]:
         """Values of cell `number`, from 0, on all axes, and the defaults. In a grid the last axis varies fastest."""
         return {**DEFAULTS, **self.varied(number)}
@@ -118,11 +121,13 @@ class Study:
         """Values of a cell on the varied axes alone."""
         draw = self.file.random
         if draw is None:
-            after = [*accumulate(reversed(self.shape), initial=1, func=lambda a, b: a * b)][-2::-1]
-            grid = (axis for axis in self.axes.values() if not isinstance(axis, Span))
-            return {
-                name: axis[number // step % len(axis)] for name, axis, step in zip(self.axes, grid, after, strict=True)
-            }
+            found: dict[str, Value] = {}
+            for name in reversed([*self.axes]):
+                axis = self.axes[name]
+                assert not isinstance(axis, Span)
+                number, place = divmod(number, len(axis))
+                found[name] = axis[place]
+            return dict(reversed(found.items()))
         drawn = {}
         for name, axis in self.axes.items():
             share = random.Random(f"{draw.seed} {number} {name}").random()  # equal in every version of Python

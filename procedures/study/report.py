@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from array import array
 from pathlib import Path
 from typing import Any
 
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.text import MARKS, legend, new_table, number, print_all, stamped
+from palpate.procedures.study.description import Value
 from palpate.procedures.study.results import Results, coordinate
 
 MOST_LINES, MOST_PANELS, MOST_REASONS = 40, 3, 5
@@ -28,14 +30,18 @@ def print_study(results: Results, outcome: dict[str, Any]) -> None:
         )  # fmt: skip
     lines = legend(table, marks=MARKS)
     if len(groups) > MOST_LINES:
-        lines.append(f"and {len(groups) - MOST_LINES} lines more in {outcome['points']}")
+        lines.append(f"and {len(groups) - MOST_LINES} lines more in {outcome['points'] or 'the results with --json'}")
     failed = outcome["failed"]
     lines += [f"cell {each['cell']} failed: {each['reason']}" for each in failed[:MOST_REASONS]]
     if len(failed) > MOST_REASONS:
         lines.append(f"and {len(failed) - MOST_REASONS} cells more failed: see --json")
     lines += [
+        f"{count} cells were computed one by one, because of the effect {effect}"
+        for effect, count in outcome["one_by_one"].items()
+    ]
+    lines += [
         f"study          {outcome['study']}, {outcome['done']} of {outcome['cells']} cells",
-        f"points         {outcome['points']}",
+        f"points         {outcome['points'] or 'in study.record; as a table with --to csv or --to parquet'}",
         f"plot           {outcome['plot']}",
     ]
     print_all(table, *lines)
@@ -43,13 +49,18 @@ def print_study(results: Results, outcome: dict[str, Any]) -> None:
 
 def plot_study(results: Results, folder: Path) -> Path:
     """Draws the mean force ratio of each cell over each axis that varies; returns the PNG."""
-    means = [mean for mean in results.means() if mean.force_ratio is not None]
-    ratios = [mean.force_ratio or 0.0 for mean in means]
-    varied = [name for name in results.study.axes if len({str(mean.axes[name]) for mean in means}) > 1]
+    ratios = array("d")
+    axes: dict[str, list[Value]] = {name: [] for name in results.study.axes}
+    for mean in results.means():
+        if mean.force_ratio is not None:
+            ratios.append(mean.force_ratio)
+            for name, value in mean.axes.items():
+                axes[name].append(value)
+    varied = [name for name, values in axes.items() if any(str(value) != str(values[0]) for value in values)]
     shown = [name for name in varied if name != "seed"][:MOST_PANELS] or [*results.study.axes][:1]
-    figure, panels = new_figure(True, len(shown), f"{results.study.file.name}, {len(means)} cells")
+    figure, panels = new_figure(True, len(shown), f"{results.study.file.name}, {len(ratios)} cells")
     for ax, name in zip(panels, shown, strict=True):
-        values, unit = coordinate([mean.axes[name] for mean in means])
+        values, unit = coordinate(axes[name])
         if any(isinstance(value, str) for value in values):
             places = {value: place for place, value in enumerate(dict.fromkeys(values))}
             ax.plot([places[value] for value in values], ratios, "o", ms=3, alpha=0.5)

@@ -8,30 +8,35 @@ results.dataset().force_ratio.sel(sample="2").mean("seed")
 from __future__ import annotations
 
 import hashlib
+import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from array import array
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.instrument.additions import library
 from palpate.instrument.errors import PalpateError, RecordError, check_path
-from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.quantity import parse
 from palpate.procedures.records.chain import check_holes
-from palpate.procedures.records.export import check_format
+from palpate.procedures.records.export import check_format, write_frames
 from palpate.procedures.records.record_file import as_json
-from palpate.procedures.records.run import hashable, storing
-from palpate.procedures.study.description import Study, StudyFile, Value, parted, study_of
-from palpate.procedures.study.run import RECORD, CellOutcome, stored
+from palpate.procedures.records.run import storing
+from palpate.procedures.study.block import RAISED, VALID, CellBlock, flags_of
+from palpate.procedures.study.description import Axis, Span, Study, StudyFile, Value, parted, study_of
+from palpate.procedures.study.run import RECORD, stored
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
 POINTS = "points"
+LOAD, MODEL = "load_N", "model_force_ratio"
 UNITS = ("N", "V")  # units at the end of columns' names
 
 
@@ -76,47 +81,78 @@ class SeedGroup:
     model_force_ratio: float | None
 
 
+@dataclass(slots=True)
+class Tally:
+    """Outcomes in numbers.
+
+    Attributes:
+        cells: number of cells that have an outcome.
+        with_mean: number of cells of which a load set is valid.
+        failed: why each cell that failed did.
+        one_by_one: effects because of which cells were computed one by one, and how many cells each.
+    """
+
+    cells: int = 0
+    with_mean: int = 0
+    failed: dict[int, str] = field(default_factory=dict)
+    one_by_one: Counter[str] = field(default_factory=Counter)
+
+
 @dataclass(frozen=True, slots=True)
 class Results:
-    """A study and the outcomes of its cells, in their order."""
+    """A study and the outcomes of its cells in blocks, in the order of the cells. Blocks are read when needed."""
 
     study: Study
-    outcomes: Sequence[CellOutcome]
+    blocks: Iterable[CellBlock]
 
     def digest(self) -> str:
-        """SHA-256 over the points of all cells, hexadecimal, whatever computed them in whatever order."""
-        total = hashlib.sha256()
-        for outcome in self.outcomes:  # a reason may name an address, which changes
-            total.update(as_json((outcome.cell, bool(outcome.reason), outcome.data)).encode() + b"\n")
-        return total.hexdigest()
+        """SHA-256 over the points of all cells, hexadecimal, whatever computed them in whatever order and blocks."""
+        totals: defaultdict[str, Any] = defaultdict(hashlib.sha256)
+        for block in self.blocks:
+            done = block.done  # a reason may name an address, which changes
+            totals["cell"].update(np.arange(block.first, block.first + len(block), dtype="<i8").tobytes())
+            totals["done"].update(done.tobytes())
+            for name, column in block.columns.items():
+                totals[name].update(column[done].astype(column.dtype.newbyteorder("<")).tobytes())
+        return hashlib.sha256(as_json({name: total.hexdigest() for name, total in totals.items()}).encode()).hexdigest()
 
-    def means(self) -> list[CellMean]:
+    def tally(self) -> Tally:
+        """How many cells are known, and what befell them."""
+        tally = Tally()
+        for block in self.blocks:
+            tally.cells += len(block)
+            tally.with_mean += int(np.count_nonzero(~np.isnan(block.means[:, 0])))
+            tally.failed |= {block.first + at: reason for at, reason in enumerate(block.reasons) if reason}
+            tally.one_by_one.update(effect for effect in block.alone if effect)
+        return tally
+
+    def means(self) -> Iterator[CellMean]:
         """Mean of each cell that has an outcome."""
-        means = []
-        for outcome in self.outcomes:
-            points = outcome.points
-            valid = [point for point in points if point["valid"]]
-            mean = mean_ratio("force ratio", [_RatioPoint(p) for p in valid], None) if valid else None
-            means.append(
-                CellMean(
-                    cell=outcome.cell,
-                    axes=self.study.varied(outcome.cell),
-                    force_ratio=mean.value if mean else None,
-                    force_ratio_u=mean.u if mean else None,
-                    model_force_ratio=points[0]["model_force_ratio"] if points else None,
-                    valid_points=len(valid),
-                    reason=outcome.reason,
+        for block in self.blocks:
+            valid = block.columns[VALID].sum(axis=1).tolist() if block.columns else [0] * len(block)
+            expected = block.columns[MODEL][:, 0].tolist() if block.columns else [math.nan] * len(block)
+            for place, reason in enumerate(block.reasons):
+                ratio, ratio_u = block.means[place].tolist()
+                yield CellMean(
+                    cell=block.first + place,
+                    axes=self.study.varied(block.first + place),
+                    force_ratio=None if math.isnan(ratio) else ratio,
+                    force_ratio_u=None if math.isnan(ratio) else ratio_u,
+                    model_force_ratio=None if reason else expected[place],
+                    valid_points=0 if reason else valid[place],
+                    reason=reason,
                 )
-            )
-        return means
 
     def groups(self) -> list[SeedGroup]:
         """Groups of cells that agree in everything but the seed."""
-        alike: dict[str, list[CellMean]] = {}
+        groups: dict[tuple[Value, ...], _Gathered] = {}
         for mean in self.means():
             shared = {name: value for name, value in mean.axes.items() if name != "seed"}
-            alike.setdefault(as_json(shared), []).append(mean)
-        return [_group(means) for means in alike.values()]
+            key = tuple(shared.values())
+            if key not in groups:
+                groups[key] = _Gathered(shared)
+            groups[key].add(mean)
+        return [group.gathered() for group in groups.values()]
 
     def table(self) -> pd.DataFrame:
         """One row for each load set of each cell that did not fail.
@@ -124,17 +160,48 @@ class Results:
         Columns are `cell`, `simulated`, one for each axis (quantities have their unit in the name), then the values.
         Lists, as flags, are tuples, by which pandas can group.
         """
-        return self._frame(hashable)
-
-    def _frame(self, put: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> pd.DataFrame:
-        """The table, with each point as `put` gives it."""
         import pandas as pd
 
-        points = [(outcome.cell, put(point)) for outcome in self.outcomes for point in outcome.points]
-        cells = [cell for cell, _ in points]
-        axes = {f"{name}_{unit}" if unit else name: values for name, values, unit in self.coordinates(cells)}
-        head = pd.DataFrame({"cell": cells, "simulated": [True] * len(cells), **axes})
-        return head.join(pd.DataFrame([point for _, point in points]))
+        return pd.concat(self._frames(tuple), ignore_index=True)
+
+    def _frames(self, listed: Callable[[list[str]], Sequence[str]]) -> Iterator[pd.DataFrame]:
+        """The table block by block, with flags as `listed` gives them; where no cell has points, one without rows."""
+        import pandas as pd
+
+        units = self._units()
+        some = False
+        for block in self.blocks:
+            places = np.flatnonzero(block.done)
+            if not places.size:
+                continue
+            some = True
+            cells, loads = block.first + places, block.columns[RAISED].shape[1]
+            values: dict[str, Any] = {name: block.columns[name][places].ravel() for name in sorted(block.columns)}
+            shown = {bits: listed(flags_of(bits)) for bits in np.unique(values[RAISED]).tolist()}
+            values[RAISED] = [shown[bits] for bits in values[RAISED].tolist()]
+            yield pd.DataFrame({**self._head(cells.tolist(), loads, units), **values})
+        if not some:
+            yield pd.DataFrame(self._head([], 0, units))
+
+    def _head(self, cells: Sequence[int], loads: int, units: Mapping[str, str]) -> dict[str, Any]:
+        """The table's columns before the values, for load sets of some cells."""
+        import pandas as pd
+
+        head: dict[str, Any] = {"cell": cells, "simulated": [True] * len(cells)}
+        head |= {f"{name}_{units[name]}" if units[name] else name: values for name, values in self._axes(cells, units)}
+        return {name: pd.Series(values).repeat(loads).reset_index(drop=True) for name, values in head.items()}
+
+    def _axes(self, cells: Sequence[int], units: Mapping[str, str]) -> Iterator[tuple[str, list[Value]]]:
+        """Name of each axis, and the values of some cells on it, as numbers in their unit where they have one."""
+        varied = [self.study.varied(cell) for cell in cells]
+        for name, unit in units.items():
+            values = [each[name] for each in varied]
+            yield name, [parse(str(value), unit) for value in values] if unit else values
+
+    def _units(self) -> dict[str, str]:
+        """Unit of each axis: that of the first known cell; empty: its values are no quantities."""
+        first = self.study.varied(next((block.first for block in self.blocks), 0))
+        return {name: _unit(first[name], axis) for name, axis in self.study.axes.items()}
 
     def dataset(self) -> xr.Dataset:
         """Values over the axes of a grid, or over `cell` where cells were drawn, and over `load_N`.
@@ -151,15 +218,19 @@ class Results:
             axes = [(name, (name,), *coordinate(list(axis))) for name, axis in study.axes.items()]  # type: ignore[arg-type]
         else:
             dims, shape = ("cell",), (count,)
-            axes = [(name, ("cell",), values, unit) for name, values, unit in self.coordinates(range(count))]
-        names = [n for n in next((o.points[0] for o in self.outcomes if o.points), {}) if n not in ("flags", "load_N")]
-        values = {name: np.full((count, loads), False if name == "valid" else np.nan) for name in names}
+            units = self._units()
+            axes = [(name, ("cell",), values, units[name]) for name, values in self._axes(range(count), units)]
+        values: dict[str, npt.NDArray[Any]] = {}
         reasons = np.full(count, "not computed", object)
-        for outcome in self.outcomes:
-            reasons[outcome.cell] = outcome.reason
-            for name in names:
-                for number, point in enumerate(outcome.points):
-                    values[name][outcome.cell, number] = point[name]
+        for block in self.blocks:
+            reasons[block.first : block.first + len(block)] = block.reasons
+            places = np.flatnonzero(block.done)
+            for name, column in sorted(block.columns.items()):
+                if name in (LOAD, RAISED):
+                    continue
+                if name not in values:
+                    values[name] = np.full((count, loads), False if name == VALID else np.nan)
+                values[name][block.first + places] = column[places]
         found: xr.Dataset = xarray.Dataset(
             {
                 **{
@@ -176,20 +247,12 @@ class Results:
         )
         return found
 
-    def coordinates(self, cells: Sequence[int]) -> list[tuple[str, list[Value], str]]:
-        """Name of each axis, the values of these cells on it, and the unit."""
-        varied = [self.study.varied(cell) for cell in cells]
-        return [(name, *coordinate([each[name] for each in varied])) for name in self.study.axes]
-
     def export(self, to: str, folder: Path) -> Path:
         """Write the table to `points.<to>`, replacing an older one. Raises RecordError, or as `check_format` does."""
         check_format(to)
-        path, frame = folder / f"{POINTS}.{to}", self._frame(dict)
-        with storing(path):
-            if to == "csv":
-                frame.to_csv(path, index=False)
-            else:
-                frame.to_parquet(path, index=False)
+        path = folder / f"{POINTS}.{to}"
+        with storing(path), path.open("wb") as file:
+            write_frames(file, self._frames(list), to)
         return path
 
 
@@ -202,9 +265,9 @@ def read_results(folder: Path) -> Results:
     """
     check_path(folder)
     check_holes(folder / RECORD)
-    asked, outcomes = stored(folder)
+    asked, blocks = stored(folder)
     try:
-        return Results(study_of(StudyFile.model_validate(asked["study"]), str(folder)), outcomes)
+        return Results(study_of(StudyFile.model_validate(asked["study"]), str(folder)), blocks)
     except (ValueError, KeyError, PalpateError) as error:
         raise RecordError(f"{folder} holds a study that this version of palpate cannot read: {error}") from error
 
@@ -220,29 +283,42 @@ def coordinate(values: Sequence[Value]) -> tuple[list[Value], str]:
     return list(values), ""
 
 
-class _RatioPoint:
-    """A stored point, a `mean_ratio.RatioPoint`."""
-
-    def __init__(self, stored: Mapping[str, Any]) -> None:
-        self.force_ratio, self.force_ratio_u = float(stored["force_ratio"]), float(stored["force_ratio_u"])
-        self.noise_u, self.pickup_u = float(stored["noise_u"]), float(stored["pickup_u"])
-        self.calibration_u = 0.0
-        self.degrees_of_freedom: float | None = stored["degrees_of_freedom"]
+def _unit(first: Value, axis: Axis) -> str:
+    """Unit of the first cell's value on an axis, if all its values are quantities in such a unit; else empty."""
+    if isinstance(axis, Span):
+        return axis.unit
+    return coordinate([first, *axis])[1] if isinstance(first, str) else ""
 
 
-def _group(means: Sequence[CellMean]) -> SeedGroup:
-    ratios = [mean.force_ratio for mean in means if mean.force_ratio is not None]
-    expected = [mean.model_force_ratio for mean in means if mean.model_force_ratio is not None]
-    uncertainties = [mean.force_ratio_u for mean in means if mean.force_ratio_u is not None]
-    return SeedGroup(
-        axes={name: value for name, value in means[0].axes.items() if name != "seed"},
-        cells=len(means),
-        failed=sum(bool(mean.reason) for mean in means),
-        force_ratio=statistics.fmean(ratios) if ratios else None,
-        spread=statistics.stdev(ratios) if len(ratios) > 1 else None,
-        force_ratio_u=statistics.fmean(uncertainties) if uncertainties else None,
-        model_force_ratio=statistics.fmean(expected) if expected else None,
-    )
+class _Gathered:
+    """The means of a group's cells so far, as plain numbers: a group may have a million cells."""
+
+    def __init__(self, axes: dict[str, Value]) -> None:
+        self._axes = axes
+        self._cells = self._failed = 0
+        self._ratios, self._uncertainties, self._expected = array("d"), array("d"), array("d")
+
+    def add(self, mean: CellMean) -> None:
+        self._cells += 1
+        self._failed += bool(mean.reason)
+        for numbers, number in (
+            (self._ratios, mean.force_ratio),
+            (self._uncertainties, mean.force_ratio_u),
+            (self._expected, mean.model_force_ratio),
+        ):
+            if number is not None:
+                numbers.append(number)
+
+    def gathered(self) -> SeedGroup:
+        return SeedGroup(
+            axes=self._axes,
+            cells=self._cells,
+            failed=self._failed,
+            force_ratio=statistics.fmean(self._ratios) if self._ratios else None,
+            spread=statistics.stdev(self._ratios) if len(self._ratios) > 1 else None,
+            force_ratio_u=statistics.fmean(self._uncertainties) if self._uncertainties else None,
+            model_force_ratio=statistics.fmean(self._expected) if self._expected else None,
+        )
 
 
 def _units(name: str) -> dict[str, str]:

@@ -1,7 +1,7 @@
-"""Running a study on any executor: cells that are not stored yet are computed, in any order.
+"""Running a study on any executor: cells that are not stored yet are computed in blocks, in any order.
 
 with Store(folder, asked) as store, ProcessPoolExecutor() as executor:
-    run(study, evaluate, executor, store, progress, ahead=8)
+    run(study, compute, executor, store, progress, ahead=8)
 """
 
 from __future__ import annotations
@@ -9,53 +9,41 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import hashlib
-import itertools
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from zipfile import BadZipFile
 
 from palpate.instrument.errors import BenchError, PalpateError, RecordError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import ChainWriter, HashChain, RecordFrame, create
-from palpate.procedures.records.record_file import as_json
+from palpate.procedures.records.chain import ChainFile, ChainWriter, HashChain, RecordFrame, create
 from palpate.procedures.records.run import storing
+from palpate.procedures.study.block import BlockBuilder, CellBlock
 from palpate.procedures.study.description import Study, Value
 
 # -------------------------------------------------------------------------------------------------------
-# Folder of a study: its description, and each cell as soon as it is known. A stored cell is never computed
+# Folder of a study: its description, and each block of cells as soon as it is known. A stored cell is never computed
 # again
 #
 # `study.record` is a chain of hashed rows with a head (`records/chain.py`), like that of a run. Rows are in the order
-# in which cells came. Readers get them by the numbers of the cells, also while the study runs.
+# in which blocks came. Readers get them by the numbers of the cells, also while the study runs, one block at a time.
 #
-#     kind  id    content
-#     STUD  0     what was asked, JSON; the first frame
-#     CELL  cell  why it failed, JSON text ("": it did not), a line feed, its points, JSON list, keys sorted
+#     kind  id          content
+#     STUD  0           what was asked, JSON; the first frame
+#     CELL  first cell  columns of successive cells (`block.py`)
 
 RECORD, HEAD_FILE = "study.record", "study.head"
 STUDY, CELL = b"STUD", b"CELL"
 LONGEST_VALUE = 60  # characters, in a message
-
-
-@dataclass(frozen=True, slots=True)
-class CellOutcome:
-    """Outcome of a cell: `data`, the JSON list of its points, or the reason why it failed."""
-
-    cell: int
-    reason: str
-    data: str
-
-    @property
-    def points(self) -> list[dict[str, Any]]:
-        points: list[dict[str, Any]] = json.loads(self.data)
-        return points
 
 
 class Store:
@@ -92,9 +80,10 @@ class Store:
                     create(path, head_path, hashlib.sha256(text).digest()[:16], [(STUDY, 0, [text])], 0)
             with _sound(path), chain.opened(path, head_path) as found:
                 _refuse_other(folder, _asked(found), asked)
-                self.done = {outcome.cell for outcome in _outcomes(found)}
+                blocks = StoredBlocks(path, _frames(found))
+                self._cells = {block.first: len(block) for block in blocks}
                 head, end = found.head, found.frames[-1]
-                frames, cells = len(found.frames), len(self.done)
+                frames, cells = len(found.frames), self.done
                 at_end = replace(head, frames=frames, length=end.end, points=cells, hash=end.hash)
                 tail = found.file.read(head.length, end.end - head.length)
             with storing(path):
@@ -103,14 +92,29 @@ class Store:
                 self._writer.confirm(tail, at_end)
             self._undo = undo.pop_all()
 
-    def add(self, outcomes: Iterable[CellOutcome]) -> None:
-        """Store the outcomes of some cells. They are on disk when this returns. Stored cells stay as they are."""
-        new = {outcome.cell: outcome for outcome in outcomes if outcome.cell not in self.done}
-        frames = [(CELL, cell, [f"{json.dumps(new[cell].reason)}\n{new[cell].data}".encode()]) for cell in new]
+    @property
+    def done(self) -> int:
+        """Number of stored cells."""
+        return sum(self._cells.values())
+
+    def missing(self, total: int) -> Iterator[range]:
+        """Successive cells that are not stored, of so many cells, in their order."""
+        at = 0
+        for first in sorted(self._cells):
+            if first > at:
+                yield range(at, first)
+            at = first + self._cells[first]
+        if at < total:
+            yield range(at, total)
+
+    def add(self, blocks: Iterable[CellBlock]) -> None:
+        """Store some blocks of cells. They are on disk when this returns. Stored cells stay as they are."""
+        new = {block.first: block for block in blocks if block.first not in self._cells}
+        frames = [(CELL, first, [block.stored()]) for first, block in new.items()]
         if frames:
             with storing(self.folder / RECORD):
-                self._writer.append(frames, points=len(frames))
-        self.done.update(new)
+                self._writer.append(frames, points=sum(map(len, new.values())))
+        self._cells.update({first: len(block) for first, block in new.items()})
 
     def __enter__(self) -> Self:
         return self
@@ -121,24 +125,35 @@ class Store:
         self._undo.close()
 
 
-def stored(folder: Path) -> tuple[dict[str, Any], list[CellOutcome]]:
-    """Description and known cells, by their numbers, of the study in a folder; also while it runs.
+@dataclass(frozen=True, slots=True)
+class StoredBlocks:
+    """The blocks of a study in the order of their cells. Each is read when it is asked for."""
+
+    path: Path
+    frames: Sequence[RecordFrame]
+
+    def __iter__(self) -> Iterator[CellBlock]:
+        with _sound(self.path), ChainFile(self.path) as file:
+            for frame in self.frames:
+                yield CellBlock.read(frame.id, _content(file, frame))
+
+
+def stored(folder: Path) -> tuple[dict[str, Any], StoredBlocks]:
+    """Description and known cells of the study in a folder; also while it runs.
 
     Raises:
         UsageError: the folder holds none.
-        RecordError: it is damaged.
+        RecordError: it is damaged; also when blocks are read.
     """
     path = folder.absolute() / RECORD
     if not path.is_file():
         raise UsageError(f"{folder} holds no study; make one with: palpate study STUDY.toml --out {folder}")
     with _sound(path), chain.opened(path, path.with_name(HEAD_FILE)) as found:
-        return _asked(found), sorted(_outcomes(found), key=lambda outcome: outcome.cell)
+        return _asked(found), StoredBlocks(path, _frames(found))
 
 
-def _outcomes(found: HashChain) -> Iterator[CellOutcome]:
-    for frame in found.frames[1:]:
-        reason, _, data = _content(found, frame).partition("\n")
-        yield CellOutcome(frame.id, json.loads(reason), data)
+def _frames(found: HashChain) -> list[RecordFrame]:
+    return sorted(found.frames[1:], key=lambda frame: frame.id)
 
 
 def _is_begun_in_vain(folder: Path) -> bool:
@@ -151,18 +166,20 @@ def _is_begun_in_vain(folder: Path) -> bool:
 def _asked(found: HashChain) -> dict[str, Any]:
     if found.frames[0].kind != STUDY:
         raise ValueError("it is no study of palpate")
-    text = _content(found, found.frames[0])
-    if hashlib.sha256(text.encode()).digest()[:16] != found.head.chain:
+    text = _content(found.file, found.frames[0])
+    if hashlib.sha256(text).digest()[:16] != found.head.chain:
         raise ValueError("its rows belong to another study")
     asked: dict[str, Any] = json.loads(text)
     return asked
 
 
-def _content(found: HashChain, frame: RecordFrame) -> str:
-    content = found.file.content(frame)
+def _content(file: ChainFile, frame: RecordFrame) -> bytes:
+    content = file.content(frame)
     if content is None:
-        raise ValueError(f"{f'cell {frame.id}' if frame.kind == CELL else 'what was asked'} is not as it was written")
-    return content.decode()
+        raise ValueError(
+            f"{f'the block of cell {frame.id}' if frame.kind == CELL else 'what was asked'} is not as it was written"
+        )
+    return content
 
 
 @contextlib.contextmanager
@@ -172,7 +189,7 @@ def _sound(path: Path) -> Iterator[None]:
         yield
     except (UsageError, RecordError):
         raise
-    except (OSError, ValueError, TypeError, RecursionError) as error:
+    except (OSError, ValueError, TypeError, KeyError, RecursionError, BadZipFile) as error:
         raise RecordError(
             f"{path} is damaged ({error}); restore it from a copy, or remove its folder to begin again"
         ) from error
@@ -205,48 +222,58 @@ def _shown(leaves: Mapping[str, Any], key: str) -> str:
 
 # --- the run of a study --------------------------------------------------------------------------------
 
-Points = Iterable[Mapping[str, object]]
+Points = Iterable[Mapping[str, Any]]
 Evaluate = Callable[[Mapping[str, Value]], Points]
+Compute = Callable[[Study, range], CellBlock]
+AIM = 1.0  # s for which a worker computes a block; after Ctrl-C that is waited for
+GROWTH = 4  # greatest ratio of a block to the one before it
+MOST_POINTS = 100_000  # in a block, so that it takes some MB
 
 
-def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, progress: Progress, ahead: int) -> None:
-    """Compute the missing cells. Each cell is on disk before `progress` is told of it.
+def run(study: Study, compute: Compute, executor: Executor, store: Store, progress: Progress, ahead: int) -> None:
+    """Compute the missing cells in blocks, as large as a worker does in a second.
 
-    On Ctrl-C no further cell is begun; cells that are being computed are waited for and stored.
+    Each cell is on disk before `progress` is told of it. On Ctrl-C no further block is begun; blocks that are being
+    computed are waited for and stored.
 
     Args:
         study: the study.
-        evaluate: function from a cell's values to its points, which must be the same for the same cell. The executor
-            must be able to send it to a worker. If it raises, the cell fails for that reason and the others go on.
-        executor: where cells are computed.
+        compute: function from a study and numbers of cells to their outcomes, which must be the same for the same cell,
+            whatever others are in the block. The executor must be able to send it to a worker.
+        executor: where blocks are computed.
         store: where they are stored.
-        progress: is told of each cell.
-        ahead: number of cells that the executor is given at a time.
+        progress: is told of each block.
+        ahead: number of blocks that the executor is given at a time.
 
     Raises:
         BenchError: the executor lost a worker.
-        RecordError: a cell cannot be stored.
+        RecordError: a block cannot be stored.
     """
     total = len(study)
-    missing = (number for number in range(total) if number not in store.done)
-    begun: set[Future[CellOutcome]] = set()
-    progress(len(store.done), total, "")
+    missing = deque(store.missing(total))
+    size, most = 1, max(1, MOST_POINTS // len(study.loads))
+    begun: set[Future[tuple[CellBlock, float]]] = set()
+    progress(store.done, total, "")
     try:
         while True:
-            for number in itertools.islice(missing, ahead - len(begun)):
-                begun.add(executor.submit(attempt, evaluate, number, study.cell(number)))
+            while missing and len(begun) < ahead:
+                cells = missing.popleft()
+                if len(cells) > size:
+                    missing.appendleft(cells[size:])
+                begun.add(executor.submit(timed, compute, study, cells[:size]))
             if not begun:
                 return
             done = wait(begun, return_when=FIRST_COMPLETED).done
-            outcomes = [future.result() for future in done]
-            store.add(outcomes)
+            for block, seconds in (future.result() for future in done):
+                store.add([block])
+                size = max(1, min(round(len(block) * AIM / max(seconds, 1e-6)), GROWTH * len(block), most))
+                failed = [block.first + cell for cell, reason in enumerate(block.reasons) if reason]
+                progress(store.done, total, f"cell {failed[-1]} failed" if failed else "")
             begun -= done
-            failed = [outcome for outcome in outcomes if outcome.reason]
-            progress(len(store.done), total, f"cell {failed[-1].cell} failed" if failed else "")
     except BaseException as error:
         kept = [future for future in begun if not future.cancel()]
-        store.add(future.result() for future in wait(kept).done if not _lost(future))
-        stand = f"{len(store.done)} of {total} cells are kept in {store.folder}; give the command again to go on"
+        store.add(future.result()[0] for future in wait(kept).done if not _lost(future))
+        stand = f"{store.done} of {total} cells are kept in {store.folder}; give the command again to go on"
         if isinstance(error, Exception) and not isinstance(
             error, PalpateError
         ):  # errors of cells are in their outcomes
@@ -257,17 +284,34 @@ def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, prog
         raise
 
 
-def attempt(evaluate: Evaluate, number: int, cell: Mapping[str, Value]) -> CellOutcome:
-    """Outcome of a cell; called in whatever process computes it."""
+def timed(compute: Compute, study: Study, cells: range) -> tuple[CellBlock, float]:
+    """A block and how long it took [s]; called in whatever process computes it."""
+    start = time.monotonic()
+    return compute(study, cells), time.monotonic() - start
+
+
+def one_by_one(evaluate: Evaluate, study: Study, cells: range) -> CellBlock:
+    """A block whose cells are computed one by one. If `evaluate` raises, the cell fails and the others go on."""
+    builder = BlockBuilder(cells[0], len(cells), len(study.loads))
+    for place, cell in enumerate(cells):
+        attempt(builder, place, lambda cell=cell: evaluate(study.cell(cell)))  # type: ignore[misc]
+    return builder.block()
+
+
+def attempt(builder: BlockBuilder, place: int, evaluate: Callable[[], Points]) -> None:
+    """Put the outcome of a cell into a block."""
     try:
-        return CellOutcome(number, "", as_json(list(evaluate(cell))))
-    except PalpateError as error:
-        return CellOutcome(number, str(error), "[]")
+        builder.rows(place, list(evaluate()))
     except Exception as error:  # a defect in one cell must not take the others with it
-        return CellOutcome(number, f"{type(error).__name__}: {error}", "[]")
+        builder.failed(place, reason_of(error))
 
 
-def _lost(future: Future[CellOutcome]) -> bool:
+def reason_of(error: Exception) -> str:
+    """Why a cell failed."""
+    return str(error) if isinstance(error, PalpateError) else f"{type(error).__name__}: {error}"
+
+
+def _lost(future: Future[Any]) -> bool:
     try:
         return future.exception() is not None
     except CancelledError:

@@ -12,7 +12,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.linear.lti import Floats
+from palpate.simulators.linear.lti import Floats, Times
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Armature, Limits
@@ -179,10 +179,44 @@ class LoadSet:
     saturated: npt.NDArray[np.bool_]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SettledLoad:
+    """A rig under a settled load.
+
+    Attributes:
+        load: load, peak to peak [N].
+        time_ns: times of the samples, `period_ns` apart (n,) [ns].
+        set_ns: times at which the drive was set since the load before; gains may be drawn anew at each [ns].
+    """
+
+    load: float
+    rig: Rig
+    time_ns: Times
+    period_ns: int
+    set_ns: tuple[int, ...]
+
+    @property
+    def seconds(self) -> Floats:
+        """The times from the first sample on (n,) [s]."""
+        return np.asarray(1e-9 * (self.time_ns - self.time_ns[0]))
+
+
 def load_sets(
     scene: Scene, sample: Sample, loads: Sequence[float], frequency: float, dwell: float
 ) -> Iterator[LoadSet]:
     """Each load in turn: the drive is set, settles, and the films are sampled 25 times a cycle over the dwell.
+
+    Arguments and errors are those of `settled_loads`.
+    """
+    for at in settled_loads(scene, sample, loads, frequency, dwell):
+        voltage, saturated = sampled(scene, at.rig, at.time_ns, at.period_ns)
+        yield LoadSet(at.load, at.seconds, voltage, saturated)
+
+
+def settled_loads(
+    scene: Scene, sample: Sample, loads: Sequence[float], frequency: float, dwell: float
+) -> Iterator[SettledLoad]:
+    """The rig of a scene under each load in turn.
 
     Before a load that is repeated the drive goes off for a cycle, so that each repetition is a load set of its own.
 
@@ -208,21 +242,22 @@ def load_sets(
     rig.set_position(scene.rig.sensor_position - sample.thickness + pressed)
     period_ns = round(1e9 / (SAMPLES_PER_CYCLE * frequency))
 
-    def drive(volts: float) -> None:
+    def drive(volts: float) -> int:
         sine = np.array([-1j * volts])
         rig.set_voltage(Periodic(0.0, round(frequency * HERTZ), clock.now_ns(), 0, np.array([1]), sine))
+        return rig.set_at_ns
 
     for before, load in zip((0.0, *loads), loads, strict=False):
+        set_ns = []
         if load == before:
-            drive(0.0)
+            set_ns.append(drive(0.0))
             clock.wait(1 / frequency)
-        drive(load / 2 / abs(rig.transfer(frequency)[-1]))
+        set_ns.append(drive(load / 2 / abs(rig.transfer(frequency)[-1])))
         clock.wait(SETTLED)
         first = -(-clock.now_ns() // period_ns)
         time_ns = (first + np.arange(round(dwell * 1e9 / period_ns))) * period_ns
         path, why = path_of(moves(rig, int(time_ns[-1])), steady=False)
         if path != CLOSED_FORM:
             raise RangeError(f"scene {scene.name!r} has no closed form under {load:g} N: {why}; take how = 'bench'")
-        voltage, saturated = sampled(scene, rig, time_ns, period_ns)
-        yield LoadSet(load, 1e-9 * (time_ns - time_ns[0]), voltage, saturated)
+        yield SettledLoad(load, rig, time_ns, period_ns, tuple(set_ns))
         clock.wait(dwell)

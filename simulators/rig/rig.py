@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import pairwise
@@ -25,7 +25,7 @@ from palpate.instrument.sensor.design import Film
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import in_order
-from palpate.simulators.linear.lti import Floats, StateSpace
+from palpate.simulators.linear.lti import Floats, StateSpace, Times
 from palpate.simulators.linear.path import KEPT_NS, Path, split
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
 from palpate.simulators.physics.chain import MeasuringChain
@@ -383,24 +383,39 @@ class FilmInputs:
             films: voltage at each channel, shape (channels, n) [V].
             period_ns: the SYNC period [ns].
         """
-        volts = films.copy()
         rates = functools.cache(lambda: self.film_channels @ self._rig.film_rates(time_ns, period_ns))
-        for effect, stream, channel in self._added_by(period_ns):
+        return self.with_added(films, self._added_by(period_ns), time_ns, period_ns, rates)
+
+    @staticmethod
+    def with_added(
+        films: Floats, sources: Sequence[Source], time_ns: Times, period_ns: int, rates: Callable[[], Floats]
+    ) -> Floats:
+        """Voltages with what some sources add to them. `rates` gives their rates (channels, n) [V/s]."""
+        volts = films.copy()
+        for effect, stream, channel in sources:
             volts[channel] += effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
         return volts
 
+    def sources(self, period_ns: int, seed: int) -> list[Source]:
+        """The effects at the input under a seed, each with its stream and channels."""
+        its: list[Source] = []
+        each: list[tuple[int, int | slice]] = [(channel, channel) for channel in self._wired]
+        for effect in self._added:
+            for number, channel in [(0, slice(None))] if effect.common else each:
+                its.append((effect, Stream(seed, effect.name, self._id, number, period_ns), channel))
+        return its
+
     def _added_by(self, period_ns: int) -> list[Source]:
-        """The effects at the input, each with its stream and channels; kept, so that streams keep what they drew."""
+        """The sources of the rig's own seed; kept, so that streams keep what they drew."""
         if period_ns not in self._sources:
-            its: list[Source] = []
-            wired = np.flatnonzero(self.film_channels.any(axis=1)).tolist()
-            each: list[tuple[int, int | slice]] = [(channel, channel) for channel in wired]  # no film: nothing is drawn
-            for effect in self._added:
-                for number, channel in [(0, slice(None))] if effect.common else each:
-                    stream = Stream(self._rig.scene.seed, effect.name, self._id, number, period_ns)
-                    its.append((effect, stream, channel))
-            self._sources[period_ns] = its
+            self._sources[period_ns] = self.sources(period_ns, self._rig.scene.seed)
         return self._sources[period_ns]
+
+    @functools.cached_property
+    def _wired(self) -> list[int]:
+        """The channels that have a film; on others nothing is drawn."""
+        wired: list[int] = np.flatnonzero(self.film_channels.any(axis=1)).tolist()
+        return wired
 
     @functools.cached_property
     def film_channels(self) -> Floats:

@@ -1,8 +1,10 @@
-"""A study of a thousand scenes in closed form, by `palpate study` as a user runs it; what a second worker brings."""
+"""Studies in closed form: `palpate study` as a user runs it, cells alone, what a second worker brings, and growth."""
 
 from __future__ import annotations
 
 import importlib.util
+import math
+import resource
 import subprocess
 import sys
 import tempfile
@@ -20,7 +22,9 @@ from palpate.procedures.virtual.study_cell import StudyComputation
 from tests.benchmarks.row import Row
 
 SCENES, GOAL = 1000, 60.0
-CELLS, SPEED_UP = 400, 1.8
+FEW, MANY, SPEED_UP = 5_000, 20_000, 1.8
+THOUSAND = 0.6  # s for a thousand cells by two workers that are there already
+MILLION, MILLION_S, EXPONENT, MEMORY = 1_000_000, 360.0, 1.05, 1000.0  # cells, s, of time against cells, MB
 STUDY = 'name = "benchmark"\n[axes]\nseed = "{first}-{last}"\n'
 FIGURE = "six load sets in closed form"
 
@@ -36,11 +40,24 @@ def measure() -> Iterator[Row]:
         taken = {}
         for workers in (1, 2):
             with executor_of(workers, None) as (executor, _):
-                taken[workers], digests[workers] = _computed(folder / str(workers), executor, workers)
-        gain = taken[1] / taken[2]
-        measured = f"{taken[1]:.1f} / {taken[2]:.1f} s = {gain:.2f}"
-        yield Row(f"study, {CELLS} scenes: one worker / two", measured, f">= {SPEED_UP}", gain >= SPEED_UP)
-        yield _same("study: results of both", digests[1], digests[2])
+                for cells in (SCENES, FEW, MANY) if workers == 2 else (FEW,):
+                    place = folder / f"{workers} {cells}"
+                    taken[workers, cells], digests[workers, cells] = _computed(place, executor, workers, cells)
+        quick = taken[2, SCENES]
+        yield Row(f"study, {SCENES} cells, after start", f"{quick:.2f} s", f"<= {THOUSAND:g} s", quick <= THOUSAND)
+        gain = taken[1, FEW] / taken[2, FEW]
+        measured = f"{taken[1, FEW]:.1f} / {taken[2, FEW]:.1f} s = {gain:.2f}"
+        yield Row(f"study, {FEW} cells: one worker / two", measured, f">= {SPEED_UP}", gain >= SPEED_UP)
+        exponent = math.log(taken[2, MANY] / taken[2, FEW]) / math.log(MANY / FEW)
+        what = f"study, time against {FEW} and {MANY} cells: exponent"
+        yield Row(what, f"{exponent:.2f}", f"<= {EXPONENT:g}", exponent <= EXPONENT)
+        seconds = taken[2, MANY] * (MILLION / MANY)
+        yield Row(
+            f"study, {MILLION} cells, from {MANY}", f"{seconds:.0f} s", f"<= {MILLION_S:g} s", seconds <= MILLION_S
+        )
+        used = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1000
+        yield Row(f"study, {MANY} cells: largest process", f"{used:.0f} MB", f"<= {MEMORY:g} MB", used <= MEMORY)
+        yield _same("study: results of both", digests[1, FEW], digests[2, FEW])
         if importlib.util.find_spec("distributed") is None:
             yield Row("study: results on dask", "distributed is not installed")
             return
@@ -50,7 +67,8 @@ def measure() -> Iterator[Row]:
             LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
             executor_of(None, cluster.scheduler_address) as (executor, workers),
         ):
-            yield _same("study: results on dask", digests[1], _computed(folder / "dask", executor, workers)[1])
+            on_dask = _computed(folder / "dask", executor, workers, FEW)[1]
+            yield _same("study: results on dask", digests[1, FEW], on_dask)
 
 
 def _same(figure: str, first: str, second: str) -> Row:
@@ -65,14 +83,14 @@ def _command(folder: Path) -> float:
     return time.perf_counter() - start
 
 
-def _computed(folder: Path, executor: Executor, workers: int) -> tuple[float, str]:
-    """Seconds for the cells alone, by workers that are there already, and the digest of the results."""
-    for name, last in (("warm", 4 * workers), ("timed", CELLS)):
+def _computed(folder: Path, executor: Executor, workers: int, cells: int) -> tuple[float, str]:
+    """Seconds for so many cells alone, by workers that are there already, and the digest of the results."""
+    for name, last in (("warm", 4 * workers), ("timed", cells)):
         file = parse(STUDY.format(first=1, last=last).encode(), StudyFile, name)
         study = study_of(file, name)
         with Store(folder / name, {"study": file.model_dump(mode="json")}) as store:
             start = time.perf_counter()
-            run(study, StudyComputation.of(study, name), executor, store, _nobody, 4 * workers)
+            run(study, StudyComputation.of(study, name).block, executor, store, _nobody, 4 * workers)
             seconds = time.perf_counter() - start
     return seconds, read_results(folder / "timed").digest()
 

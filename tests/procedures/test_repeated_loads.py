@@ -14,11 +14,10 @@ from palpate.procedures.engine.dataset import as_dataset
 from palpate.procedures.measurements.films.procedure import FilmSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
-from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.procedures.study.results import Results
-from palpate.procedures.study.run import CellOutcome
+from palpate.procedures.study.run import one_by_one
 from palpate.procedures.virtual.study_cell import StudyComputation, _target
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import load_sets
@@ -81,7 +80,7 @@ def test_repetitions_do_not_show_that_a_film_is_linear() -> None:
 def test_a_study_keeps_repetitions_apart_in_its_table_and_its_dataset() -> None:
     study = study_from('name = "s"\nloads = "4 N, 4 N"\ndwell = "0.5 s"\n[axes]\nseed = [1]\n')
     rows = StudyComputation.of(study, "s")(study.cell(0))
-    results = Results(study, [CellOutcome(0, "", as_json(rows))])
+    results = Results(study, [one_by_one(lambda _: rows, study, range(1))])
     ratios = results.table().force_ratio.tolist()
     assert apart(ratios)
     pytest.importorskip("xarray")

@@ -5,16 +5,18 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from palpate.instrument.errors import BenchError, RangeError, RecordError, UsageError
 from palpate.procedures.study.description import Value
 from palpate.procedures.study.report import plot_study
 from palpate.procedures.study.results import Results, read_results
-from palpate.procedures.study.run import RECORD, Store, run
+from palpate.procedures.study.run import RECORD, Evaluate, Store, one_by_one, run
 from tests.procedures.conftest import silent
 from tests.procedures.studies import GRID, RANDOM, study_from
 
@@ -38,15 +40,17 @@ def evaluate(cell: Cell) -> Iterator[dict[str, Any]]:
 class InTurn(Executor):
     """Computes in this thread, and says that the last is ready first."""
 
-    def __init__(self) -> None:
-        self.begun: list[Cell] = []
+    def __init__(self, of: int = 12) -> None:
+        self.begun: list[int] = []
         self.waiting: list[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]] = []
+        self.left = of
 
     def submit(self, call: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        self.begun.append(arguments[-1])
+        self.begun.extend(arguments[-1])
+        self.left -= len(arguments[-1])
         self.waiting.append((future, call, arguments))
-        if len(self.waiting) == 4 or len(self.begun) >= 12:
+        if len(self.waiting) == 4 or not self.left:
             while self.waiting:
                 later, call, arguments = self.waiting.pop()
                 self.answer(later, call, arguments)
@@ -56,11 +60,16 @@ class InTurn(Executor):
         future.set_result(call(*arguments))
 
 
-def done(folder: Path, executor: Executor, asked: str = GRID, evaluate: Callable[[Cell], Any] = evaluate) -> Results:
+def done(folder: Path, executor: Executor, asked: str = GRID, evaluate: Evaluate = evaluate) -> Results:
     study = study_from(asked)
     with Store(folder, {"study": study.file.model_dump(mode="json")}) as store, executor:
-        run(study, evaluate, executor, store, silent, ahead=4)
+        run(study, partial(one_by_one, evaluate), executor, store, silent, ahead=4)
     return read_results(folder)
+
+
+def known(results: Results) -> list[int]:
+    """Cells that have an outcome."""
+    return [mean.cell for mean in results.means()]
 
 
 @pytest.fixture
@@ -77,10 +86,9 @@ def test_the_results_are_the_same_bytes_whatever_computes_them(whole: Results, t
 
 
 def test_a_bad_cell_fails_with_its_reason_and_the_others_go_on(whole: Results) -> None:
-    reasons = {outcome.cell: outcome.reason for outcome in whole.outcomes if outcome.reason}
     too_far, defect = "the far scene is too far; go nearer", "ZeroDivisionError: a defect"
-    assert reasons == {8: too_far, 9: too_far, 10: defect, 11: defect}
-    assert [outcome.cell for outcome in whole.outcomes] == list(range(12))
+    assert whole.tally().failed == {8: too_far, 9: too_far, 10: defect, 11: defect}
+    assert known(whole) == list(range(12))
 
 
 def test_a_cell_that_is_stored_is_not_computed_again(whole: Results, tmp_path: Path) -> None:
@@ -92,26 +100,27 @@ def test_a_cell_that_is_stored_is_not_computed_again(whole: Results, tmp_path: P
     folder = tmp_path / "stopped"
     with pytest.raises(KeyboardInterrupt) as interrupted:
         done(folder, ThreadPoolExecutor(1), evaluate=stopped)
-    kept = [outcome.cell for outcome in read_results(folder).outcomes]
-    assert kept == list(range(6))
-    assert interrupted.value.__notes__ == [f"6 of 12 cells are kept in {folder}; give the command again to go on"]
-    again = InTurn()
-    again.begun = [{}] * 6
+    kept = known(read_results(folder))
+    assert kept == list(range(len(kept))) and 1 <= len(kept) <= 6  # of a block in which it was stopped no cell is kept
+    stand = f"{len(kept)} of 12 cells are kept in {folder}; give the command again to go on"
+    assert interrupted.value.__notes__ == [stand]
+    again = InTurn(of=12 - len(kept))
     assert done(folder, again).digest() == whole.digest()
-    assert [cell["scene"] for cell in again.begun[6:]] == ["far"] * 6
+    assert again.begun == list(range(len(kept), 12))
 
 
-def test_of_a_worker_that_is_lost_only_its_cell_is(tmp_path: Path) -> None:
+def test_of_a_worker_that_is_lost_only_its_block_is(whole: Results, tmp_path: Path) -> None:
     class Losing(InTurn):
         def answer(self, future: Future[Any], call: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-            if arguments[1] == 2:
+            if 2 in arguments[-1]:
                 future.set_exception(BrokenExecutor("it is gone"))
             else:
                 super().answer(future, call, arguments)
 
     with pytest.raises(BenchError, match=r"^a worker ended without an answer \(it is gone\).* 3 of 12 cells are kept"):
         done(tmp_path / "lost", Losing())
-    assert [outcome.cell for outcome in read_results(tmp_path / "lost").outcomes] == [0, 1, 3]
+    assert known(read_results(tmp_path / "lost")) == [0, 1, 3]
+    assert done(tmp_path / "lost", InTurn(of=9)).digest() == whole.digest()  # the hole is filled
 
 
 @pytest.mark.parametrize(
@@ -140,16 +149,29 @@ def test_one_process_at_a_time_works_on_a_study(tmp_path: Path) -> None:
 def test_a_damaged_study_is_told(at: str, whole: Results, tmp_path: Path) -> None:
     path = tmp_path / "whole" / RECORD
     content = path.read_bytes()
-    damaged = content.replace(b'"force_ratio":0.11', b'"force_ratio":0.12', 1) if at == "a row" else b"x" * 4096
+    ratio = np.float64(0.11).tobytes()
+    damaged = content.replace(ratio, np.float64(0.12).tobytes(), 1) if at == "a row" else b"x" * 4096
     assert damaged != content
     path.write_bytes(damaged)
     with pytest.raises(RecordError, match=r"study\.record is damaged \(.*\); restore it from a copy"):
+        read_results(tmp_path / "whole").digest()
+
+
+def test_a_study_that_was_cut_off_is_told(whole: Results, tmp_path: Path) -> None:
+    path = tmp_path / "whole" / RECORD
+    path.write_bytes(path.read_bytes().rstrip(b"\0")[:-2000])
+    with pytest.raises(
+        RecordError, match=r"study\.record is damaged \(some of its .* rows are missing, .*; restore it"
+    ):
         read_results(tmp_path / "whole")
+    with pytest.raises(RecordError, match=r"study\.record is damaged .*, or remove its folder to begin again"):
+        done(tmp_path / "whole", InTurn())
 
 
 def test_a_study_whose_cells_all_fail_has_an_empty_table(tmp_path: Path) -> None:
     results = done(tmp_path, ThreadPoolExecutor(1), GRID.replace('"near", "far"', '"far"').replace('"1-3"', "[2]"))
     assert [mean.force_ratio for mean in results.means()] == [None, None]
+    assert results.groups()[0].failed == 1
     for to in ("csv", "parquet"):
         assert results.export(to, tmp_path).exists()
     assert plot_study(results, tmp_path).exists()
@@ -163,7 +185,7 @@ def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
 
 def test_a_running_study_can_be_read(whole: Results, tmp_path: Path) -> None:
     seen = []
-    reader = threading.Thread(target=lambda: seen.append(len(read_results(tmp_path / "whole").outcomes)))
+    reader = threading.Thread(target=lambda: seen.append(read_results(tmp_path / "whole").tally().cells))
     with Store(tmp_path / "whole", {"study": whole.study.file.model_dump(mode="json")}):
         reader.start()
         reader.join()
@@ -171,7 +193,7 @@ def test_a_running_study_can_be_read(whole: Results, tmp_path: Path) -> None:
 
 
 def test_a_mean_is_over_the_valid_load_sets(whole: Results) -> None:
-    first, second = whole.means()[0], whole.means()[2]
+    first, _, second, *_ = whole.means()
     assert (first.valid_points, first.force_ratio, first.force_ratio_u) == (1, 0.11, 0.03)
     assert second.valid_points == 2
     assert second.force_ratio_u == pytest.approx((0.03**2 + 0.06**2) ** 0.5 / 2)
@@ -199,10 +221,12 @@ def test_the_dataset_of_a_grid_has_its_axes_and_the_table_its_values(whole: Resu
 
 
 def test_the_dataset_of_draws_goes_by_cells(tmp_path: Path) -> None:
-    def one(cell: Cell) -> list[dict[str, Any]]:
-        return [{"load_N": 1.5, "force_ratio": float(str(cell["modulus"]).split()[0]), "valid": True, "flags": []}]
+    def modulus(cell: Cell) -> list[dict[str, Any]]:
+        ratio = float(str(cell["modulus"]).split()[0])
+        return [{**point, "force_ratio": ratio} for point in evaluate({**cell, "scene": "near"})]
 
-    results = done(tmp_path / "drawn", ThreadPoolExecutor(1), RANDOM, one)
+    asked = f'loads = "1 N, 2 N"\n{RANDOM.lstrip()}'
+    results = done(tmp_path / "drawn", ThreadPoolExecutor(1), asked, modulus)
     found = results.dataset()
     assert found.force_ratio.dims == ("cell", "load_N")
     assert found.modulus.attrs == {"units": "kPa"}

@@ -16,6 +16,7 @@ import pytest
 
 from palpate.instrument.config import parse
 from palpate.instrument.errors import PalpateError
+from palpate.procedures.study.block import BlockBuilder
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.study.run import attempt
 from palpate.procedures.virtual import executors
@@ -92,13 +93,12 @@ def test_a_cell_that_cannot_be_says_why(
     ideal = 'name = "faulty"\npurpose = "Faults."\ndesign = "single"\n'
     fault = '[[fault]]\non = "shaker_amplifier"\nkind = "over_current"\nat = "1 s"\n'
     Path("faulty.toml").write_text(ideal + fault, encoding="utf-8")
-    outcome = attempt(
-        sweep_of('scene = ["thesis_single", "overdriven", "faulty.toml"]'),
-        7,
-        {"scene": "thesis_single", "sample": "2", **cell},
-    )
-    assert outcome.reason.startswith(reason)
-    assert outcome.data == "[]"
+    sweep = sweep_of('scene = ["thesis_single", "overdriven", "faulty.toml"]')
+    builder = BlockBuilder(7, 1, len(LOADS))
+    attempt(builder, 0, lambda: sweep({"scene": "thesis_single", "sample": "2", **cell}))
+    block = builder.block()
+    assert block.reasons[0].startswith(reason)
+    assert not block.columns
 
 
 def test_an_effect_and_a_modulus_reach_the_scene() -> None:
@@ -159,6 +159,7 @@ def test_the_second_call_computes_nothing_and_says_the_same(palpate: Palpate, mo
     assert first["results"][0]["force_ratio"] == pytest.approx(0.142, rel=0.1)
     monkeypatch.setattr(executors, "executor_of", lambda *_: pytest.fail("nothing is left to compute"))
     assert told(palpate, "out") == first
+    assert first["one_by_one"] == {}
     shown = palpate("study", "small.toml", "--out", "out").out  # as people are told
     assert "cell 2 failed: " in shown and "mean force ratio" in shown and "out, 4 of 4 cells" in shown
 

@@ -49,7 +49,7 @@ def test_draws_lie_in_their_ranges_and_do_not_depend_on_how_many_there_are() -> 
         ('sample = ["1", "2"]', 'modulus = ["-1 kPa"]', "axes.modulus: '-1 kPa' is no modulus"),
         ('sample = ["1", "2"]', 'modulus = { low = "1 kPa", high = "2 kPa" }', "axes.modulus: a range is drawn from"),
         ('"1-3"', '"3-1"', "axes.seed: seeds '3-1' run backwards"),
-        ('"1-3"', '"1-100000"', f"400000 cells of 2 loads are more than the {MOST_CELLS} cells"),
+        ('"1-3"', '"1-10000000"', f"40000000 cells of 2 loads are more than the {MOST_CELLS} cells"),
         ('"1-3"', "[-1]", "axes.seed: -1 is no seed"),
         ('name = "grid"', 'name = "g"\nhow = "fast"', "how: 'fast' is not known; valid: 'closed form' or 'bench'"),
     ],

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import pytest
 
+from palpate.procedures.study.block import BlockBuilder
 from palpate.procedures.study.report import print_study
 from palpate.procedures.study.results import Results
-from palpate.procedures.study.run import CellOutcome
 from tests.procedures.studies import GRID, study_from
 
-OUTCOME = {"study": "out", "points": "out/points.csv", "plot": "out/plot.png", "cells": 12, "done": 12, "failed": []}
+OUTCOME = {
+    "study": "out",
+    "points": "out/points.csv",
+    "plot": "out/plot.png",
+    "cells": 12,
+    "done": 12,
+    "failed": [],
+    "one_by_one": {},
+}
 
 
 def point(ratio: float) -> dict[str, Any]:
     return {
         "load_N": 1.0, "force_ratio": ratio, "force_ratio_u": 0.01, "pickup_u": 0.0, "noise_u": 0.001,
-        "degrees_of_freedom": None, "model_force_ratio": 0.3, "valid": True, "flags": "",
+        "degrees_of_freedom": None, "model_force_ratio": 0.3, "valid": True, "flags": [],
     }  # fmt: skip
 
 
@@ -26,15 +33,12 @@ def results(failed: int | None = None) -> Results:
     """Results of twelve cells, one of which may have failed."""
     study = study_from(GRID)
     ratios = [0.1 + 0.01 * cell for cell in range(len(study))]
-    return Results(
-        study,
-        [
-            CellOutcome(cell, "reason", "[]")
-            if cell == failed
-            else CellOutcome(cell, "", json.dumps([point(ratio)] * 2))
-            for cell, ratio in enumerate(ratios)
-        ],
-    )
+    builder = BlockBuilder(0, len(study), 2)
+    for cell, ratio in enumerate(ratios):
+        builder.rows(cell, [point(ratio)] * 2)
+    if failed is not None:
+        builder.failed(failed, "reason")
+    return Results(study, [builder.block()])
 
 
 def told(capsys: pytest.CaptureFixture[str], failed_cell: int | None = None, **outcome: Any) -> str:
@@ -72,3 +76,9 @@ def test_failures_and_files_are_named(capsys: pytest.CaptureFixture[str]) -> Non
     assert "and 2 cells more failed: see --json" in shown
     assert "out, 12 of 12 cells" in shown and "out/points.csv" in shown and "out/plot.png" in shown
     assert "SIMULATED" in shown
+
+
+def test_an_effect_that_keeps_cells_from_being_arrays_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "one by one" not in told(capsys)
+    shown = told(capsys, one_by_one={"mounting_scatter": 7})
+    assert "7 cells were computed one by one, because of the effect mounting_scatter" in shown
