@@ -87,6 +87,7 @@ _PLACES = {
     "drivers.clock": "Clock",
     "drivers.devices.canopen_device": "CanopenDevice",
     "drivers.devices.modbus_device": "ModbusDevice",
+    "drivers.devices.sensor_node": "Recording",
     "drivers.roles": "Bias Chamber Exciter LoadIndicator Positioner ProbeStage SampleChanger SensorNode",
     "instrument.bench.description": "BenchDescription read_bench",
     "instrument.bench.kinds": "DeviceKind",
