@@ -55,6 +55,8 @@ class Hashed(Config):
     `accepted` is the day on which somebody accepted an edit by hand, ISO 8601.
     """
 
+    model_config = ConfigDict(defer_build=False)  # calibrations are public: their signatures show without a use
+
     accepted: IsoDate | None = None
 
     def sha256(self) -> str:
