@@ -7,14 +7,16 @@ its `DeviceKind` names the role.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from palpate.drivers.devices.exciter import Exciter
-from palpate.drivers.devices.sensor_node import Recording
 from palpate.instrument.bench.kinds import Role
 
+if TYPE_CHECKING:
+    from palpate.drivers.devices.sensor_node import Recording
+
 __all__ = [
-    "Bias", "Chamber", "Exciter", "LoadIndicator", "Positioner", "ProbeStage", "Reading", "Recording", "SampleChanger",
+    "Bias", "Chamber", "Exciter", "LoadIndicator", "Positioner", "ProbeStage", "Reading", "SampleChanger",
     "SensorNode", "is_difference", "made_u", "role_of", "why_invalid",
 ]  # fmt: skip
 

@@ -40,9 +40,12 @@ Name = Annotated[str, Field(min_length=1)]
 
 
 class Config(BaseModel):
-    """A section of a configuration file: frozen, and unknown keys are errors."""
+    """A section of a configuration file: frozen, and unknown keys are errors.
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    Its validator is built when it is first used: a command reads a few kinds of files, and imports them all.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     file: ClassVar[str] = ""  # what a file with these keys is called; empty: it is a part of a file
 
 
@@ -51,6 +54,8 @@ class Hashed(Config):
 
     `accepted` is the day on which somebody accepted an edit by hand, ISO 8601.
     """
+
+    model_config = ConfigDict(defer_build=False)  # calibrations are public: their signatures show without a use
 
     accepted: IsoDate | None = None
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from palpate.drivers.clock import Clock
     from palpate.drivers.devices.canopen_device import CanopenDevice
     from palpate.drivers.devices.modbus_device import ModbusDevice
+    from palpate.drivers.devices.sensor_node import Recording
     from palpate.drivers.roles import (
         Bias,
         Chamber,
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
         LoadIndicator,
         Positioner,
         ProbeStage,
-        Recording,
         SampleChanger,
         SensorNode,
     )
@@ -87,7 +87,8 @@ _PLACES = {
     "drivers.clock": "Clock",
     "drivers.devices.canopen_device": "CanopenDevice",
     "drivers.devices.modbus_device": "ModbusDevice",
-    "drivers.roles": "Bias Chamber Exciter LoadIndicator Positioner ProbeStage Recording SampleChanger SensorNode",
+    "drivers.devices.sensor_node": "Recording",
+    "drivers.roles": "Bias Chamber Exciter LoadIndicator Positioner ProbeStage SampleChanger SensorNode",
     "instrument.bench.description": "BenchDescription read_bench",
     "instrument.bench.kinds": "DeviceKind",
     "instrument.calibration.films": "FilmCalibration",

@@ -20,7 +20,6 @@ from palpate.procedures.engine.run import open_and_run, prepared
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.about import completed, given
 from palpate.procedures.lab.chosen import Chosen, choose
-from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
 from palpate.procedures.lab.session import places
 from palpate.procedures.lab.store import store
 from palpate.procedures.showing.points import print_points
@@ -48,6 +47,8 @@ def chosen_for(procedure: Procedure[S, P, R], choice: BenchChoice, output: Outpu
     chosen = chosen_by(choice, model)
     if choice.fidelity is None:
         return chosen
+    from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
+
     procedure, ahead, _ = prepared(procedure, chosen.target)
     with output.prices():
         chosen = at_fidelity(chosen, choice.fidelity, procedure.name, procedure.dwells(), ahead.seconds)

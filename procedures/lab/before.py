@@ -14,11 +14,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palpate.procedures.records.resumed import values_of
 from palpate.procedures.records.run import Run
-from palpate.simulators.bench import SimulatedBench
+
+if TYPE_CHECKING:
+    from palpate.simulators.bench import SimulatedBench
 
 BEFORE = "before"  # header key; a run that begins on a bench as it was opened lacks it
 AGAIN = (

@@ -9,7 +9,6 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.calibration.calibration import ANY, Calibration, CalibrationOwner
@@ -30,6 +29,7 @@ from palpate.procedures.records.run import Run, storing
 from palpate.procedures.steps.checks import check_loads
 
 if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
     from palpate.instrument.findings.object_modulus import ByReferences
     from palpate.instrument.models.ratio import RatioQuestion
     from palpate.procedures.lab.lab import Target

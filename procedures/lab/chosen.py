@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
-from palpate.drivers.bench import check_alone, check_drivable
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.bench.kinds import KINDS, Role
 from palpate.instrument.bench.operator import Operator
@@ -57,9 +55,13 @@ class Chosen:
             design = get_design(stated.design).with_pickup(stated.pickup).with_noise(stated.noise)
             nodes = self.description.filling("sensor_node")
             channels = nodes[0].kind.channels if nodes else CHANNELS
-            drivable = partial(check_drivable, self.description)
             target = Target(
-                design, stated.force_limit, len(nodes), channels=channels, drivable=drivable, scene=stated.scene
+                design,
+                stated.force_limit,
+                len(nodes),
+                channels=channels,
+                drivable=self._check_described,
+                scene=stated.scene,
             )
             return with_kinds(target, self.description.kind_in)
         assert self.scene is not None
@@ -78,6 +80,13 @@ class Chosen:
         )
         return with_kinds(target, self.scene.kind_in)
 
+    def _check_described(self, frequency: float) -> None:
+        """Check by the bench file alone that the bench can have a load of a frequency [Hz]. Raises as it does."""
+        from palpate.drivers.bench import check_drivable  # with the libraries of the buses
+
+        assert self.description is not None
+        check_drivable(self.description, frequency)
+
     def _check_guests(self, frequency: float) -> None:
         """Check by the scene alone that its additional devices can work with a load of a frequency [Hz].
 
@@ -87,6 +96,8 @@ class Chosen:
         assert self.scene is not None
         for guest in self.scene.devices:
             if guest.table.get("role") or "exciter" in guest.kind.roles:
+                from palpate.drivers.bench import check_alone
+
                 check_alone(guest.name, guest.kind, guest.settings, frequency)
 
     def check_names(self) -> None:

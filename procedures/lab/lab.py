@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SampleChanger, SensorNode
 from palpate.instrument.bench.kinds import DeviceKind, Role, frequency_step
 from palpate.instrument.calibration.calibration import UNKNOWN, CalibrationOwner
@@ -19,6 +18,7 @@ from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
 
 if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
     from palpate.instrument.findings.object_modulus import ByReferences
 
 

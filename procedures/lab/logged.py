@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self, get_args
 
-from palpate.drivers.logs.bus_replay import BusReplay
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
@@ -16,7 +15,6 @@ from palpate.instrument.calibration.mounting_scatter import MountingScatterCalib
 from palpate.instrument.config import check, parse
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.operator import Mounting
-from palpate.procedures.logs.shown import described
 from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import scene_of
 from palpate.simulators.scenes.scene import Scene, SceneFile
@@ -64,6 +62,9 @@ class LoggedRun:
 
     def __init__(self, log: Path) -> None:
         """Raises ConfigError: the file is damaged or from another version. RecordError: it cannot be read."""
+        from palpate.drivers.logs.bus_replay import BusReplay
+        from palpate.procedures.logs.shown import described
+
         self.wire = BusReplay(log, described)
         header, where = self.wire.run, str(self.wire.path)
         try:

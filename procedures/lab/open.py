@@ -13,9 +13,7 @@ from threading import Lock
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, NoReturn
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.clock import BenchClock, WallClock
-from palpate.drivers.logs.bus_log import BusLog, check_log
+from palpate.drivers.clock import WallClock
 from palpate.drivers.roles import SensorNode
 from palpate.drivers.safe_end import taken
 from palpate.instrument.bench.operator import Operator
@@ -38,12 +36,16 @@ from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.operator import ConsoleOperator, assume
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.resumed import Resumed
-from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
+    from palpate.drivers.clock import BenchClock
+    from palpate.drivers.logs.bus_log import BusLog
+    from palpate.instrument.bench.description import BenchDescription
     from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.simulators.bench import SimulatedBench
+    from palpate.simulators.clock import VirtualClock
 
 Calibrating = Literal["load cell", "films"]
 
@@ -181,9 +183,28 @@ def open_bench(
     told = completed(about or {}, store())
     chosen = choose(None if bench is None else Path(bench), named, seed, model, None, assume_mounted, operator, told)
     if log is not None:
+        from palpate.drivers.logs.bus_log import check_log
+
         check_log(Path(log))
     with opened(chosen, None if log is None else Path(log)) as opened_bench:
         yield opened_bench
+
+
+# These two import the libraries of the buses, which a plan does not need.
+
+
+def simulated_bench(scene: Scene) -> SimulatedBench:
+    """The simulated bench of a scene, which is not running yet; it answers in the waits of its client."""
+    from palpate.simulators.bench import SimulatedBench
+
+    return SimulatedBench(scene, stepped=True)
+
+
+def driven_bench(description: BenchDescription, clock: BenchClock, operator: Operator) -> Bench:
+    """The bench that a file describes, which is not open yet."""
+    from palpate.drivers.bench import Bench
+
+    return Bench(description, clock, operator)
 
 
 @contextmanager
@@ -216,16 +237,18 @@ def opened(
             wire = stack.enter_context(chosen.logged.wire)
             description, clock, operator = wire.description, wire, ConsoleOperator(lambda _what, _word: None)
         elif chosen.scene is not None:
-            simulated = stack.enter_context(SimulatedBench(chosen.scene, stepped=True))
+            simulated = stack.enter_context(simulated_bench(chosen.scene))
             description, clock, operator = simulated.description, simulated.clock, simulated.operator
             now = started  # a simulated bench stays on the date of its run
         assert description is not None
-        bench = Bench(description, clock, operator)
+        bench = driven_bench(description, clock, operator)
         bench.waits = lambda why: say(f"palpate: note: {why}", err=True)
         traffic = None
         if simulated is not None:
             stack.enter_context(_interrupting(simulated.clock))
         if log is not None:
+            from palpate.drivers.logs.bus_log import BusLog
+
             traffic = stack.enter_context(_logging(BusLog(bench, clock, log, started), runs))
         if chosen.logged is not None:
             chosen.logged.wire.attach(bench)

@@ -11,8 +11,6 @@ from pathlib import Path
 from traceback import format_exception
 from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.logs.bus_log import check_log
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.additions import Addition
 from palpate.instrument.arithmetic import arithmetic
@@ -39,6 +37,7 @@ from palpate.procedures.steps.beside import BesideSummary, summed_up
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
     from palpate.instrument.models.ratio import RatioQuestion
 
 
@@ -219,6 +218,8 @@ def places(out: Path | None, log: Path | None, procedure: str, started: datetime
     """The folder of a new run; its log can be written, too. Raises as `result_folder` and `check_log` do."""
     with result_folder(out, procedure, started) as folder:
         if log is not None:
+            from palpate.drivers.logs.bus_log import check_log
+
             check_log(log)
         yield folder
 

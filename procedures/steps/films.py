@@ -6,11 +6,11 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.bench.kinds import frequency_step
 from palpate.instrument.contracts.sensor_node import CHANNELS, HEADROOM, place
@@ -19,6 +19,9 @@ from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit, fit_sine
 from palpate.instrument.signals.sine_columns import sine_columns
+
+if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
 
 SAMPLES_PER_CYCLE = 25
 SHORT_RECORD = 0.2  # s, rounded up to whole cycles, two at least

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from palpate.drivers.clock import Clock
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from palpate.drivers.clock import Clock
 
 
 class Laps:

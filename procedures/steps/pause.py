@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from palpate.drivers.bench import Bench
 from palpate.procedures.records.record import PAUSED, Recorder
+
+if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
 
 
 class Pause(Protocol):

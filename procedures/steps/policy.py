@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from palpate.drivers.bench import Bench
 from palpate.instrument.bench.patience import READ_ATTEMPTS
 from palpate.instrument.errors import (
     BenchError,
@@ -25,6 +24,9 @@ from palpate.instrument.errors import (
     Unfed,
     UnreachableError,
 )
+
+if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
 
 T = TypeVar("T")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner, SampleChanger
 from palpate.instrument.bench.operator import mount_anew
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -15,6 +15,9 @@ from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.servo import READINGS, TRACK_FILTER, TRACK_SETTLING, read_indicator
+
+if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
 
 UNLOADING = 2.0  # s, until nothing of the last load is left in the indicator's filter
 APPROACH_STEP = 2e-3  # m

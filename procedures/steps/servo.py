@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.roles import Exciter, LoadIndicator, Reading, is_difference, made_u, why_invalid
+from palpate.drivers.roles import Exciter, LoadIndicator, is_difference, made_u, why_invalid
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, SafetyError, UnreachableError
 from palpate.instrument.quantity import show
+
+if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
+    from palpate.drivers.roles import Reading
 
 # --- Reading the load indicator: when a display counts, and the mean of several ------------------------
 

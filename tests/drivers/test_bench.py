@@ -140,4 +140,4 @@ def test_the_bench_names_no_device() -> None:
     for module in (bench_module, fitted, ownership):
         source = inspect.getsource(module)
         assert [name for name in KINDS if name in source] == []
-        assert set(re.findall(r"devices\.(\w+) import", source)) <= {"device", "exciter"}
+        assert set(re.findall(r"devices\.(\w+) import", source)) <= {"device", "exciter", "exciter_kinds"}

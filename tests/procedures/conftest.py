@@ -162,7 +162,7 @@ def benches(monkeypatch: pytest.MonkeyPatch) -> Benches:
             opened.doctor(self)
             return self
 
-    monkeypatch.setattr(session, "SimulatedBench", Doctored)
+    monkeypatch.setattr(session, "simulated_bench", Doctored)
     return opened
 
 

@@ -30,8 +30,8 @@ def unopened(monkeypatch: pytest.MonkeyPatch) -> None:
     def opened(*_: object) -> None:
         raise AssertionError("the bench was opened")
 
-    monkeypatch.setattr(session, "SimulatedBench", opened)
-    monkeypatch.setattr(session, "Bench", opened)
+    monkeypatch.setattr(session, "simulated_bench", opened)
+    monkeypatch.setattr(session, "driven_bench", opened)
 
 
 def stored(device: str, **changed: object) -> None:

@@ -24,7 +24,7 @@ def nothing_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("a replay needs no bench")
 
-    monkeypatch.setattr(session, "SimulatedBench", refuse)
+    monkeypatch.setattr(session, "simulated_bench", refuse)
 
 
 def same_again(palpate: Palpate, monkeypatch: pytest.MonkeyPatch, *command: str) -> tuple[Run, Run]:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
 from palpate.instrument.calibration.classification import ISO_376, lacking_for_iso_376, quantities, short_of_iso_376
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -47,6 +46,9 @@ from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.servo import steady
+
+if TYPE_CHECKING:
+    from palpate.drivers.bench import Bench
 
 # --- The bench work of a load-cell calibration: reads the load cell under one weight after the other ---
 
