@@ -91,7 +91,7 @@ class OutOfReach(RangeError):
     """
 
     def __init__(self, tolerance: float, best: Allocation, floor: float, binds: str) -> None:
-        why = f"{binds} leaves ± {floor:.3g}, which no time on the bench lowers"
+        why = f"{binds} leaves ± {floor:.3g}, which no longer run lowers"
         if floor < tolerance:
             why = f"{binds} binds, and a run has {counted(best.sets, 'load set')} at most"
         super().__init__(f"± {tolerance:.3g} cannot be reached: {why}; ± {best.half:.3g} can")

@@ -5,6 +5,7 @@ Every number comes from the planner of `palpate measure modulus`: the rows of it
 
 from __future__ import annotations
 
+import bisect
 import math
 import shlex
 import time
@@ -218,7 +219,8 @@ class ModulusFront:
             why = str(refused(error, case.question, found, wanted, case.design, case.loads))
         less, more = None, None
         if asked is not None:
-            less, more = (_in_time(table, asked.plan.allocation.mean + change) for change in (-MINUTE, MINUTE))
+            mean = asked.plan.times.mean
+            less, more = (_in_time(case, found, wanted, table, mean + change) for change in (-MINUTE, MINUTE))
         made = references_of(case.question, found, case.design)
         count = REFERENCES if made is None else max(REFERENCES, made.least)
         validation = found.validation
@@ -320,10 +322,16 @@ def _for_target(
         return None
 
 
-def _in_time(table: Table, seconds: float) -> float | None:
-    """The least half-width of plans that take no longer on average [s]."""
-    good = table.half[table.mean <= seconds]
-    return float(good.min()) if good.size else None
+def _in_time(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table, seconds: float) -> float | None:
+    """The least tolerance that runs reach in so much time on average [s], further mountings included; None: none."""
+
+    def lasts(row: int) -> float:
+        asked = replace(wanted, tolerance=float(table.half[row]))
+        return prospect_by(case.design, found, asked, table.row(row)).times.mean
+
+    rows = [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
+    quick = bisect.bisect_right(rows, seconds, key=lasts)
+    return float(table.half[rows[quick - 1]]) if quick else None
 
 
 # --- What a tolerance asks of each cause ---------------------------------------------------------------

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.instrument.quantity import counted, plus_minus, show
-from palpate.procedures.accuracy.front import INTEGRATION, QUIET, CauseCost, FrontPoint, ModulusFront
+from palpate.procedures.accuracy.front import INTEGRATION, MINUTE, QUIET, CauseCost, FrontPoint, ModulusFront
 from palpate.procedures.measurements.prospects import share
 from palpate.procedures.showing.figure import save_in_new
 from palpate.procedures.showing.plan import duration
@@ -112,9 +112,10 @@ def _notes(front: ModulusFront) -> list[str]:
             references = f"; references leave {left} ({once})"
         lines.append(f"absolute       {plus_minus(front.absolute)} by the model{references}")
     if front.less is not None or front.more is not None:
-        less = "no plan" if front.less is None else plus_minus(front.less)
-        more = "no plan" if front.more is None else plus_minus(front.more)
-        lines.append(f"one minute     less: {less}; more: {more}")
+        mean = front.asked.plan.times.mean if front.asked is not None else math.nan
+        halves = {mean - MINUTE: front.less, mean + MINUTE: front.more}
+        told = (f"{duration(t)} give {'no answer' if h is None else plus_minus(h)}" for t, h in halves.items() if t > 0)
+        lines.append(f"a minute       {'; '.join(told)}")
     if front.quicker is not None:
         lines += [f"quicker        {front.quicker.told}", f"               {front.quicker.how}"]
     for prior in front.priors:

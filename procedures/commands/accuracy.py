@@ -65,6 +65,7 @@ def front_command(
     The quickest plans of `palpate measure modulus`, and for one tolerance (5 % by default) what it asks of each cause
     of uncertainty, and who pays: the bench, a person, or the processor. Nothing is measured.
     """
+    from palpate.instrument.errors import UsageError
     from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.accuracy.front import ModulusFront, PlanningCase
     from palpate.procedures.commands.measure import object_to_touch
@@ -74,6 +75,8 @@ def front_command(
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 
     output = Output(as_json, quiet)
+    if absolute and settings.get("relative_to_model"):
+        raise UsageError("--absolute and --relative-to-model: they are each other's contrary; give one of them")
     make_folder(out)
     target = replace(
         with_films(choose(bench, scene).target), model=None

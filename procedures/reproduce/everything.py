@@ -25,7 +25,7 @@ from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
-from palpate.procedures.records.events import Listener
+from palpate.procedures.records.events import Listener, unheard
 from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import RATIO
@@ -45,19 +45,19 @@ CREATED = datetime(2026, 1, 1, tzinfo=UTC)
 def recorded(
     folder: Path,
     seed: int | None,
-    listener: Listener,
     scene: str,
     procedure: str,
     model: str | None = None,
     parameters: str | None = None,
+    listener: Listener = unheard,
 ) -> Iterator[Session]:
     """Open the simulated bench of a scene, and record a run on it in a folder of its own; at the end it is complete.
 
     Args:
         folder: where the run's folder goes.
         seed: seed of the scene; None: the scene's own.
-        listener: hears of each point.
         model, parameters: sensor model from which force ratios come, and its parameter set; None: the scene's.
+        listener: hears of each point.
     """
     taken = sum(1 for path in folder.iterdir() if path.is_dir())
     name = "-".join(part for part in (f"{taken + 1}-{procedure}-{scene}", parameters) if part)
@@ -79,7 +79,7 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
     """
     tables = done.tables
     folder = done.models.folder
-    open_bench = partial(recorded, folder, seed, steps(progress))
+    open_bench = partial(recorded, folder, seed, listener=steps(progress))
 
     def add(found: Iterable[RowTable]) -> None:
         tables.extend((table, table.write(folder)) for table in found)

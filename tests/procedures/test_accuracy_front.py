@@ -87,7 +87,7 @@ def test_people_read_plans_causes_and_who_pays(palpate: Palpate) -> None:
     said = palpate("accuracy", "--tolerance", "10 %", "--out", "prices")
     assert said.status == 0
     for text in (
-        "± 5 %", "± 10 %: 1 min", "of them a person's", "gain", "converter", "one minute     less:",
+        "± 5 %", "± 10 %: 1 min", "of them a person's", "gain", "converter", "a minute       4 min ",
         "integration    not in the path: the bench steps nothing", "palpate measure modulus --sample 4 --tolerance",
         "scatter was never measured; --mountings 12 does so",
     ):  # fmt: skip
@@ -105,6 +105,7 @@ def test_people_read_plans_causes_and_who_pays(palpate: Palpate) -> None:
         (("--mounting-scatter", "-1 %"), "--mounting-scatter -1 % is outside 0 to 50 %"),
         (("--mounting-scatter", "1 %", "--mounting-freedom", "0"), "--mounting-freedom 0 is below 1"),
         (("--sample", "4", "--modulus", "50 kPa"), "--sample and --modulus: give either"),
+        (("--absolute", "--relative-to-model"), "--absolute and --relative-to-model"),
     ],
 )
 def test_what_has_no_front_is_refused(palpate: Palpate, options: tuple[str, ...], message: str) -> None:

@@ -582,13 +582,13 @@ def _with(wanted: Wanted, prospect: Prospect, design: Design, line: BudgetLine) 
 
 # --- A tolerance that cannot be reached: what binds, the best there is, and other ways there -----------
 
+NEVER_MEASURED = "scatter was never measured"
 REFERENCES = 6  # as many as pay
 LEAST_BY_COMPRESSION = 0.04
 REMEDIES = {
     CALIBRATION: "calibrate the films at more points: palpate calibrate films",
     PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
     CURVE: "ask a finer model, such as --model auto",
-    MOUNTED: "measure once how mountings scatter: --mountings 12",
 }
 
 
@@ -602,7 +602,7 @@ def refused(
 ) -> RangeError:
     """The refusal of a tolerance that no plan reaches."""
     tolerance = wanted.tolerance or 0.0
-    why = f"{error.binds} leaves {plus_minus(error.floor)}, which no time on the bench lowers"
+    why = f"{error.binds} leaves {plus_minus(error.floor)}, which no longer run lowers"
     if error.floor < tolerance:
         why = f"{error.binds} binds, and a run has {MOST_SETS:,} load sets and {MOST_MOUNTINGS} mountings at most"
     elif error.binds == VALIDATION:
@@ -618,6 +618,8 @@ def refused(
         ways = _with_references(question, found, design)
     elif error.binds == MOUNTED and wanted.mountings is not None:
         ways = ["or        leave the number of mountings to the plan, without --mountings"]
+    elif error.binds == MOUNTED and wanted.mounted_by.startswith(NEVER_MEASURED):
+        ways = ["or        measure how mountings scatter: palpate measure modulus --mountings 12 --tolerance '10 %'"]
     elif error.binds in REMEDIES and (error.binds, found.model) != (CURVE, answering(replace(question, model="auto"))):
         ways = [f"or        {REMEDIES[error.binds]}"]
     if tolerance >= LEAST_BY_COMPRESSION or error.binds == VALIDATION:

@@ -33,6 +33,7 @@ from palpate.procedures.measurements.object_modulus.course import (
     ratios_of,
 )
 from palpate.procedures.measurements.object_modulus.planning import (
+    NEVER_MEASURED,
     Wanted,
     alternatives,
     costs_of,
@@ -122,7 +123,6 @@ LARGEST_SCATTER = 0.5
 # Relative scatter of the ratio from mounting to mounting where it was never measured, and its degrees of freedom [A]:
 # six samples of the thesis on two sensors scatter by 1.05 % beyond their sets (median), and below 3.7 % (95 %).
 UNMEASURED = 0.01, 2.0
-NEVER_MEASURED = "scatter was never measured; --mountings 12 does so, once"
 VALID_DAYS = 365  # of a scatter of mountings
 
 
@@ -208,7 +208,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
             return Wanted(*asked, self.mounting_scatter, self.mounting_freedom or math.inf, "scatter as stated", *of)
         stored = self.mountings_on(target)
         if stored is None:
-            return Wanted(*asked, *UNMEASURED, NEVER_MEASURED, *of)
+            return Wanted(*asked, *UNMEASURED, f"{NEVER_MEASURED}; --mountings 12 does so, once", *of)
         told = f"{scatter_told(stored.found)}: {stored.source}{stored.marks()}"
         return Wanted(*asked, stored.means_u, float(stored.degrees_of_freedom), told, *of)
 
