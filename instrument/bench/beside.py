@@ -14,7 +14,7 @@ every = "60 s"                # a reading serves all points of so long a time; w
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -24,7 +24,6 @@ from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Seconds
 
 if TYPE_CHECKING:
-    from palpate.instrument.bench.description import Listed
     from palpate.instrument.contracts.contract import Contract
 
 COLUMNS = "beside_"  # begins the names of values in records
@@ -69,12 +68,11 @@ class Beside(Config):
         return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
 
 
-def check_beside(name: str, given: Beside, devices: Sequence[Listed]) -> None:
-    """Raises ConfigError: the name cannot be one, or the bench has no such device, field or unit."""
+def check_beside(name: str, given: Beside, known: Mapping[str, Contract]) -> None:
+    """Raises ConfigError: the name is none, or no device of the bench, by its contract, has such a field or unit."""
     where = f"beside.{name}"
     if not KEY.fullmatch(name):
         raise ConfigError(f"{where}: {name!r} is no name; give small letters, digits and _, such as room_2")
-    known = {each.name: each.kind.contract for each in devices}
     try:
         if given.device not in known:
             raise UnknownName("device of this bench", given.device, known)

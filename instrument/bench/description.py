@@ -386,7 +386,7 @@ class BenchDescription(Config):
             check_places(self.links, devices)
             check_identities(each.kind for each in devices)
             for name, given in self.beside.items():
-                check_beside(name, given, devices)
+                check_beside(name, given, {each.name: each.kind.contract for each in devices})
             for role in get_args(Role):
                 if role != "sensor_node" and len(several := filling(role, devices)) > 1:
                     names = " and ".join(each.name for each in several)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -82,13 +82,13 @@ def _show_ahead(planned: Sequence[PlannedStep]) -> None:
     print_all(table, f"all together   {duration(sum(step.seconds for step in planned))}", *person)
 
 
-def _show_done(rows: Sequence[Mapping[str, Any]], judged: Sequence[tuple[PlannedStep, Judgement | None]]) -> None:
+def _show_done(rows: Sequence[Mapping[str, object]], judged: Sequence[tuple[PlannedStep, Judgement | None]]) -> None:
     """Print the runs, and why limits do not pass."""
     from palpate.procedures.showing.text import new_table, print_all
 
     table = new_table(None, "step", "procedure", "why", "run", "verdict")
     for row in rows:
-        table.add_row(row["name"], row["procedure"], row["why"], row["run"] or "-", row.get("verdict", "-"))
+        table.add_row(*(str(row.get(column) or "-") for column in ("name", "procedure", "why", "run", "verdict")))
     print_all(
         table,
         *(

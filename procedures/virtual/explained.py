@@ -16,7 +16,7 @@ from palpate.simulators.planning.prices import PRICE, PRICE_OF, PriceLine, Progr
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import waveforms
 from palpate.simulators.planning.weights import DRAWS, Weight, priced, weigh
-from palpate.simulators.scenes.heads import Head, head_of
+from palpate.simulators.scenes.heads import SceneHead, head_of
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def parameters(scene: str) -> dict[str, Any]:
     }
 
 
-def run_briefly(scene: str) -> Head:
+def run_briefly(scene: str) -> SceneHead:
     """Simulate a scene for a moment; a row for JSON about it. Raises PalpateError: it cannot be simulated."""
     chosen = read_scene(scene)
     waveforms(chosen, Question(), periods=1)

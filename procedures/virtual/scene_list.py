@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate.procedures.console.terminal import console
-from palpate.simulators.scenes.heads import Head, head_in, head_of, shipped
+from palpate.simulators.scenes.heads import SceneHead, head_in, head_of, shipped
 
 
-def all_shipped() -> list[Head]:
+def all_shipped() -> list[SceneHead]:
     """The head of each scene that comes with palpate. Raises ConfigError: the file of one is wrong."""
     return [head_in(path) or _whole(name) for name, path in shipped().items()]
 
 
-def _whole(name: str) -> Head:
+def _whole(name: str) -> SceneHead:
     from palpate.simulators.planning.settle import read_scene
 
     return head_of(read_scene(name))
 
 
-def print_list(scenes: Sequence[Head]) -> None:
+def print_list(scenes: Sequence[SceneHead]) -> None:
     """Print a row for each scene, with its purpose."""
     from rich.table import Table
 

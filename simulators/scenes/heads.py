@@ -22,7 +22,7 @@ CHOSEN = "auto"  # what a file says where the effects or the model are chosen by
 UNSAID = {"parameters", "tolerance", "nodes"}  # keys that no shipped scene has, and that other keys must go with
 
 
-class Head(TypedDict):
+class SceneHead(TypedDict):
     """What a list says of a scene."""
 
     scene: str
@@ -45,7 +45,7 @@ def fewest_nodes(design: Design) -> int:
     return max(place(film.channel)[0] for film in design.films)
 
 
-def head_of(scene: Scene) -> Head:
+def head_of(scene: Scene) -> SceneHead:
     """The head of a scene that was read whole."""
     return {
         "scene": scene.name,
@@ -59,7 +59,7 @@ def head_of(scene: Scene) -> Head:
     }
 
 
-def head_in(path: Path) -> Head | None:
+def head_in(path: Path) -> SceneHead | None:
     """The head of a scene file whose effects are in the order of the chain, as those that come with palpate.
 
     None: it takes more than these keys to tell it, or one of them is wrong. Then read the whole scene, which says so.

@@ -78,7 +78,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             found.append(size)
             return np.asarray(super().standard_normal(size))
 
-    monkeypatch.setattr(randomness, "Generator", Counting)
+    monkeypatch.setattr(randomness._OWN, "generator", Counting(np.random.SFC64(0)))  # private: each thread has its own
     return found
 
 
