@@ -138,7 +138,7 @@ IDENTIFY = 43
 Answer = bytes | list[bool] | ExcCodes
 
 
-class _Range(NamedTuple):
+class _PlainRange(NamedTuple):
     """What lies in a range of a table.
 
     Attributes:
@@ -223,16 +223,16 @@ class Registers:
             raise Refused(ExcCodes.ILLEGAL_FUNCTION)
         return TABLE_OF[function]
 
-    def _fields_at(self, table: Table, address: int, count: int) -> _Range:
+    def _fields_at(self, table: Table, address: int, count: int) -> _PlainRange:
         end = address + count
         found = [f for f in self._tables[table] if f.address < end and f.address + f.width > address]
         held = [at for f in found for at in range(f.address, f.address + f.width)]
         alone = held == list(range(address, end)) and table not in BITS
-        return _Range(
+        return _PlainRange(
             found, set(held).issuperset(range(address, end)), self.contract.together(found) if alone else None
         )
 
-    def _whole(self, table: Table, address: int, count: int) -> _Range:
+    def _whole(self, table: Table, address: int, count: int) -> _PlainRange:
         """What lies in a range. Raises Refused: a part of it does not exist."""
         found = self._at(table, address, count)
         if not found.filled:

@@ -87,7 +87,8 @@ def test_people_read_plans_causes_and_who_pays(palpate: Palpate) -> None:
     said = palpate("accuracy", "--tolerance", "10 %", "--out", "prices")
     assert said.status == 0
     for text in (
-        "± 5 %", "± 10 %: 1 min", "of them a person's", "gain", "converter", "a minute       29 s give no answer; 2 min 29 s give ± 8",
+        "± 5 %", "± 10 %: 1 min", "of them a person's", "gain", "converter",
+        "a minute       29 s give no answer; 2 min 29 s give ± 8",
         "integration    not in the path: the bench steps nothing", "palpate measure modulus --sample 4 --tolerance",
         "scatter was never measured; --mountings 12 does so",
     ):  # fmt: skip

@@ -265,7 +265,7 @@ def test_the_best_that_a_refusal_names_is_none_that_it_refuses(model: str, relat
 def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Palpate) -> None:
     said = palpate(*MEASURE, "--sample", "4", "--tolerance", "5 %").complaint.splitlines()
     assert said[0].startswith(
-        "--tolerance 5 % absolute cannot be reached: the model binds: validation leaves × 3.3, which no time"
+        "--tolerance 5 % absolute cannot be reached: the model binds: validation leaves × 3.3, which no longer"
     )
     assert [line.split("  ")[1] for line in said[1:]] == ["best now", "or", "or", "or"]
     assert "with 6 references" in said[2]
