@@ -117,7 +117,7 @@ def test_a_plan_in_a_time_may_have_few_sets_whose_scatter_the_prior_tells() -> N
 
 
 def test_a_tolerance_that_no_plan_reaches_tells_what_binds_and_the_best_there_is() -> None:
-    with pytest.raises(OutOfReach, match=r"validation leaves ± 0\.301, which no time") as caught:
+    with pytest.raises(OutOfReach, match=r"validation leaves ± 0\.301, which no longer run") as caught:
         table(SCATTER, VALIDATION).for_tolerance(0.1)
     assert caught.value.floor == pytest.approx(0.117 * stdtrit(5, 0.975))
     assert table(SCATTER, VALIDATION).for_tolerance(caught.value.best).half == pytest.approx(caught.value.best)
