@@ -81,7 +81,7 @@ class Told(SimulatedBench):
         generator = self.generator.settings
         say("off", json.dumps([self.amplifier.settings["enable"], generator["output"], generator["amplitude"]]))
         super().__exit__(*error)
-session.SimulatedBench = Told
+session.simulated_bench = lambda scene: Told(scene, stepped=True)
 
 for line in sys.stdin:
     child = os.fork()

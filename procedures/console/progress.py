@@ -41,13 +41,14 @@ class Shown:
         self._done, self._total, self._begins = 0, 0, 0
         self._begun = self._since = monotonic()
         self._planned: float | None = None  # time that is left by the plan [s]
-        self._usual = self._took = self._expected = 0.0  # of the steps that were taken: their time, and by the plan [s]
+        self._whole = 0.0  # of the plan [s]
+        self._took = self._expected = 0.0  # of the steps that were taken: their time, and by the plan [s]
 
     def promised(self, seconds: float) -> None:
         """Tell how much time is left by the plan [s]: before the first step, and after each."""
         now = monotonic()
         if self._planned is None:
-            self._usual = seconds / max(self._total - self._done, 1)
+            self._whole = seconds
         elif self._done == self._begins + 1:  # else steps were skipped
             self._took += now - self._since
             self._expected += max(self._planned - seconds, 0.0)
@@ -63,10 +64,11 @@ class Shown:
         if self._planned is None:
             done, total = self._done, self._total
             return (now - self._begun) * (total - done) / done if 0 < done <= total else None
-        if self._done >= self._total:
+        if self._done >= self._total or not self._whole:
             return 0.0
         # One step is as little as nothing to judge by: so the plan counts as much as one step.
-        pace = (self._took + self._usual) / (self._expected + self._usual) if self._usual else 1.0
+        usual = self._whole / self._total
+        pace = (self._took + usual) / (self._expected + usual)
         return max(0.0, pace * self._planned - (now - self._since))
 
 

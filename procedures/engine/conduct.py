@@ -115,13 +115,14 @@ class _Promise:
 
     def step(self, number: int, what: str) -> None:
         """Tell what is done now, with so many steps behind."""
-        if self._heard:
-            told = {"number": number, "points": len(self._plan.steps), "what": what}
-            self._record.tell("step", self._lab.bench.clock.now_ns(), told)
-            if not self._left:
-                times = itertools.accumulate((step.seconds_expected for step in self._plan.steps), initial=0.0)
-                self._left = [max(self._plan.seconds - time, 0.0) for time in times]
-                self._tell(number)
+        if not self._heard:
+            return
+        if not self._left:
+            times = itertools.accumulate((step.seconds_expected for step in self._plan.steps), initial=0.0)
+            self._left = [max(self._plan.seconds - time, 0.0) for time in times]
+            self._tell(number)
+        told = {"number": number, "points": len(self._plan.steps), "what": what}
+        self._record.tell("step", self._lab.bench.clock.now_ns(), told)
 
     def point(self, number: int, points: Sequence[object]) -> None:
         """Tell what is left with so many steps behind, and these points."""

@@ -163,6 +163,7 @@ def test_a_run_after_those_of_a_script_goes_on_where_their_classes_are_known(
 
 SCRIPT = """
 import os, sys, palpate
+from palpate.testing import steps
 from tests.procedures.test_chained_runs import CHAIN
 cut, points, signal = map(int, sys.argv[1:])
 def kill(done, total, what):

@@ -358,6 +358,7 @@ def test_a_procedure_of_ones_own_that_was_killed_goes_on(soft: str, tmp_path: Pa
     shutil.copy(OUTSIDE, tmp_path)
     script = f"""
 import os, palpate, relaxation
+from palpate.testing import steps
 def kill(done, total, what):
     if done == 2: os.kill(os.getpid(), {int(signal.SIGKILL)})
 with palpate.open_bench(scene={soft!r}) as bench:

@@ -70,7 +70,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
 
     @contextmanager
     def recorded(
-        _folder: Path, _seed: None, scene: str, procedure: str, model: str | None = None, parameters: str | None = None
+        _folder: Path,
+        _seed: None,
+        scene: str,
+        procedure: str,
+        model: str | None = None,
+        parameters: str | None = None,
+        *,
+        listener: object,
     ) -> Iterator[Any]:
         opened.append((scene, procedure, model, parameters))
         record = SimpleNamespace(folder=folder)
