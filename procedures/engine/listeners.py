@@ -96,7 +96,7 @@ class _Thread:
         self._listener = listener
         self._events: queue.Queue[Event | None] = queue.Queue(WAITING)
         self._dropped = ""
-        self._since = monotonic()  # when it took its last event
+        self._busy, self._since = False, monotonic()  # with an event, and when it began or ended one
         self._thread = threading.Thread(target=self._listen, name=f"listener {self._name}", daemon=True)
         self._thread.start()
 
@@ -115,8 +115,9 @@ class _Thread:
                 self._events.put_nowait(None)
             except queue.Full:
                 self._drop(f"it left {WAITING:,} events untaken")
+        ended = monotonic()
         while self._thread.is_alive() and not self._dropped:
-            left = self._since + PATIENCE - monotonic()
+            left = (self._since if self._busy else max(self._since, ended)) + PATIENCE - monotonic()
             if left <= 0:
                 self._drop(f"it was busy with one event for more than {PATIENCE:g} s when the run had ended")
             else:
@@ -124,12 +125,13 @@ class _Thread:
 
     def _listen(self) -> None:
         while (event := self._events.get()) is not None and not self._dropped:
-            self._since = monotonic()
+            self._since, self._busy = monotonic(), True
             try:
                 self._listener(event)
             except BaseException as error:
                 self._drop(f"it failed: {type(error).__name__}: {error}")
                 return
+            self._since, self._busy = monotonic(), False
 
     def _drop(self, why: str) -> None:
         self._dropped = why
