@@ -354,7 +354,7 @@ def _decided(step: CampaignStep, of_it: Sequence[Run], runs: Sequence[Run], now:
             return True, f"the last one, of {last.started:%Y-%m-%d}, is older than {step.due}"
         kept.append(f"the last one, of {last.started:%Y-%m-%d %H:%M}, is younger than {step.due}")
     if step.every is not None:
-        since = sum(run.started > last.started and run.procedure != step.procedure for run in runs)
+        since = sum(run.started >= last.started and run.procedure != step.procedure for run in runs)
         if since >= step.every:
             return True, f"{since} runs since the last one"
         kept.append(f"{since} of {step.every} runs since the last one")
