@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -41,6 +42,7 @@ from palpate.instrument.uncertainty.decision import PASS
 from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.engine.limits import read_limits
 from palpate.procedures.engine.procedure import Procedure
+from palpate.procedures.engine.promise import expected_of
 from palpate.procedures.engine.resume import go_on
 from palpate.procedures.engine.run import open_and_run, prepared
 from palpate.procedures.engine.settings import asked_of, made
@@ -50,7 +52,7 @@ from palpate.procedures.lab.about import completed
 from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.records.events import Listener
-from palpate.procedures.records.record import new_run_folder
+from palpate.procedures.records.record import locked, new_run_folder
 from palpate.procedures.records.run import Run, storing
 from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.records.run_list import list_runs
@@ -102,6 +104,27 @@ class CampaignFile(Config):
     seed: int | None = Field(default=None, ge=0, strict=True)
     about: dict[str, str] = Field(default_factory=dict)
     step: dict[str, CampaignStep] = Field(min_length=1)
+
+
+def _one_name(text: str) -> str:
+    if not text or Path(text).name != text:
+        raise ValueError(f"{text!r} is no folder of the store")
+    return text
+
+
+class StepState(Config):
+    """What was decided about a step: `run` is the folder of its run in the store; None: it was not due."""
+
+    why: str
+    run: Annotated[str, AfterValidator(_one_name)] | None = None
+
+
+class CampaignState(Config):
+    """The content of STATE."""
+
+    file_sha256: str
+    store: str
+    steps: dict[str, StepState]
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +179,7 @@ class Campaign:
             about.setdefault("campaign", self.file.name)
         about = completed(about, store)
         self.chosen: Chosen = choose(bench, self.file.scene, self.file.seed, None, None, assume_mounted, about=about)
+        self.chosen.check_beside()
         self._limits = {
             name: read_limits(path.absolute().parent / step.limits)
             for name, step in self.file.step.items()
@@ -167,7 +191,7 @@ class Campaign:
         self._hash = sha256(text.encode()).hexdigest()
         stamp = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{re.sub(r'[^A-Za-z0-9]+', '-', self.file.name)}"
         self.folder = out or store / FOLDER / stamp
-        self._runs: dict[str, dict[str, Any]] = self._stored()
+        self._runs = self._stored()
 
     def _made(self, name: str, step: CampaignStep) -> Procedure[Any, Any, Any]:
         where = f"{self._path}: step.{name}"
@@ -181,7 +205,7 @@ class Campaign:
             if unknown := sorted(step.settings.keys() - known.keys()):
                 raise UnknownName(f"setting of {step.procedure}", unknown[0], known)
             values = {
-                key: known[key].value(given if isinstance(given, str | bool | tuple) else str(given))
+                key: known[key].value(_as_typed(given, known[key].setting.repeated))
                 for key, given in step.settings.items()
             }
             if lacking := [each.name for each in known.values() if each.required and each.name not in values]:
@@ -190,43 +214,43 @@ class Campaign:
         except PalpateError as error:
             raise ConfigError(f"{where}: {error}") from error
 
-    def _stored(self) -> dict[str, dict[str, Any]]:
+    def _stored(self) -> dict[str, StepState]:
         path = self.folder / STATE
         if not path.exists():
             return {}
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            known, runs = str(found["file_sha256"]), {str(name): dict(entry) for name, entry in found["steps"].items()}
-            for entry in runs.values():
-                if Path(entry.get("run", "-")).name != entry.get("run", "-"):
-                    raise ValueError(f"{entry['run']!r} is no folder of the store")
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            state = check(json.loads(path.read_text(encoding="utf-8")), CampaignState, str(path))
+        except (OSError, ValueError, ConfigError) as error:
             raise RecordError(f"{path} cannot be read ({error}); give another --out to begin anew") from None
-        if known != self._hash:
+        if state.file_sha256 != self._hash or state.steps.keys() - self.file.step.keys():
             raise UsageError(f"{self.folder} holds a campaign of another file; give another --out")
-        return runs
+        if state.store != str(self._store.absolute()):
+            raise UsageError(
+                f"{self.folder} was begun with the runs in {state.store}; set $PALPATE_STORE to that folder, or give"
+                " another --out"
+            )
+        return dict(state.steps)
 
     def _store_state(self) -> None:
-        told = {"campaign": self.file.name, "file_sha256": self._hash, "steps": self._runs}
+        state = CampaignState(file_sha256=self._hash, store=str(self._store.absolute()), steps=self._runs)
         with storing(self.folder / STATE):
-            make_folder(self.folder)
-            put_whole(self.folder / STATE, json.dumps(told, indent=2))
+            put_whole(self.folder / STATE, state.model_dump_json(indent=2))
 
     def planned(self) -> list[PlannedStep]:
         """All steps in order, with what was decided or would be decided now; nothing is sent.
 
         Raises UsageError, RangeError, UnknownName: a step is impossible on this bench.
         """
-        found: dict[str, PlannedStep] = {}
-        for name in self.order:
-            found[name] = self._planned(name, [each for each in self.file.step[name].needs if found[each].due])
-        return list(found.values())
+        return [step for step, _ in self._course(None)]
 
     def _planned(self, name: str, renewed: Sequence[str]) -> PlannedStep:
         procedure = self._procedures[name]
         due, why = self._due(name, renewed)
         try:
-            ahead = prepared(procedure, self.chosen.target, by_store=False)[1].predicted
+            plan = prepared(procedure, self.chosen.target, by_store=False)[1]
+            ahead = plan.predicted
+            if name in self._limits:
+                self._limits[name].open_names(procedure.point, [each.name for each in expected_of(plan)])
         except PalpateError as error:
             error.add_note(f"this is step {name} of {self._path}")
             raise
@@ -238,7 +262,7 @@ class Campaign:
     def _due(self, name: str, renewed: Sequence[str]) -> tuple[bool, str]:
         """Whether a step is carried out, and why, for people. Once it was decided it stays so."""
         if name in self._runs:
-            return "run" in self._runs[name], str(self._runs[name]["why"])
+            return self._runs[name].run is not None, self._runs[name].why
         step = self.file.step[name]
         if step.due is None and step.every is None and step.drift is None:
             return True, "in each campaign"
@@ -273,60 +297,96 @@ class Campaign:
         Args:
             listener: makes a listener for a run.
 
-        Raises what a run and `judge` raise; the error then tells how the campaign goes on.
+        Raises what a run and `judge` raise; the error then tells how the campaign goes on. UsageError: another process
+        carries it out.
         """
+
+        def do(step: PlannedStep) -> None:
+            try:
+                self._carry_out(step, listener)
+            except BaseException as error:
+                words = ["palpate", "campaign", str(self._path), "--out", str(self.folder)]
+                words += ["--assume-mounted"] * self.chosen.assume_mounted
+                error.add_note(f"this was step {step.name} of the campaign; go on with: {shlex.join(words)}")
+                raise
+
+        with storing(self.folder):
+            make_folder(self.folder)
+        with locked(self.folder):
+            self._runs = self._stored()
+            yield from self._course(do)
+
+    def _course(self, do: Callable[[PlannedStep], None] | None) -> Iterator[tuple[PlannedStep, Judgement | None]]:
+        """Each step in order, with its verdicts once it is complete; `do`: carries it out; None: nothing is done."""
         renewed: set[str] = set()
         bad: list[str] = []
         for name in self.order:
             needs = self.file.step[name].needs
-            step = self._planned(name, sorted(renewed & set(needs)))
+            step, judged = self._planned(name, sorted(renewed & set(needs))), None
             if stopping := [each for each in needs if each in bad]:
                 bad.append(name)
                 yield replace(step, due=False, why=f"{stopping[0]} did not pass", seconds=0.0), None
                 continue
             if step.due:
                 renewed.add(name)
-            try:
-                self._carry_out(step, listener)
-                folder, judged = self.folder_of(name), None
-                if folder is not None and name in self._limits:
-                    judged = judge(Run.open(folder), self._limits[name])
-                    if judged.outcome != PASS:
-                        bad.append(name)
-                yield step, judged
-            except BaseException as error:
-                on = f"palpate campaign {self._path} --out {self.folder}"
-                error.add_note(f"this was step {name} of the campaign; go on with: {on}")
-                raise
+            if do is not None:
+                do(step)
+            run = self._complete_run(name)
+            if run is not None and name in self._limits:
+                judged = judge(run, self._limits[name])
+                if judged.outcome != PASS:
+                    bad.append(name)
+            if run is not None and do is None:
+                step = replace(step, due=False, why=f"{run.folder.name} is complete", seconds=0.0, person="")
+            yield step, judged
+
+    def _complete_run(self, step: str) -> Run | None:
+        """The run of a step, if nothing is left to do of it."""
+        folder = self.folder_of(step)
+        if folder is None or not is_run(folder):
+            return None
+        run = Run.open(folder)
+        return None if run.status != "complete" or self._unstored(step, folder) else run
+
+    def _unstored(self, step: str, folder: Path) -> bool:
+        return is_unstored(folder, self._procedures[step].calibrates)
 
     def folder_of(self, step: str) -> Path | None:
         """Folder of a step's run; None: it has none."""
-        name = self._runs.get(step, {}).get("run")
+        name = self._runs[step].run if step in self._runs else None
         return None if name is None else self._store / name
 
     def _carry_out(self, step: PlannedStep, listener: Callable[[], AbstractContextManager[Listener]]) -> None:
         """Do what is left of a step."""
         if step.name not in self._runs:
-            entry: dict[str, Any] = {"why": step.why}
-            if step.due:
-                entry["run"] = new_run_folder(self._store, f"{self.file.name}-{step.name}", datetime.now(UTC)).name
-            self._runs[step.name] = entry
+            name = f"{self.file.name}-{step.name}"
+            begun = new_run_folder(self._store, name, datetime.now(UTC)).name if step.due else None
+            self._runs[step.name] = StepState(why=step.why, run=begun)
             self._store_state()
         folder = self.folder_of(step.name)
         if folder is None:
             return
+        if not folder.is_dir():
+            raise RecordError(f"the run of step {step.name} is gone: {folder}; put it back, or give another --out")
         with listener() as heard:
             if not is_run(folder):
                 open_and_run(step.procedure, self.chosen, out=folder, listener=heard)
                 return
             run = Run.open(folder)
-            if run.status != "complete" or is_unstored(folder, step.procedure.calibrates):
+            if run.status != "complete" or self._unstored(step.name, folder):
                 procedure = type(step.procedure).recorded(run)
                 assumed = self.chosen.assume_mounted
                 go_on(
                     procedure, run, bench=None, accept_change=False, assume_mounted=assumed, listener=heard,
                     pause=NOBODY,
                 )  # fmt: skip
+
+
+def _as_typed(given: str | bool | int | tuple[str, ...], repeated: bool) -> str | bool | tuple[str, ...]:
+    """A setting of the file as it is typed on the command line."""
+    if isinstance(given, tuple):
+        return given if repeated else ",".join(given)
+    return given if isinstance(given, str | bool) else str(given)
 
 
 def _ordered(steps: Mapping[str, CampaignStep], where: str) -> list[str]:
@@ -373,7 +433,7 @@ def _number(run: Run, name: str) -> float:
     """A number of a run's results. Raises ConfigError: there is none of that name."""
     numbers = {key: value for key, value in _flat(run.summary) if isinstance(value, int | float)}
     if name not in numbers:
-        raise ConfigError(f"drift: {UnknownName(f'number in the results of {run.folder.name}', name, numbers)}")
+        raise ConfigError(f"of = {name!r}: {UnknownName(f'number in the results of {run.folder.name}', name, numbers)}")
     return float(numbers[name])
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.additions import load
+from palpate.instrument.bench.beside import Beside, check_beside
 from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
 from palpate.instrument.bench.links import CAN, FASTEST, LINE, LOOPBACK
@@ -198,6 +199,12 @@ class SimulatedBench:
         if any(guest.kind.map for guest in scene.devices):
             sections["simulated"] = True
         return check(sections, BenchDescription, f"scene {scene.name}")
+
+    def check_beside(self) -> None:
+        """Raises ConfigError: no device of it has what the scene asks to read beside each point."""
+        asked = self.scene.file.beside or {}
+        known = {name: kind.contract for name, kind in self._kinds.items()}
+        check_beside({name: check(table, Beside, f"beside.{name}") for name, table in asked.items()}, known)
 
     def _sections(self) -> dict[str, dict[str, Any]]:
         """Sections of the bench file for the devices."""

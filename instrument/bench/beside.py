@@ -56,6 +56,11 @@ class Beside(Config):
         unit = re.sub(r"[^A-Za-z0-9]+", "_", self.unit).strip("_")
         return COLUMNS + "_".join(part for part in (name, unit) if part)
 
+    def columns(self, name: str) -> list[str]:
+        """The names of all its values in records."""
+        own = self.column(name)
+        return [own] if self.u is None else [own, f"{own}_u"]
+
     def limits(self) -> str:
         """The limits for people."""
         unit = f" {self.unit}" if self.unit else ""
@@ -68,17 +73,25 @@ class Beside(Config):
         return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
 
 
-def check_beside(name: str, given: Beside, known: Mapping[str, Contract]) -> None:
-    """Raises ConfigError: the name is none, or no device of the bench, by its contract, has such a field or unit."""
-    where = f"beside.{name}"
-    if not KEY.fullmatch(name):
-        raise ConfigError(f"{where}: {name!r} is no name; give small letters, digits and _, such as room_2")
-    try:
-        if given.device not in known:
-            raise UnknownName("device of this bench", given.device, known)
-        _check_field(given, known[given.device])
-    except (ConfigError, UnknownName) as error:
-        raise ConfigError(f"{where}: {error}") from None
+def check_beside(asked: Mapping[str, Beside], known: Mapping[str, Contract]) -> None:
+    """Check what is asked for beside each point against the contracts of a bench's devices, by their names.
+
+    Raises ConfigError: a name cannot be one, there is no such device, field or unit, or two would have one column.
+    """
+    owners: dict[str, str] = {}
+    for name, given in asked.items():
+        where = f"beside.{name}"
+        if not KEY.fullmatch(name):
+            raise ConfigError(f"{where}: {name!r} is no name; give small letters, digits and _, such as room_2")
+        try:
+            if given.device not in known:
+                raise UnknownName("device of this bench", given.device, known)
+            _check_field(given, known[given.device])
+        except (ConfigError, UnknownName) as error:
+            raise ConfigError(f"{where}: {error}") from None
+        for column in given.columns(name):
+            if (other := owners.setdefault(column, name)) != name:
+                raise ConfigError(f"{where}: it has the column {column} of beside.{other}, too; give it another name")
 
 
 def _check_field(given: Beside, contract: Contract) -> None:

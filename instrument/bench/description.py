@@ -385,8 +385,7 @@ class BenchDescription(Config):
             devices = self.devices
             check_places(self.links, devices)
             check_identities(each.kind for each in devices)
-            for name, given in self.beside.items():
-                check_beside(name, given, {each.name: each.kind.contract for each in devices})
+            check_beside(self.beside, {each.name: each.kind.contract for each in devices})
             for role in get_args(Role):
                 if role != "sensor_node" and len(several := filling(role, devices)) > 1:
                     names = " and ".join(each.name for each in several)

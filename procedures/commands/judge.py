@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, JUNIT, Output, StrictCommand, output_options
+from palpate.procedures.commands.options import FILE_NAME, JUNIT, Output, StrictCommand, check_junit, output_options
 
 
 @click.command(
@@ -32,6 +32,7 @@ def judge(run: str, limits: Path, junit: Path | None, as_json: bool, quiet: bool
     from palpate.procedures.records.run import Run
     from palpate.procedures.records.run_list import find_run
 
+    check_junit(junit)
     output = Output(as_json, quiet, limits=limits, junit=junit)
     asked, opened = read_limits(limits), Run.open(find_run(run, store()))
     found = judged_by(opened, asked)

@@ -84,6 +84,13 @@ PROGRESS = option(
     help="What stderr shows meanwhile: a bar, or each event of the run as a line of JSON.",
 )
 
+
+def check_junit(path: Path | None) -> None:
+    """Raises UsageError: the verdicts cannot be written there."""
+    if path is not None and (path.is_dir() or not path.name):
+        raise UsageError(f"--junit {path}: is a folder; name a file, such as {path / 'verdicts.xml'}")
+
+
 DRY_RUN = option(
     "--dry-run",
     is_flag=True,
@@ -192,6 +199,7 @@ def bench_options(command: F) -> F:
     ) -> object:
         if junit is not None and limits is None:
             raise UsageError("--junit: it holds verdicts of limits; give them with --limits FILE")
+        check_junit(junit)
         choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity, about)
         output = Output(as_json, quiet, progress, limits=limits, junit=junit)
         return command(choice=choice, output=output, **own)

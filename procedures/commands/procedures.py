@@ -104,7 +104,9 @@ def plan(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, mod
     from palpate.procedures.showing.plan import print_plan
 
     limits = limits_given(output)
-    target = chosen_for(procedure, choice, output, model).target
+    chosen = chosen_for(procedure, choice, output, model)
+    chosen.check_beside()
+    target = chosen.target
     procedure, ahead, doubt = prepared(procedure, target)
     if limits is not None:
         check_limits(limits, procedure, ahead, output)

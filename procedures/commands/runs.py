@@ -173,7 +173,7 @@ def list_(out: Path | None, where: tuple[str, ...], as_json: bool, quiet: bool) 
     if not folder.is_dir() and (out is not None or folder.exists()):
         raise UsageError(f"{folder} is no folder; name one that holds runs with --out")
     found = [run for run, _ in chosen(list_runs(folder), where)]
-    output.result(lambda: {"runs": [run_row(run) for run in found]}, lambda: print_runs(found, folder))
+    output.result(lambda: {"runs": [run_row(run) for run in found]}, lambda: print_runs(found, folder, bool(where)))
 
 
 @runs.command(

@@ -32,6 +32,8 @@ from palpate.procedures.records.columns import Column, columns_of
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+LEAST_RISK = 1e-9
+
 
 def _as_text(value: object) -> str:
     if isinstance(value, str):
@@ -88,9 +90,14 @@ class LimitTable(Config):
             if not prior.sd > 0:
                 raise ValueError(f"prior.sd = {self.prior.sd} is not above 0; give a standard deviation")
         try:
-            return Bounds(low, high, parse_tolerance(self.risk), prior)
+            risk = parse_tolerance(self.risk)
         except UsageError as error:
             raise ValueError(f"risk: {error}") from None
+        if risk < LEAST_RISK:
+            raise ValueError(
+                f"risk = {self.risk} is below {LEAST_RISK:g}, which no uncertainty is known well enough for"
+            )
+        return Bounds(low, high, risk, prior)
 
 
 @dataclass(frozen=True, slots=True)

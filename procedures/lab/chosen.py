@@ -108,6 +108,13 @@ class Chosen:
             kinds = {*KINDS, *(guest.kind.name for guest in self.scene.devices)}
             packages_of(kinds, {self.scene.design.name}, self.scene.effects)
 
+    def check_beside(self) -> None:
+        """Raises ConfigError: the simulated bench cannot read what its scene asks for beside each point."""
+        if self.scene is not None and self.scene.file.beside:
+            from palpate.simulators.bench import SimulatedBench
+
+            SimulatedBench(self.scene).check_beside()
+
     def mounting(
         self, manual_work: str, automated_by: Role | None = None, fills: Callable[[Role], object] | None = None
     ) -> Mounting:

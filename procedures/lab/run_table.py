@@ -29,7 +29,8 @@ def runs(folder: str | Path | None = None, where: Sequence[str] = ()) -> pd.Data
 
     Args:
         folder: the store; None: $PALPATE_STORE, or runs/.
-        where: conditions that all hold, such as "batch = B7", "points >= 10", "started > 2026-01".
+        where: conditions that all hold, such as "batch = B7", "points >= 10", "started > 2026-01". Lists are compared
+            as they are shown, as in "settings.loads = [2.0, 3.0]".
 
     Raises UsageError, UnknownName: a condition is none, or no run has a value of its name.
     """
@@ -84,6 +85,11 @@ def _condition(text: str) -> tuple[str, Callable[[Any], bool]]:
             return False
         if isinstance(value, bool):
             return SIGNS[sign](str(value).lower(), wanted.lower())
+        if isinstance(value, int | float):
+            try:
+                return SIGNS[sign](float(value), float(wanted))
+            except ValueError:
+                raise UsageError(f"{quoted(text)}: {key} is a number in these runs, and {wanted!r} is none") from None
         try:
             return SIGNS[sign](float(value), float(wanted))
         except (TypeError, ValueError):

@@ -74,7 +74,7 @@ class Recorder:
         self._closed = False
         with Ends() as undo:
             with storing(folder, running=True):
-                undo.close_in_child(undo.enter_context(_locked(folder)))
+                undo.close_in_child(undo.enter_context(locked(folder)))
                 if header is not None:
                     if is_run(folder):
                         raise UsageError(f"{folder} already holds a run; choose another --out")
@@ -284,7 +284,7 @@ def put_file(path: Path, text: str) -> None:
 
 
 @contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[int]:
+def locked(folder: Path) -> Iterator[int]:
     """Lock a folder against other writers, and give the lock's descriptor.
 
     The system releases the lock when the process ends, even if it is killed.

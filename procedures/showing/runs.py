@@ -28,8 +28,11 @@ if TYPE_CHECKING:  # the list of runs needs no record to be read
 TIME = "%Y-%m-%d %H:%M:%S"
 
 
-def print_runs(found: list[RunSummary], folder: Path) -> None:
-    """Print a row for each run."""
+def print_runs(found: list[RunSummary], folder: Path, some: bool) -> None:
+    """Print a row for each run; `some`: whether only runs are shown for which a condition holds."""
+    if not found and some:
+        print_all(f"no run in {folder} fits")
+        return
     if not found:
         print_all(f"no runs in {folder}; make one with: palpate sweep loads")
         return

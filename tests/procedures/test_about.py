@@ -138,3 +138,12 @@ def test_all_runs_of_a_store_are_one_table(store: Path) -> None:
     assert list(table.loc["one", "settings.loads"]) == [2.0]
     assert palpate.runs(where=["scene = noisy_lab"])["run"].tolist() == ["other"]
     assert len(palpate.runs(store / "nothing")) == 0
+
+
+def test_a_condition_that_nothing_fits_says_so_and_a_number_is_compared_with_numbers_alone(
+    store: Path, palpate: Palpate
+) -> None:
+    palpate(*COMMAND, "--quiet")
+    assert palpate("runs", "list", "--where", "seed = 99").out.splitlines() == ["no run in runs fits"]
+    said = palpate("runs", "list", "--where", "points > x")
+    assert (said.status, "points is a number in these runs, and 'x' is none" in said.err) == (2, True), said.err

@@ -105,14 +105,20 @@ def test_one_reading_serves_all_points_of_an_interval(tmp_path: Path) -> None:
         (ROOM + "low = 30.0\nhigh = 20.0", "low = 30 is not below high = 20; exchange them"),
         (ROOM + 'outside = "invalidate"', 'outside = "invalidate" needs a limit; give low, high or both'),
         (ROOM + "highest = 30.0", "highest"),
-        (ROOM.replace("u = 0.3", "u = -1.0"), "beside.room.u"),
+        (ROOM.replace("u = 0.3", "u = -1.0"), "-1.0 is too small; give at least 0"),
         (ROOM.replace("beside.room", 'beside."<b>"'), "'<b>' is no name"),
+        (
+            ROOM.replace("room", "a").replace("degC", "").replace("temperature", "heater")
+            + ROOM.replace("room", "a_u").replace("degC", "").replace("temperature", "heater"),
+            "beside.a_u: it has the column beside_a_u of beside.a, too; give it another name",
+        ),
     ],
 )
 def test_what_cannot_be_read_beside_is_refused_before_anything_is_sent(
     tmp_path: Path, palpate: Palpate, wrong: str, told: str
 ) -> None:
     with installed("oven"):
-        said = palpate("sweep", "loads", "--scene", str(scene_with(tmp_path, wrong)), "--out", str(tmp_path / "run"))
-    assert (said.status, told in said.err) == (2, True), said.err
+        asked = ("sweep", "loads", "--scene", str(scene_with(tmp_path, wrong)), "--out", str(tmp_path / "run"))
+        for said in (palpate(*asked), palpate(*asked, "--dry-run")):
+            assert (said.status, told in said.err) == (2, True), said.err
     assert not (tmp_path / "run").exists()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import palpate
+from palpate.procedures.records.record import locked
 from tests.procedures.conftest import Palpate
 
 NIGHTLY = """
@@ -151,6 +153,27 @@ def test_a_state_of_another_file_or_one_that_is_no_state_is_refused(palpate: Pal
     Path("state/campaign.json").write_text(json.dumps(state))
     said = palpate("campaign", file, "--out", "state")
     assert (said.status, "'../../elsewhere' is no folder of the store" in said.err) == (1, True), said.err
+    Path("state/campaign.json").write_text("[]")
+    said = palpate("campaign", file, "--out", "state")
+    assert (said.status, "campaign.json cannot be read" in said.err) == (1, True), said.err
+
+
+def test_a_campaign_belongs_to_the_store_of_its_runs_and_to_one_process(
+    palpate: Palpate, file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    palpate("campaign", file, "--out", "state")
+    ahead = palpate("campaign", file, "--out", "state", "--dry-run", "--json").object
+    assert (ahead["seconds"], [step["due"] for step in ahead["steps"]]) == (0, [False] * 3)
+    assert ahead["steps"][2]["why"].endswith("-nightly-sweep is complete")
+    with locked(Path("state").absolute()):
+        said = palpate("campaign", file, "--out", "state")
+    assert (said.status, "is being written by another process" in said.err) == (2, True), said.err
+    shutil.rmtree(Path("runs") / ahead["steps"][2]["why"].split()[0])
+    said = palpate("campaign", file, "--out", "state")
+    assert (said.status, "the run of step sweep is gone" in said.err) == (1, True), said.err
+    monkeypatch.setenv("PALPATE_STORE", "elsewhere")
+    said = palpate("campaign", file, "--out", "state")
+    assert (said.status, "was begun with the runs in" in said.err) == (2, True), said.err
 
 
 @pytest.mark.parametrize(("high", "status", "verdict"), [(1.0, 0, "pass"), (0.1, 3, "fail")])
@@ -169,6 +192,20 @@ def test_what_needs_a_step_that_does_not_pass_its_limits_is_left_out(
     assert status == 0 or rows["after"]["why"] == "sweep did not pass"
     said = palpate("campaign", file, "--out", "one")
     assert (said.status, verdict in said.out) == (status, True)
+
+
+@pytest.mark.parametrize(
+    ("limits", "told"),
+    [('[force_ratio]\nlow = "3 N"', "plain number"), ("[force_ratioo]\nlow = 0.3", "unknown quantity 'force_ratioo'")],
+)
+def test_limits_that_a_step_cannot_have_are_refused_before_anything_is_begun(
+    palpate: Palpate, file: str, limits: str, told: str
+) -> None:
+    Path("limits.toml").write_text(limits, encoding="utf-8")
+    Path(file).write_text(NIGHTLY.replace('needs = ["films"]', 'needs = ["films"]\nlimits = "limits.toml"'))
+    for arguments in ((), ("--dry-run",)):
+        said = palpate("campaign", file, *arguments)
+        assert (said.status, told in said.err, Path("runs").exists()) == (2, True, False), said.err
 
 
 def test_limits_are_read_before_anything_is_begun(palpate: Palpate, file: str) -> None:

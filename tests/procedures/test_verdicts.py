@@ -258,6 +258,7 @@ BAD = {
     "[force_ratio]\nlow = 0.1\n[force_ratio]\nlow = 0.2": "Cannot declare ('force_ratio',) twice",
     "[force_ratio]\nlo = 0.1": "force_ratio: lo: unknown key (did you mean 'low'?); valid: high, low, prior, risk",
     "[force_ratio]\nlow = 0.1\nrisk = 0": "force_ratio: risk: '0' is not above 0; give a share such as '5 %'",
+    "[force_ratio]\nlow = 0.1\nrisk = 1e-300": "is below 1e-09; no uncertainty is known so well",
     "[force_ratio]\nlow = 0.1\nrisk = '51 %'": "force_ratio: risk: '51 %' is 51 %, above the 50 % that are allowed",
     "[force_ratio]\nlow = nan": "force_ratio: low: nan is no finite number and no text",
     "[force_ratio]\nlow = true": "force_ratio: low: True is no finite number and no text",
@@ -285,6 +286,7 @@ def test_bad_limits_are_one_error_before_a_bench_is_opened(palpate: Palpate, tex
 
 def test_junit_without_limits_and_a_missing_file_are_refused(palpate: Palpate) -> None:
     assert "--junit: it holds verdicts of limits" in palpate(*COMMAND, "--junit", "verdicts.xml").complaint
+    assert "--junit .: is a folder; name a file" in palpate("judge", "run", "limits.toml", "--junit", ".").complaint
     assert "missing.toml" in palpate(*COMMAND, "--limits", "missing.toml").complaint
 
 
