@@ -94,9 +94,7 @@ class LimitTable(Config):
         except UsageError as error:
             raise ValueError(f"risk: {error}") from None
         if risk < LEAST_RISK:
-            raise ValueError(
-                f"risk = {self.risk} is below {LEAST_RISK:g}, which no uncertainty is known well enough for"
-            )
+            raise ValueError(f"risk = {self.risk} is below {LEAST_RISK:g}; no uncertainty is known so well")
         return Bounds(low, high, risk, prior)
 
 
