@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # the list of runs needs no record to be read
 TIME = "%Y-%m-%d %H:%M:%S"
 
 
-def print_runs(found: list[RunSummary], folder: Path, some: bool) -> None:
+def print_runs(found: list[RunSummary], folder: Path, some: bool = False) -> None:
     """Print a row for each run; `some`: whether only runs are shown for which a condition holds."""
     if not found and some:
         print_all(f"no run in {folder} fits")
