@@ -55,7 +55,7 @@ def _apart(nodes: int, seconds: float) -> tuple[float, float]:
 
 def _here(nodes: int, seconds: float) -> tuple[float, float]:
     scene = dataclasses.replace(read_scene("thesis_single"), nodes=nodes)
-    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+    with SimulatedBench(scene, stepped=True) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.operator.mount(get_sample("1"))
         bench.device("positioner").move(15e-3)
         bench.drive()
