@@ -50,6 +50,7 @@ from tests.benchmarks import (
     references,
     repeats,
     reproduce,
+    run_table,
     scatter,
     scenes,
     serve,
@@ -119,6 +120,7 @@ LONG = {
     "disk": disk.measure,
     "modulus_budget": modulus_budget.measure,
     "moods": moods.measure,
+    "run_table": run_table.measure,
     "scatter": scatter.measure,
     "stale": stale.measure,
 }
