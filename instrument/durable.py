@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from palpate.instrument.errors import check_path
@@ -15,6 +17,13 @@ def sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def numbered(name: str) -> Iterator[str]:
+    """The name, then `name`-2, `name`-3, and so on: for a folder or a file whose name may be taken."""
+    yield name
+    for count in itertools.count(2):
+        yield f"{name}-{count}"
 
 
 def make_folder(folder: Path) -> None:

@@ -160,7 +160,7 @@ class Campaign:
 
     Attributes:
         file: the file's content.
-        folder: where its state is kept.
+        folder: where its state is kept; None: it was not begun, and gets a new folder in the store then.
         chosen: the bench of all steps.
     """
 
@@ -189,9 +189,8 @@ class Campaign:
         self.order = _ordered(self.file.step, str(path))
         text = self.file.model_dump_json()
         self._hash = sha256(text.encode()).hexdigest()
-        stamp = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{re.sub(r'[^A-Za-z0-9]+', '-', self.file.name)}"
-        self.folder = out or store / FOLDER / stamp
-        self._runs = self._stored()
+        self.folder = out
+        self._runs = {} if out is None else self._stored(out)
 
     def _made(self, name: str, step: CampaignStep) -> Procedure[Any, Any, Any]:
         where = f"{self._path}: step.{name}"
@@ -214,8 +213,8 @@ class Campaign:
         except PalpateError as error:
             raise ConfigError(f"{where}: {error}") from error
 
-    def _stored(self) -> dict[str, StepState]:
-        path = self.folder / STATE
+    def _stored(self, folder: Path) -> dict[str, StepState]:
+        path = folder / STATE
         if not path.exists():
             return {}
         try:
@@ -223,18 +222,18 @@ class Campaign:
         except (OSError, ValueError, ConfigError) as error:
             raise RecordError(f"{path} cannot be read ({error}); give another --out to begin anew") from None
         if state.file_sha256 != self._hash or state.steps.keys() - self.file.step.keys():
-            raise UsageError(f"{self.folder} holds a campaign of another file; give another --out")
+            raise UsageError(f"{folder} holds a campaign of another file; give another --out")
         if state.store != str(self._store.absolute()):
             raise UsageError(
-                f"{self.folder} was begun with the runs in {state.store}; set $PALPATE_STORE to that folder, or give"
+                f"{folder} was begun with the runs in {state.store}; set $PALPATE_STORE to that folder, or give"
                 " another --out"
             )
         return dict(state.steps)
 
-    def _store_state(self) -> None:
+    def _store_state(self, folder: Path) -> None:
         state = CampaignState(file_sha256=self._hash, store=str(self._store.absolute()), steps=self._runs)
-        with storing(self.folder / STATE):
-            put_whole(self.folder / STATE, state.model_dump_json(indent=2))
+        with storing(folder / STATE):
+            put_whole(folder / STATE, state.model_dump_json(indent=2))
 
     def planned(self) -> list[PlannedStep]:
         """All steps in order, with what was decided or would be decided now; nothing is sent.
@@ -301,19 +300,23 @@ class Campaign:
         carries it out.
         """
 
+        if self.folder is None:
+            self.folder = new_run_folder(self._store / FOLDER, self.file.name, datetime.now(UTC))
+        folder = self.folder
+
         def do(step: PlannedStep) -> None:
             try:
-                self._carry_out(step, listener)
+                self._carry_out(step, folder, listener)
             except BaseException as error:
-                words = ["palpate", "campaign", str(self._path), "--out", str(self.folder)]
+                words = ["palpate", "campaign", str(self._path), "--out", str(folder)]
                 words += ["--assume-mounted"] * self.chosen.assume_mounted
                 error.add_note(f"this was step {step.name} of the campaign; go on with: {shlex.join(words)}")
                 raise
 
-        with storing(self.folder):
-            make_folder(self.folder)
-        with locked(self.folder):
-            self._runs = self._stored()
+        with storing(folder):
+            make_folder(folder)
+        with locked(folder):
+            self._runs = self._stored(folder)
             yield from self._course(do)
 
     def _course(self, do: Callable[[PlannedStep], None] | None) -> Iterator[tuple[PlannedStep, Judgement | None]]:
@@ -356,13 +359,15 @@ class Campaign:
         name = self._runs[step].run if step in self._runs else None
         return None if name is None else self._store / name
 
-    def _carry_out(self, step: PlannedStep, listener: Callable[[], AbstractContextManager[Listener]]) -> None:
-        """Do what is left of a step."""
+    def _carry_out(
+        self, step: PlannedStep, state: Path, listener: Callable[[], AbstractContextManager[Listener]]
+    ) -> None:
+        """Do what is left of a step; `state`: the folder of the campaign's state."""
         if step.name not in self._runs:
             name = f"{self.file.name}-{step.name}"
             begun = new_run_folder(self._store, name, datetime.now(UTC)).name if step.due else None
             self._runs[step.name] = StepState(why=step.why, run=begun)
-            self._store_state()
+            self._store_state(state)
         folder = self.folder_of(step.name)
         if folder is None:
             return

@@ -51,11 +51,11 @@ def campaign(
     output = Output(as_json, quiet, progress)
     found = Campaign(campaign, store(), out, assume_mounted)
     planned = found.planned()
-    told = {"campaign": found.file.name, "simulated": found.chosen.scene is not None, "folder": str(found.folder)}
+    told = {"campaign": found.file.name, "simulated": found.chosen.scene is not None}
     if dry_run:
         seconds = sum(step.seconds for step in planned)
         rows = [step.summary() for step in planned]
-        told |= {"dry_run": True, "seconds": seconds, "steps": rows}
+        told |= {"folder": None if out is None else str(out), "dry_run": True, "seconds": seconds, "steps": rows}
         output.result(lambda: told, lambda: _show_ahead(planned))
         return 0
     rows, judged = [], []
@@ -65,7 +65,7 @@ def campaign(
             told_of = {} if verdicts is None else verdicts.summary()
             rows.append({**step.summary(), "run": None if folder is None else str(folder), **told_of})
             judged.append((step, verdicts))
-    output.result(lambda: {**told, "steps": rows}, lambda: _show_done(rows, judged))
+    output.result(lambda: {**told, "folder": str(found.folder), "steps": rows}, lambda: _show_done(rows, judged))
     return max((verdicts.status for _, verdicts in judged if verdicts is not None), key=BY_WEIGHT.index, default=0)
 
 

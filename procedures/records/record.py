@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
-import itertools
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeVar
 
-from palpate.instrument.durable import make_folder
+from palpate.instrument.durable import make_folder, numbered
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.procedures.records.chain import ChainWriter, Content, create
@@ -263,11 +262,11 @@ def new_run_folder(store: Path, procedure: str, started: datetime) -> Path:
     stem = f"{started.astimezone(UTC):%Y%m%dT%H%M%SZ}-{re.sub(r'[^A-Za-z0-9]+', '-', procedure)}"
     with storing(store):
         store.mkdir(parents=True, exist_ok=True)
-        for suffix in itertools.chain([""], (f"-{count}" for count in itertools.count(2))):
+        for name in numbered(stem):
             with contextlib.suppress(FileExistsError):
-                (store / (stem + suffix)).mkdir()
+                (store / name).mkdir()
                 break
-    return store / (stem + suffix)
+    return store / name
 
 
 def put_file(path: Path, text: str) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.durable import numbered
 from palpate.instrument.errors import RangeError, UnknownName, UsageError
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.parameter_sets import get_parameter_set
@@ -301,9 +302,11 @@ def place(subject: str, out: Path | None, store: Path) -> Path:
         RecordError: the store cannot be written to.
     """
     if out is None:
-        out = store / "plots" / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{subject}.png"
-        with storing(out):
-            out.parent.mkdir(parents=True, exist_ok=True)
+        plots = store / "plots"
+        with storing(plots):
+            plots.mkdir(parents=True, exist_ok=True)
+            names = (f"{name}.png" for name in numbered(f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{subject}"))
+            out = next(plots / name for name in names if not (plots / name).exists())
     if out.suffix != ".png":
         raise UsageError(f"{out} does not end in .png, the only format; choose another --out")
     with storing(out):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -68,6 +69,18 @@ def test_what_is_due_is_done_in_the_order_of_need_and_not_again(palpate: Palpate
     ]  # fmt: skip
     assert again["steps"][0]["why"].endswith("is younger than 30 d")
     assert len(list(Path("runs").glob("*/run.record"))) == 4
+
+
+def test_two_campaigns_that_begin_in_the_same_second_are_two(palpate: Palpate, file: str) -> None:
+    """Each second of the coming five minutes has a campaign already."""
+    now = datetime.now(UTC)
+    for second in range(300):
+        taken = Path(f"runs/campaigns/{now + timedelta(seconds=second):%Y%m%dT%H%M%SZ}-nightly")
+        taken.mkdir(parents=True)
+        taken.joinpath("campaign.json").write_text("this is another campaign", encoding="utf-8")
+    done = palpate("campaign", file, "--json").object
+    assert done["folder"].endswith("Z-nightly-2")
+    assert [step["due"] for step in done["steps"]] == [True] * 3
 
 
 @pytest.mark.parametrize("cuts", [(1,), (7, 30), pytest.param((25, 31, 36, 40, 44), marks=pytest.mark.slow)])

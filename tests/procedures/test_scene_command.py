@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -159,6 +160,15 @@ def test_a_plot_goes_where_it_is_told_and_never_over_another(palpate: Palpate) -
     of_its_own = palpate("scene", "plot", "ideal", "--periods", "1").out.strip()
     assert of_its_own.endswith("-ideal.png") and Path(of_its_own).parent == Path("runs/plots").absolute()
     assert palpate("scene", "plot", "ideal", "--out", "q.png", "--quiet").out == ""
+
+
+def test_two_plots_of_a_scene_in_the_same_second_are_two(palpate: Palpate) -> None:
+    """Each second of the coming five minutes has a plot already."""
+    plots, now = Path("runs/plots"), datetime.now(UTC)
+    plots.mkdir(parents=True)
+    for second in range(300):
+        (plots / f"{now + timedelta(seconds=second):%Y%m%dT%H%M%SZ}-ideal.png").touch()
+    assert palpate("scene", "plot", "ideal", "--periods", "1").out.strip().endswith("Z-ideal-2.png")
 
 
 @pytest.mark.parametrize(
