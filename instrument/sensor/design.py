@@ -92,6 +92,7 @@ USUAL_NOISE = 2e-6  # V/√Hz, amplitude density of the noise of a film's channe
 # The first words of films' names, for films under a tooth and under a base.
 FILM_KINDS = ("rigid", "total")
 THESIS_LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)  # N, peak to peak: the load sets of Tables A2.9 to A2.14
+MANY_TEETH = 4  # a model of more takes so long that its meshes are coarser
 OUTLINES = ("square", "round")
 SUPPORTS = ("elastic", "rigid")
 

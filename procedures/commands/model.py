@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from palpate.instrument.arithmetic import arithmetic, own_kernels
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from palpate.procedures.commands import texts
 from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, StrictGroup, option, output_options
+from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
@@ -191,6 +193,11 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
     def asked(
         design: str, name: str, parameters: str, interface: str | None, tolerance: float | None, **given: object
     ) -> None:
+        from palpate.instrument.sensor.design import MANY_TEETH
+        from palpate.instrument.sensor.designs import get_design
+
+        if takes_long := name == "solid" and len(get_design(design).teeth) > MANY_TEETH:
+            own_kernels()
         from palpate.instrument.models.ratio import RatioQuestion
 
         values = {setting: given.pop(setting) for setting in _SETTINGS}
@@ -198,6 +205,8 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
         if interface is not None:
             settings["interface"] = interface
         command(question=RatioQuestion(design, name, parameters, settings, tolerance), **given)
+        if takes_long and not given["as_json"] and not given["quiet"]:
+            say(f"kernels        {arithmetic()['blas']}")
 
     described = [
         option(f"--{name.replace('_', '-')}", callback=texts.quantity(unit, positive=bool(unit)), help=text)
@@ -291,6 +300,7 @@ def ratio(
                 "design": question.design,
                 "parameters": question.parameters,
                 "at_m": question.at,
+                "arithmetic": arithmetic(),
                 "validation": [found.record() for found in compared],
                 "points": [answer.summary(sensor) for answer in answers],
             }
@@ -360,6 +370,7 @@ def modulus(
                 "design": question.design,
                 "parameters": question.parameters,
                 "simulated": references is not None and references.calibration.simulated,
+                "arithmetic": arithmetic(),
                 "validation": [found.record() for found in compared],
                 "validation_line": line.summary(),
                 "coverage": model_modulus.COVERAGE,
@@ -407,5 +418,5 @@ def plot(
         picture = model_picture.solve(question, sensed_modulus)
     model_plot.draw(picture, file)
     if output.as_json:
-        output.json({"file": str(file), **picture.data()})
+        output.json({"file": str(file), "arithmetic": arithmetic(), **picture.data()})
     output.line(str(file))

@@ -88,7 +88,7 @@ def study(
             "plot": str(plot_study(results, folder)),
         }
     output.result(
-        lambda: {**outcome, "results": [asdict(mean) for mean in results.means()]},
+        lambda: {**outcome, "results": [asdict(mean) for mean in results.means()] if exported else None},
         lambda: print_study(results, outcome),
     )
     if not failed and not tally.with_mean:

@@ -4,7 +4,7 @@ A block is stored as the arrays of an `.npz` file, which `numpy.load` reads by n
 
     point.NAME      (cells, loads)  a value of each load set; of a cell that failed they mean nothing
     point.flags     (cells, loads)  bit k: flag number k of `steps/flags.py`
-    reason, alone   (cells,)        places in `texts`: why a cell failed, and the effect by which it was computed alone
+    reason, alone   (cells,)        places in `texts`: why a cell failed, and why it was computed alone
     mean            (cells, 2)      mean force ratio over the valid load sets and its standard uncertainty; NaN: no mean
 """
 
@@ -27,6 +27,7 @@ Floats = npt.NDArray[np.float64]
 Rows = Sequence[Mapping[str, Any]]  # the load sets of a cell by the names of their values; `flags` is a list of names
 
 RAISED, VALID, POINT = "flags", "valid", "point."
+FEW_CELLS = "few cells share a scene"  # why cells are computed alone where no effect is the cause
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +36,7 @@ class CellBlock:
 
     Attributes:
         reasons: why each cell failed; empty: it did not.
-        alone: by which effect each cell was computed alone, not together with others; empty: by none.
+        alone: why each cell was computed alone, by an effect or FEW_CELLS; empty: it was computed with others.
         columns: values of the load sets by name, each (cells, loads). Those of `RAISED` are bits, one for each flag in
             the order of `FLAGS` from the lowest on.
         means: mean force ratio of each cell and its standard uncertainty (cells, 2); NaN: no load set is valid.
@@ -117,9 +118,9 @@ class BlockBuilder:
         """A cell failed."""
         self._reasons[cell] = reason
 
-    def alone(self, cell: int, effect: str) -> None:
-        """A cell is computed alone because of an effect."""
-        self._alone[cell] = effect
+    def alone(self, cell: int, cause: str) -> None:
+        """A cell is computed alone because of an effect, or because of another cause."""
+        self._alone[cell] = cause
 
     def rows(self, cell: int, rows: Rows) -> None:
         """The load sets of a cell."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.text import MARKS, legend, new_table, number, print_all, stamped
+from palpate.procedures.study.block import FEW_CELLS
 from palpate.procedures.study.description import Value
 from palpate.procedures.study.results import Results, coordinate
 
@@ -36,8 +37,9 @@ def print_study(results: Results, outcome: dict[str, Any]) -> None:
     if len(failed) > MOST_REASONS:
         lines.append(f"and {len(failed) - MOST_REASONS} cells more failed: see --json")
     lines += [
-        f"{count} cells were computed one by one, because of the effect {effect}"
-        for effect, count in outcome["one_by_one"].items()
+        f"{count} cells were computed one by one, because of "
+        + ("how few of them share a scene" if cause == FEW_CELLS else f"the effect {cause}")
+        for cause, count in outcome["one_by_one"].items()
     ]
     lines += [
         f"study          {outcome['study']}, {outcome['done']} of {outcome['cells']} cells",

@@ -89,7 +89,7 @@ class Tally:
         cells: number of cells that have an outcome.
         with_mean: number of cells of which a load set is valid.
         failed: why each cell that failed did.
-        one_by_one: effects because of which cells were computed one by one, and how many cells each.
+        one_by_one: why cells were computed one by one, effects or FEW_CELLS, and how many cells for each cause.
     """
 
     cells: int = 0
@@ -123,7 +123,7 @@ class Results:
             tally.cells += len(block)
             tally.with_mean += int(np.count_nonzero(~np.isnan(block.means[:, 0])))
             tally.failed |= {block.first + at: reason for at, reason in enumerate(block.reasons) if reason}
-            tally.one_by_one.update(effect for effect in block.alone if effect)
+            tally.one_by_one.update(cause for cause in block.alone if cause)
         return tally
 
     def means(self) -> Iterator[CellMean]:

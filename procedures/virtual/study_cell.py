@@ -30,7 +30,7 @@ from palpate.procedures.records.record_file import as_json
 from palpate.procedures.steps.checks import check_frequency
 from palpate.procedures.steps.film_point import is_mostly_noise, is_short
 from palpate.procedures.steps.flags import CLIPPED, SHORT, USED
-from palpate.procedures.study.block import BlockBuilder, CellBlock, Column
+from palpate.procedures.study.block import FEW_CELLS, BlockBuilder, CellBlock, Column
 from palpate.procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
 from palpate.procedures.study.run import attempt, reason_of
 from palpate.simulators.bench import SimulatedBench
@@ -143,6 +143,8 @@ class StudyComputation:
                     builder.alone(place, effect)
                 return places
             if len(places) < FEWEST and not few:
+                for place in places:
+                    builder.alone(place, FEW_CELLS)
                 return places
             seeds = [_own_seed(self._file(values[place]), values[place]) for place in places]
             array = _shared(_Asked(scene.with_seed(0), sample, self.loads, self.frequency, self.dwell))

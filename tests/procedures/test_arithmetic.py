@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 
 from palpate import LoadSweep, open_bench, run
 from palpate.instrument.arithmetic import KERNELS, alike, arithmetic, same_arithmetic
+from palpate.instrument.models.ratio import RatioQuestion, ask
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER, Palpate
@@ -22,6 +24,9 @@ from tests.runs import rehash
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
 LAST_DIGIT, TOO_FAR = 1 + 4e-16, 1 + 1e-5
+
+CPU = Path("/proc/cpuinfo")
+PROCESSOR = CPU.read_text(encoding="utf-8", errors="replace") if CPU.exists() else ""
 
 x86_64 = pytest.mark.skipif(platform.machine() != "x86_64", reason="OpenBLAS has these kernels for x86-64 alone")
 
@@ -98,6 +103,27 @@ def test_kernels_of_several_processors_give_the_same_bytes(tmp_path: Path) -> No
     assert digest(tmp_path / "other", "Prescott", "1", without="X86_V4 AVX512_ICL AVX512_SPR") == one
     assert "Nehalem, 1 threads" in one[1]["blas"]
     assert one[1]["vectors"] == "X86_V2"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    "avx2" not in PROCESSOR, reason="this processor has no kernels but those that are the same anywhere"
+)
+def test_a_solid_of_many_teeth_takes_the_processors_own_kernels_and_says_so(tmp_path: Path) -> None:
+    found = {}
+    for design in ("array", "single"):
+        asked = ("model", "ratio", "--json", "--model", "solid", "--design", design, "--sensed-modulus", "1 MPa")
+        command = (sys.executable, "-c", "from palpate.procedures.commands import main; main()", *asked)
+        env = {**os.environ, "PALPATE_CURVES": str(tmp_path)}
+        found[design] = json.loads(
+            subprocess.run(command, env=env, capture_output=True, check=True, timeout=300).stdout
+        )
+    assert found["single"]["arithmetic"] == arithmetic()
+    assert found["array"]["arithmetic"]["vectors"] != arithmetic()["vectors"]
+    (point,) = found["array"]["points"]
+    (surface,) = ask(RatioQuestion("array", "surface"), [1e6])
+    bound = point["error_estimate"] + surface.response.error_estimate
+    assert point["force_ratio"] == pytest.approx(surface.response.force_ratio, rel=bound)
 
 
 def test_another_processor_with_the_same_kernels_is_the_same_arithmetic_and_other_kernels_are_not() -> None:

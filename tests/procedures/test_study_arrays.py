@@ -100,3 +100,10 @@ def test_an_effect_that_is_not_linear_in_what_a_seed_draws_is_named() -> None:
     assert set(block.alone) == {"mounting_scatter"}
     assert contents(block) == contents(one_by_one(computation, study, range(4)))
     assert len(np.unique(block.means[:, 0])) == 4
+
+
+@pytest.mark.parametrize(("samples", "cause"), [(4, ""), (5, "few cells share a scene")])
+def test_cells_of_many_scenes_with_few_seeds_each_are_computed_alone_and_that_is_told(samples: int, cause: str) -> None:
+    names = ", ".join(f'"{sample}"' for sample in range(1, samples + 1))
+    study, computation = asked(f'seed = "1-2"\nsample = [{names}]\neffects.gain_scatter.strength = [0.5, 1.0]', "2 N")
+    assert set(computation.block(study, range(len(study))).alone) == {cause}

@@ -11,6 +11,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements.ladder import Manner
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import CLOSED, SolidParameters
+from palpate.instrument.sensor.design import MANY_TEETH
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,6 @@ class SolidCurve:
 
 # --- meshes from coarse to fine --------------------------------------------------------------------------
 
-MANY = 4  # teeth; more have coarser meshes
 NARROW, THIN = 0.05, 0.1  # gap and object over the tooth's radius
 # Object over the length of a cell, if it keeps its volume and beneath a load in one point; Poisson ratio.
 SQUEEZED, POINTED, INCOMPRESSIBLE = 0.5, 0.25, 0.45
@@ -117,7 +117,7 @@ OF_MANY_TEETH = Meshes(
 
 def has_many_teeth(parameters: SolidParameters) -> bool:
     """Whether meshes are those of many teeth."""
-    return parameters.columns * parameters.rows > MANY
+    return parameters.columns * parameters.rows > MANY_TEETH
 
 
 def is_judged_by_cell(parameters: SolidParameters) -> bool:
