@@ -333,6 +333,7 @@ def recording(
         lost = logged is not None or (before is not None and before.unknown)
         with _kept(record, lab.bench, "" if lost else f"; go on with: palpate runs resume {record.folder}"):
             lab.bench.attend(record.event)
+            lab.bench.sampled = record.trace
             for caution in lab.bench.cautions:
                 say(f"palpate: note: {caution}", err=True)
                 record.event("caution", caution, lab.bench.clock.now_ns())
