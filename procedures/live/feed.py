@@ -139,7 +139,7 @@ class Feed:
                 if self._traces != shown and self._trace is not None:
                     if isinstance(self._trace, Event):
                         self._trace = _message(trace_line(self._trace))
-                    found.append(self._trace)
+                    found.insert(0, self._trace)
                     shown = self._traces
             silent = 0 if found else silent + 1
             if found:
