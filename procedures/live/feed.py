@@ -157,10 +157,10 @@ class Feed:
         }  # fmt: skip
         return _message(as_json(told))
 
-    def stored_trace(self, point: int) -> bytes | None:
-        """The stored waveforms of a point as a trace; None: it has none. Raises RecordError."""
+    def stored_trace(self, point: int) -> bytes:
+        """The stored waveforms of a point as a trace in JSON; null: it has none. Raises RecordError."""
         if self.folder is None or not (waves := list(Run.open(self.folder).waveforms(point))):
-            return None
+            return b"null"
         same = [wave for wave in waves if wave.rate == waves[0].rate]
         told = {"rate": waves[0].rate, "films": [wave.name for wave in same], "point": point}
         return trace_line(Event("trace", 0, {**told, "voltage": np.array([wave.samples for wave in same])})).encode()

@@ -142,14 +142,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _stored(self, point: str) -> None:
         try:
-            found = self._feed.stored_trace(int(point))
+            self._answer(HTTPStatus.OK, self._feed.stored_trace(int(point)), "application/json")
         except (ValueError, RecordError) as error:
             self._refuse(HTTPStatus.NOT_FOUND, str(error))
-            return
-        if found is None:
-            self._refuse(HTTPStatus.NOT_FOUND, f"point {point} has no waveforms")
-        else:
-            self._answer(HTTPStatus.OK, found, "application/json")
 
     def _refuse(self, status: HTTPStatus, why: str) -> None:
         self._answer(status, why.encode("utf-8", "replace"), "text/plain")

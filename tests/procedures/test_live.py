@@ -56,7 +56,7 @@ def test_a_page_gets_the_stored_waveforms_of_a_point(store: Path) -> None:
     volts = np.frombuffer(base64.b64decode(trace["voltage"]), "<f4").reshape(len(trace["films"]), trace["samples"])
     for film, row in zip(trace["films"], volts, strict=True):
         assert np.array_equal(row, run.waveform(2, film))
-    assert missing == (404, "point 9 has no waveforms")
+    assert missing == (200, "null")
     assert wrong[0] == 404
 
 

@@ -34,7 +34,7 @@ const state = {};
 
 function restart() { // forget the run before
   Object.assign(state, { points: [], latest: [], every: 1, last: 0, invalid: 0, planned: null, incidents: [], count: 0,
-    devices: {}, columns: [], promise: null, step: null, summary: null, status: "running", scene: null, beside: [], chosen: false });
+    devices: {}, columns: [], promise: null, step: null, summary: null, status: "waiting for the run", scene: null, beside: [], chosen: false });
   $("verdict").hidden = $("beside").hidden = $("devices").hidden = true;
   fill($("incidents").querySelector("tbody"), []);
 }
@@ -55,6 +55,7 @@ const on = {
     restart();
     if (hello) Object.assign(state, { every: hello.every, last: hello.points, invalid: hello.invalid });
     state.hello = null; // a run that begins while the page is open begins with no points
+    state.status = "running";
     state.scene = told.scene;
     scope.paced = told.scene === null; // such a bench takes the time of the wall
     $("procedure").textContent = told.procedure;
@@ -129,7 +130,7 @@ function listen() {
     state.dirty = true;
   };
   source.onerror = () => {
-    const over = !["running", "paused", undefined].includes(state.status);
+    const over = !/^(running|paus|waiting)/.test(state.status);
     $("link").textContent = over ? "palpate serves this page no longer" : "connection lost, trying again";
     source.close();
     setTimeout(listen, 500);
@@ -272,8 +273,9 @@ async function showStored(id, freeze) { // the stored waveforms of a point
   asking = true;
   try {
     const answer = await fetch(`trace?point=${id}`);
-    if (answer.ok) { if (freeze) scope.freeze(true); scope.show(await answer.json()); }
-    else $("trace").textContent = await answer.text();
+    const told = answer.ok ? await answer.json() : null;
+    if (told) { if (freeze) scope.freeze(true); scope.show(told); }
+    else $("trace").textContent = answer.ok ? `no waveforms are stored with point ${id}` : await answer.text();
   } catch { /* the stream tells that the connection is lost */ }
   asking = false;
 }
