@@ -149,7 +149,8 @@ def test_the_trigger_is_where_the_film_crosses_the_level_that_was_typed(page: Pa
     page.until(lambda: page.text("#trace").startswith("point 3"))
     page.js("$('level').value = '1'; $('edge').value = '-1'; $('level').dispatchEvent(new Event('input'))")
     crossing = """const {t, rows} = scope.window, i = t.findIndex(each => each >= 0);
-        return [rows[0][i - 1], rows[0][i], rows[0][i - 1] + (rows[0][i] - rows[0][i - 1]) * -t[i - 1] / (t[i] - t[i - 1])]"""
+        return [rows[0][i - 1], rows[0][i],
+            rows[0][i - 1] + (rows[0][i] - rows[0][i - 1]) * -t[i - 1] / (t[i] - t[i - 1])]"""
     page.until(lambda: page.js(crossing)[2] == pytest.approx(1.0, abs=1e-3))
     before, after, _ = page.js(crossing)
     assert before > 1.0 >= after
@@ -170,8 +171,7 @@ def test_frozen_films_stay_until_the_oscilloscope_runs_again(page: Page, tmp_pat
 def test_a_run_is_paused_goes_on_and_stops_by_its_buttons_and_the_token(page: Page, tmp_path: Path) -> None:
     with served(tmp_path, *LONG, "--live", "--out", str(tmp_path / "run")) as live:
         page.driver.get(live.address)  # without the token
-        page.until(lambda: page.text("#status") == "running")
-        assert page.text("#simulated") == "SIMULATED"
+        page.until(lambda: page.text("#status") == "running" and page.text("#simulated") == "SIMULATED")
         page.driver.find_element("id", "stop").click()
         page.until(lambda: page.text("#link").startswith("wrong token"))
         page.driver.get("about:blank")
