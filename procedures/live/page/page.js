@@ -4,7 +4,7 @@
 const $ = id => document.getElementById(id);
 const MOST_POINTS = 2048; // that are kept; of more, each second one is left out, again and again
 const LATEST = 12, MOST_INCIDENTS = 200, MOST_GROUPS = 9;
-const REDRAW = 200; // ms between two drawings of points and tables
+const REDRAW = 100; // ms between two drawings of points and tables
 const COVER = 2; // standard uncertainties on each side of a point
 
 const digits = (value, n = 4) => value === null || value === undefined || Number.isNaN(value) ? "–"
