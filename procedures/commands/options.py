@@ -99,7 +99,7 @@ def live_options(command: F) -> F:
             raise UsageError("--port: it is that of the live page; give --live, too")
         return command(live=(port or 0) if live else None, **own)
 
-    text = "Show the run on a page in a browser of this machine, with an oscilloscope; see docs/how-to/live.md."
+    text = "Show the run on a page in a browser of this machine, with an oscilloscope."
     return cast("F", option("--live", is_flag=True, help=text)(LIVE_PORT(gathered)))
 
 

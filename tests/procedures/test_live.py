@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import signal
 import socket
@@ -79,6 +80,14 @@ def test_the_page_may_load_nothing_from_elsewhere(store: Path) -> None:
         assert stream.headers["Content-Security-Policy"].startswith("default-src 'none'; script-src 'self';")
         assert live.ask("/../../pyproject.toml")[0] == 404
         assert live.ask("/stop", {"Origin": live.address.rstrip("/")}, "POST")[0] == 404
+
+
+def test_what_draws_in_the_browser_is_as_its_maker_published_it() -> None:
+    """Version 1.6.32 of uPlot in npm's registry."""
+    folder = Path(palpate.__file__).parent / "procedures" / "live" / "page" / "uplot"
+    for line in (folder / "SHA256SUMS").read_text().splitlines():
+        digest, name = line.split()
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
 
 def test_only_the_token_of_the_terminal_stops_a_run(tmp_path: Path) -> None:
