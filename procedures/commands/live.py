@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+
 import click
 
-from palpate.procedures.commands.options import LIVE_PORT, StrictCommand
+from palpate.procedures.commands.options import LIVE_PORT, Output, StrictCommand, output_options
 from palpate.procedures.console.terminal import say
 
 LOOK = 0.2  # s between two looks whether somebody goes on with an interrupted run
@@ -16,7 +18,8 @@ LOOK = 0.2  # s between two looks whether somebody goes on with an interrupted r
 )
 @click.argument("run")
 @LIVE_PORT
-def live(run: str, port: int | None) -> None:
+@output_options
+def live(run: str, port: int | None, as_json: bool, quiet: bool) -> None:
     """Show a run on a page in a browser of this machine until Ctrl-C. RUN is a folder or a name in runs/.
 
     The run may have ended long ago, or another process may carry it out or resume it meanwhile; it takes no notice. A
@@ -33,10 +36,11 @@ def live(run: str, port: int | None) -> None:
     from palpate.procedures.records.run_folder import HEAD_FILE
     from palpate.procedures.records.run_list import find_run
 
+    output = Output(as_json, quiet)
     folder, feed, clock = find_run(run, store()), Feed(stored=True), WallClock()
     with serving(feed, port or 0) as address:
-        say(f"live page: {address}", err=True)
-        say("  Ctrl-C ends it", err=True)
+        output.result(lambda: {"run": str(folder), "page": address}, lambda: say(f"live page: {address}"))
+        sys.stdout.flush()
         while True:
             try:
                 for event in followed(folder):

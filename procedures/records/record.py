@@ -197,10 +197,6 @@ class Recorder:
         """Tell the listener of an event that is not recorded."""
         self.listener(Event(kind, bench_ns, data))
 
-    def trace(self, films: Sequence[str], rate: float, voltage: object, bench_ns: int) -> None:
-        """Tell the listener what the films show [V], sampled at a rate [Hz]; it is not recorded."""
-        self.listener(Event("trace", bench_ns, {"rate": rate, "films": films, "voltage": voltage}))
-
     def _heard(self, frames: Sequence[Content]) -> None:
         """Tell the listener of what is on disk now."""
         if self.listener is unheard:

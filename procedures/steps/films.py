@@ -189,7 +189,8 @@ class Films:
         recordings = self._nodes[0].acquire_with(self._nodes[1:], duration)
         first = recordings[0]
         voltage = np.array([recordings[node].voltage[channel - 1] for node, channel in self._places])
-        self.bench.sampled([film.name for film in self.design.films], first.rate, voltage, self.bench.clock.now_ns())
+        shown = {"films": [film.name for film in self.design.films], "rate": first.rate, "voltage": voltage}
+        self.bench.sampled(self.bench.clock.now_ns(), shown)
         clipped = np.array([recordings[node].saturated[channel - 1] for node, channel in self._places])
         return FilmRecord(first.rate, first.time, voltage, clipped)
 

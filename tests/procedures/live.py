@@ -82,10 +82,12 @@ def served(store: Path, *words: str) -> Iterator[Served]:
         command, env={**os.environ, "PALPATE_STORE": str(store)}, stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
-        assert process.stderr is not None
+        assert process.stdout is not None and process.stderr is not None
         try:
-            address = process.stderr.readline().removeprefix("live page: ").strip()
-            token = process.stderr.readline().strip().partition("#")[2]
+            own_run = "--live" in words
+            told_by = process.stderr if own_run else process.stdout
+            address = told_by.readline().removeprefix("live page: ").strip()
+            token = process.stderr.readline().strip().partition("#")[2] if own_run else ""
             yield Served(process, address, token)
         finally:
             process.kill()
