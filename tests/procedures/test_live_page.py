@@ -127,7 +127,7 @@ def test_waveforms_are_drawn_and_cursors_read_them_right(page: Page, live: Serve
     assert min(page.drawn("#screen", colour) for colour in COLOURS.values()) > 200
     page.js("$('base').value = '5'; $('base').dispatchEvent(new Event('input'))")  # the whole record
     page.until(lambda: page.text("#trace").endswith("no trigger"))
-    assert page.text("#readings caption") == "B − A 498 ms (2.008 Hz)"  # half of 249 steps of 4 ms
+    assert page.text("#readings caption") == "B − A 498 ms (2.008 Hz); mV"  # half of 249 steps of 4 ms
     assert [row[0] for row in page.readings()] == ["rigid", "total"]
     for film, *cells in page.readings():
         assert [float(cell) for cell in cells] == pytest.approx(read_by_hand(run, film, 0.25, 0.75), rel=1e-3)

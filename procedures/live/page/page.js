@@ -67,7 +67,7 @@ const on = {
   },
   about(told) {
     state.columns = told.columns;
-    state.devices = Object.fromEntries(Object.entries(told.devices).map(([name, serial]) => [name, { serial, times: 0, last: "" }]));
+    state.devices = Object.fromEntries(Object.entries(told.devices).map(([name, serial]) => [name, { serial, times: 0, last: 0 }]));
     state.incidents.toReversed().forEach(blame);
   },
   planned(told) { state.planned = told; },
@@ -106,7 +106,7 @@ function blame(incident) { // the device with whose name an incident's message b
   if (!name) return;
   const device = state.devices[name];
   device.times++;
-  device.last = incident.message.slice(name.length + 1).trim();
+  device.last = incident.bench_ns / 1e9;
 }
 
 function showResult(summary) {
@@ -318,7 +318,7 @@ function showAll() {
   fill($("incidents").querySelector("tbody"), state.incidents.map(each => [`${(each.bench_ns / 1e9).toFixed(1)} s`, each.of, each.message]));
   $("devices").hidden = !Object.keys(state.devices).length;
   fill($("devices").querySelector("tbody"), Object.entries(state.devices).map(([name, each]) =>
-    [name, each.serial || "", each.times ? `${each.times}× ${each.last}` : "ok"]));
+    [name, each.serial || "", each.times ? `${each.times}×, last at ${each.last.toFixed(1)} s` : "ok"]));
 }
 
 const scope = new Oscilloscope();

@@ -4,7 +4,7 @@
 
 const COLOURS = ["#1f4e9c", "#c1440e", "#1b7f3b", "#7a3b9c", "#0f8a8a", "#a0740a", "#c2185b", "#555555", "#5d8a00"];
 const BEFORE = 0.1; // part of the screen before the trigger
-const USUAL = 125; // samples on the screen with the time base "auto"
+const USUAL = 125; // samples on the screen with the time base "auto", or half the trace if that is shorter
 const HYSTERESIS = 0.1; // of peak to peak
 
 class Oscilloscope {
@@ -116,7 +116,8 @@ class Oscilloscope {
     let head = trace.samples;
     if (playing) head = Math.min(head, Math.floor((performance.now() - trace.arrived) / 1000 * trace.rate));
     if (playing && head === trace.samples) trace.played = true;
-    const wanted = Number($("base").value) ? Math.round(Number($("base").value) * 10 * trace.rate) : USUAL;
+    const wanted = Number($("base").value) ? Math.round(Number($("base").value) * 10 * trace.rate)
+      : Math.min(USUAL, Math.floor(trace.samples / 2));
     const shown = Math.max(2, Math.min(wanted, trace.samples));
     if (head < shown) { if (!this.window) this.changed = true; return; }
     this.draw(trace, head, shown);
@@ -198,8 +199,8 @@ class Oscilloscope {
       return [at(row, a), at(row, b), high - low];
     });
     const span = Math.abs(b - a);
-    $("readings").caption.textContent = `B − A ${digits(b - a)} ms (${digits(1000 / span)} Hz)`;
-    fill($("readings").tHead, [["film", "A", "B", "B − A", "p–p, mV"]], "th");
+    $("readings").caption.textContent = `B − A ${digits(b - a)} ms (${digits(1000 / span)} Hz); mV`;
+    fill($("readings").tHead, [["film", "A", "B", "B − A", "p–p"]], "th");
     fill($("readings").tBodies[0], found.map(([va, vb, pp], i) =>
       [this.trace.films[i], digits(va), digits(vb), digits(vb - va), digits(pp)]));
     [...$("readings").tBodies[0].rows].forEach((row, i) => {
