@@ -338,17 +338,19 @@ class Output:
         control = PageControl()
         feed = Feed(("pause", "stop") if pausable else ("stop",))
         with serving(feed, self.live, control) as address:
-            say(f"live page: {address}", err=True)
-            say(f"  the same with pause and stop, for you alone: {address}#{control.token}", err=True)
+            if self.shown == EVENTS:
+                say(json.dumps({"event": "page", "address": address, "token": control.token}), err=True)
+            else:
+                say(f"live page: {address}", err=True)
+                say(f"  the same with pause and stop, for you alone: {address}#{control.token}", err=True)
             yield replace(self, page=feed, control=control)
 
     def pause(self, keyboard: Pause) -> Pause:
         """Pauses by the keyboard, and by the live page if there is one."""
         if self.control is None:
             return keyboard
-        from palpate.procedures.live.control import Either
-
-        return Either(self.control, keyboard)
+        self.control.keyboard = keyboard
+        return self.control
 
     @contextmanager
     def listener(self) -> Iterator[Listener]:

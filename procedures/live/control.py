@@ -15,10 +15,14 @@ LOOK = 0.05  # s between two looks whether a pause shall end
 
 
 class PageControl:
-    """What pages may do with the run of this process, if they know its token. As a `Pause` it asks as they did."""
+    """What pages may do with the run of this process, if they know its token.
+
+    It is a `Pause` that a page or the keyboard asks for; each of them ends it, too.
+    """
 
     def __init__(self) -> None:
         self.token = secrets.token_urlsafe(16)
+        self.keyboard: Pause = NOBODY
         self._toggled = threading.Event()
 
     def allows(self, token: str) -> bool:
@@ -35,27 +39,12 @@ class PageControl:
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM if ignored else signal.SIGINT)
 
     def asked(self) -> bool:
-        asked = self._toggled.is_set()
+        asked = self.keyboard.asked() or self._toggled.is_set()
         self._toggled.clear()
         return asked
 
     def wait(self) -> None:
-        while not self.asked():
-            WallClock().wait(LOOK)
-
-
-class Either:
-    """A `Pause` by a page or by another one, the keyboard; each of them ends it, too."""
-
-    def __init__(self, page: PageControl, other: Pause) -> None:
-        self._both = page, other
-
-    def asked(self) -> bool:
-        asked = [each.asked() for each in self._both]
-        return any(asked)
-
-    def wait(self) -> None:
-        key = "" if self._both[1] is NOBODY else "press p, or "
+        key = "" if self.keyboard is NOBODY else "press p, or "
         say(f"paused, outputs are off; {key}go on by the live page; Ctrl-C stops", err=True)
         while not self.asked():
             WallClock().wait(LOOK)

@@ -10,11 +10,11 @@ import base64
 import threading
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate.drivers.clock import WallClock
 from palpate.instrument.errors import PalpateError
@@ -62,8 +62,10 @@ class Feed:
 
     def __call__(self, event: Event) -> None:
         if event.kind == "trace":
+            shown = event.data["voltage"][:, -MOST_SAMPLES:].astype("<f4")  # which keeps nothing of a long dwell
             with self._lock:
-                self._trace, self._traces = event, self._traces + 1
+                self._trace = replace(event, data={**event.data, "voltage": shown})
+                self._traces += 1
             return
         message = _message(event.line())
         with self._lock:
@@ -138,7 +140,7 @@ class Feed:
                 found = list(self._recent)[-fresh:] if fresh else []
                 if self._traces != shown and self._trace is not None:
                     if isinstance(self._trace, Event):
-                        self._trace = _message(trace_line(self._trace))
+                        self._trace = _message(_trace_line(self._trace))
                     found.insert(0, self._trace)
                     shown = self._traces
             silent = 0 if found else silent + 1
@@ -162,18 +164,16 @@ class Feed:
         if self.folder is None or not (waves := list(Run.open(self.folder).waveforms(point))):
             return b"null"
         same = [wave for wave in waves if wave.rate == waves[0].rate]
+        voltage = np.array([wave.samples[-MOST_SAMPLES:] for wave in same], "<f4")
         told = {"rate": waves[0].rate, "films": [wave.name for wave in same], "point": point}
-        return trace_line(Event("trace", 0, {**told, "voltage": np.array([wave.samples for wave in same])})).encode()
+        return _trace_line(Event("trace", 0, {**told, "voltage": voltage})).encode()
 
 
-def trace_line(event: Event) -> str:
-    """A trace as a line of JSON; its voltages are the rows of one array of little-endian float32, in base64."""
-    data = dict(event.data)
-    volts: npt.NDArray[np.floating[Any]] = data.pop("voltage")
-    cut = volts[:, -MOST_SAMPLES:]
-    data["samples"] = cut.shape[1]
-    data["voltage"] = base64.b64encode(cut.astype("<f4").tobytes()).decode()
-    return Event(event.kind, event.bench_ns, data).line()
+def _trace_line(event: Event) -> str:
+    """A trace as a line of JSON; its voltages, rows of one array of little-endian float32, are in base64."""
+    voltage = event.data["voltage"]
+    told = {"samples": voltage.shape[1], "voltage": base64.b64encode(voltage.tobytes()).decode()}
+    return replace(event, data={**event.data, **told}).line()
 
 
 def _columns(procedure: str) -> list[dict[str, str]]:
