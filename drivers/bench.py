@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -289,6 +289,8 @@ class Bench(Fitted):
         self.incidents = Incidents(self.clock)
         self.attended = False
         self.waits: Callable[[str], object] = lambda _why: None  # called with the reason before a wait for others
+        # called with the bench time [ns] and what the films show then: "films", "rate" [Hz], "voltage" (films, n) [V]
+        self.sampled: Callable[[int, Mapping[str, object]], object] = lambda _bench_ns, _shown: None
         self._safe = True
         for device in self.devices:
             if device not in self._guarding:

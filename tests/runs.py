@@ -1,9 +1,9 @@
-"""Runs on disk that are not as the recorder leaves them, but rewritten on purpose."""
+"""Runs on disk that no procedure has recorded: rewritten on purpose, or with more points than a test has time for."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from palpate.procedures.records.record_file import (
     HEAD_FILE,
     RECORD,
     SIMULATED,
+    Waveforms,
     chain_of,
     event_frame,
     header_frame,
@@ -48,5 +49,20 @@ def rehash(
         start = Head(chain_of(stored_header), 0, 0, 0, 0, 0, NOTHING)
         flags = SIMULATED if stored_header["simulated"] else 0
         parts, head = packed(start, frames, flags, stored.count(), len(events))
+    _put(folder, parts, head)
+
+
+def made(folder: Path, header: Mapping[str, Any], points: Iterable[tuple[Mapping[str, Any], Waveforms]]) -> None:
+    """Writes a complete run of points with their waveforms at once, one a second of bench time."""
+    frames, number = [header_frame(header)], 0
+    for number, (data, waveforms) in enumerate(points, 1):
+        frames += point_frames(number, data, waveforms, number * 10**9)
+    frames.append(status_frame("complete", {}))
+    start = Head(chain_of(header), 0, 0, 0, 0, 0, NOTHING)
+    folder.mkdir(parents=True)
+    _put(folder, *packed(start, frames, SIMULATED if header["simulated"] else 0, number, 0))
+
+
+def _put(folder: Path, parts: Iterable[bytes], head: Head) -> None:
     (folder / RECORD).write_bytes(b"".join(parts))
     (folder / HEAD_FILE).write_bytes(head.packed() + head.again().packed())

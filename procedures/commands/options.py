@@ -19,7 +19,10 @@ from palpate.procedures.console.progress import Progress, shown, silent
 from palpate.procedures.console.terminal import say
 
 if TYPE_CHECKING:
+    from palpate.procedures.live.control import PageControl
+    from palpate.procedures.live.feed import Feed
     from palpate.procedures.records.events import Event, Listener
+    from palpate.procedures.steps.pause import Pause
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -83,6 +86,21 @@ PROGRESS = option(
     default=BAR,
     help="What stderr shows meanwhile: a bar, or each event of the run as a line of JSON.",
 )
+
+LIVE_PORT = option("--port", type=click.IntRange(1, 65535), help="Port of the live page (default: any free one).")
+
+
+def live_options(command: F) -> F:
+    """Add the options --live and --port; the command gets `live`: the port, 0 for any, or None without a page."""
+
+    @functools.wraps(command)
+    def gathered(*, live: bool, port: int | None, **own: object) -> object:
+        if port is not None and not live:
+            raise UsageError("--port: it is that of the live page; give --live, too")
+        return command(live=(port or 0) if live else None, **own)
+
+    text = "Show the run on a page in a browser of this machine, with an oscilloscope."
+    return cast("F", option("--live", is_flag=True, help=text)(LIVE_PORT(gathered)))
 
 
 def check_junit(path: Path | None) -> None:
@@ -191,6 +209,7 @@ def bench_options(command: F) -> F:
         fidelity: float | None,
         about: tuple[str, ...],
         progress: str,
+        live: int | None,
         limits: Path | None,
         junit: Path | None,
         as_json: bool,
@@ -201,11 +220,12 @@ def bench_options(command: F) -> F:
             raise UsageError("--junit: it holds verdicts of limits; give them with --limits FILE")
         check_junit(junit)
         choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity, about)
-        output = Output(as_json, quiet, progress, limits=limits, junit=junit)
+        output = Output(as_json, quiet, progress, limits=limits, junit=junit, live=live)
         return command(choice=choice, output=output, **own)
 
     options: Callable[..., object] = gathered
     for each in (
+        live_options,
         PROGRESS,
         JUNIT,
         option(
@@ -255,6 +275,9 @@ class Output:
         budgets: whether the uncertainty budget of each result belongs to it.
         limits: file by which the result is judged; None: it is not.
         junit: file for the verdicts as JUnit XML; None: there is none.
+        live: port of the live page, 0 for any free one; None: there is none.
+        page: what a live page is told while it is served.
+        control: what it may ask for.
     """
 
     as_json: bool
@@ -263,6 +286,9 @@ class Output:
     budgets: bool = False
     limits: Path | None = None
     junit: Path | None = None
+    live: int | None = None
+    page: Feed | None = None
+    control: PageControl | None = None
 
     @property
     def for_people(self) -> bool:
@@ -300,17 +326,45 @@ class Output:
         return nullcontext(silent) if self.quiet else shown(first, lines=not self.as_json)
 
     @contextmanager
-    def listener(self) -> Iterator[Listener]:
-        """A listener that shows on stderr what happens in a run: a bar, or each event as a line of JSON."""
-        from palpate.procedures.engine.listeners import steps, told_to
-        from palpate.procedures.records.events import unheard
+    def served(self, pausable: bool) -> Iterator[Output]:
+        """This output with its live page, which is served meanwhile, if there shall be one. Raises as `serving`."""
+        if self.live is None:
+            yield self
+            return
+        from palpate.procedures.live.control import PageControl
+        from palpate.procedures.live.feed import Feed
+        from palpate.procedures.live.server import serving
 
-        if self.shown == EVENTS:
-            with told_to([_event_line]) as listener:
+        control = PageControl()
+        feed = Feed(("pause", "stop") if pausable else ("stop",))
+        with serving(feed, self.live, control) as address:
+            if self.shown == EVENTS:
+                say(json.dumps({"event": "page", "address": address, "token": control.token}), err=True)
+            else:
+                say(f"live page: {address}", err=True)
+                say(f"  the same with pause and stop, for you alone: {address}#{control.token}", err=True)
+            yield replace(self, page=feed, control=control)
+
+    def pause(self, keyboard: Pause) -> Pause:
+        """Pauses by the keyboard, and by the live page if there is one."""
+        if self.control is None:
+            return keyboard
+        self.control.keyboard = keyboard
+        return self.control
+
+    @contextmanager
+    def listener(self) -> Iterator[Listener]:
+        """A listener that shows what happens in a run: on a live page, and on stderr as a bar or as lines of JSON."""
+        from palpate.procedures.engine.listeners import Traced, steps, told_to
+
+        heard: list[Listener] = [] if self.page is None else [Traced(self.page)]
+        with nullcontext(silent) if self.shown == EVENTS else self.progress() as progress:
+            if self.shown == EVENTS:
+                heard.append(_event_line)
+            elif progress is not silent:
+                heard.append(steps(progress))
+            with told_to(heard) as listener:
                 yield listener
-        else:
-            with self.progress() as progress:
-                yield unheard if progress is silent else steps(progress)
 
 
 def _event_line(event: Event) -> None:

@@ -93,8 +93,10 @@ def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, 
         from palpate.procedures.showing.plan import announce
 
         announce(prepared(procedure, chosen.target)[1])
-    with output.prices():
-        with operator.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.listener() as listener:
+    keyboard = operator.keyboard() if procedure.pausable else nullcontext(NOBODY)
+    with output.prices(), output.served(procedure.pausable) as output:
+        with keyboard as keys, output.listener() as listener:
+            pause = output.pause(keys)
             done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, listener=listener, pause=pause)
         return tell(procedure, done, output, limits)
 
@@ -149,6 +151,8 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output, limit
         from palpate.procedures.engine.verdict import judge
 
         judged = judge(done, limits)
+        if output.page is not None:
+            output.page.tell("verdict", judged.summary())
         tell_result(output, {**found, **judged.summary()}, show, done.result.budgets)
         status = tell_verdicts(judged, done.run, output)
         procedure.check_result(done.result)

@@ -17,6 +17,7 @@ from palpate.procedures.commands.campaign import campaign
 from palpate.procedures.commands.characterise import characterise
 from palpate.procedures.commands.contracts import contracts
 from palpate.procedures.commands.judge import judge
+from palpate.procedures.commands.live import live
 from palpate.procedures.commands.measure import measure
 from palpate.procedures.commands.model import model
 from palpate.procedures.commands.new import new
@@ -56,7 +57,7 @@ def palpate() -> None:
 
 
 for group in (
-    sweep, study, calibrate, test, softness, characterise, measure, judge, serve, runs, contracts, model, scene,
+    sweep, study, calibrate, test, softness, characterise, measure, judge, live, serve, runs, contracts, model, scene,
     reproduce, accuracy, new, bus, campaign,
 ):  # fmt: skip
     palpate.add_command(group)

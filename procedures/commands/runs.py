@@ -13,6 +13,7 @@ from palpate.procedures.commands.options import (
     StrictCommand,
     StrictGroup,
     assume_option,
+    live_options,
     option,
     output_options,
 )
@@ -101,10 +102,18 @@ def install(run: str, as_json: bool, quiet: bool) -> None:
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
 @option("--accept-change", is_flag=True, help="Go on although bench or software changed; the record lists changes.")
 @assume_option
+@live_options
 @PROGRESS
 @output_options
 def resume(
-    run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, progress: str, as_json: bool, quiet: bool
+    run: str,
+    bench: Path | None,
+    accept_change: bool,
+    assume_mounted: bool,
+    live: int | None,
+    progress: str,
+    as_json: bool,
+    quiet: bool,
 ) -> int:
     """Go on with a run that was killed, stopped or failed. RUN is a folder or a name in runs/.
 
@@ -121,19 +130,20 @@ def resume(
     from palpate.procedures.records.run_list import find_run
 
     opened = Run.open(find_run(run, store()))
-    output = Output(as_json, quiet, progress)
+    output = Output(as_json, quiet, progress, live=live)
     procedure = begun(opened, class_of(opened, "resume"), bench)
-    with keyboard() as pause, output.listener() as listener:
-        done = go_on(
-            procedure,
-            opened,
-            bench=bench,
-            accept_change=accept_change,
-            assume_mounted=assume_mounted,
-            listener=listener,
-            pause=pause,
-        )
-    return tell(procedure, done, output)
+    with output.served(procedure.pausable) as output:
+        with keyboard() as keys, output.listener() as listener:
+            done = go_on(
+                procedure,
+                opened,
+                bench=bench,
+                accept_change=accept_change,
+                assume_mounted=assume_mounted,
+                listener=listener,
+                pause=output.pause(keys),
+            )
+        return tell(procedure, done, output)
 
 
 # --- runs list, show and export, and the group ---------------------------------------------------------

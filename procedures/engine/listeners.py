@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from palpate.procedures.records.events import Event, Listener, followed, unheard
 from palpate.procedures.records.run_list import find_run
 
 WAITING = 10_000  # events that a listener may not have taken yet
+FEW = 4  # events that may wait before a trace, which none needs, is dropped
 PATIENCE = 2.0  # s that a listener may take for one event once the run has ended
 
 
@@ -38,6 +39,16 @@ def watch(run: str | Path) -> Iterator[Event]:
 @dataclass(frozen=True, slots=True)
 class InStep:
     """A listener that is called in the thread of the run, which waits for it; what it raises ends the run."""
+
+    listener: Listener
+
+    def __call__(self, event: Event) -> None:
+        self.listener(event)
+
+
+@dataclass(frozen=True, slots=True)
+class Traced:
+    """A listener that also hears of traces, as many as it finds time for."""
 
     listener: Listener
 
@@ -73,13 +84,14 @@ def told_to(listeners: Sequence[Listener]) -> Iterator[Listener]:
     one some time after the run ended is dropped, which is told on stderr.
     """
     threads = [_Thread(each) for each in listeners if not isinstance(each, InStep)]
-    heard: list[Callable[[Event], None]] = [*(each for each in listeners if isinstance(each, InStep)), *threads]
+    heard: list[InStep | _Thread] = [*(each for each in listeners if isinstance(each, InStep)), *threads]
+    traced = [each for each in threads if each.traced]
     if not heard:
         yield unheard
         return
 
     def tell(event: Event) -> None:
-        for each in heard:
+        for each in traced if event.kind == "trace" else heard:
             each(event)
 
     try:
@@ -93,7 +105,8 @@ class _Thread:
     """A listener with its thread, and the events that it has not taken yet."""
 
     def __init__(self, listener: Listener) -> None:
-        self._listener = listener
+        self.traced = isinstance(listener, Traced)
+        self._listener = listener.listener if isinstance(listener, Traced) else listener
         self._events: queue.Queue[Event | None] = queue.Queue(WAITING)
         self._dropped = ""
         self._busy, self._since = False, monotonic()  # with an event, and when it began or ended one
@@ -101,7 +114,7 @@ class _Thread:
         self._thread.start()
 
     def __call__(self, event: Event) -> None:
-        if self._dropped:
+        if self._dropped or (event.kind == "trace" and self._events.qsize() >= FEW):
             return
         try:
             self._events.put_nowait(event)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from traceback import format_exception
 from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
@@ -333,6 +334,7 @@ def recording(
         lost = logged is not None or (before is not None and before.unknown)
         with _kept(record, lab.bench, "" if lost else f"; go on with: palpate runs resume {record.folder}"):
             lab.bench.attend(record.event)
+            lab.bench.sampled = partial(record.tell, "trace")
             for caution in lab.bench.cautions:
                 say(f"palpate: note: {caution}", err=True)
                 record.event("caution", caution, lab.bench.clock.now_ns())

@@ -4,7 +4,8 @@
         print(event.kind, event.data)
 
 An event that the record holds is told once it is on disk, and is the same for a listener of the run and for `followed`.
-What the run does now (`step`) and how long it will still take (`promise`) is not recorded: only listeners hear of it.
+What the run does now (`step`), how long it will still take (`promise`) and what the films show (`trace`) is not
+recorded: only listeners hear of it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from palpate.procedures.records.record_file import EVENT, HEADER, POINT, STATUS,
 from palpate.procedures.records.run import telling_damage
 from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_written
 
-Kind = Literal["begun", "planned", "step", "point", "incident", "paused", "resumed", "promise", "ended"]
+Kind = Literal["begun", "planned", "step", "trace", "point", "incident", "paused", "resumed", "promise", "ended"]
 
 POLL = 0.05  # s between two looks at a record that grows
 SILENCE = 2.0  # s without news after which `followed` asks whether the run is still being written
@@ -37,6 +38,9 @@ class Event:
         planned   points (number), seconds (bench time of the whole), u (relative standard
                   uncertainty of the result; or None)
         step      number (of points that are taken), points (of all), what (is done now)
+        trace     rate [Hz], films (names) and voltage (films, n) [V] of what the films' nodes
+                  have just sampled, also before a dwell; only the live page hears of it, and
+                  not of each
         point     id (1, 2, 3, …), values (those of the point in the record)
         incident  of (kind of the record's event: incident, caution, …), message
         paused    message; the outputs are off until the run is resumed
@@ -49,7 +53,7 @@ class Event:
     Attributes:
         kind: what it is.
         bench_ns: bench time [ns].
-        data: what is told of it: values of JSON under the names above.
+        data: what is told of it: values of JSON under the names above; the voltage of a trace is an array.
     """
 
     kind: Kind
@@ -118,11 +122,15 @@ def followed(folder: Path) -> Iterator[Event]:
     with telling_damage(folder / RECORD), ChainFile(folder / RECORD) as file:
         tail = _Tail(folder, file)
         while True:
-            found = list(tail.news())
-            yield from (event for event in found if event.kind != "ended" or event is found[-1])
-            if found and found[-1].kind == "ended":
+            heard, ended = 0, None
+            for event in tail.news():
+                heard, ended = heard + 1, event if event.kind == "ended" else None
+                if ended is None:  # else the run may have been resumed
+                    yield event
+            if ended is not None:
+                yield ended
                 return
-            silent = 0.0 if found else silent + POLL
+            silent = 0.0 if heard else silent + POLL
             if silent >= SILENCE and not is_written(folder):
                 if not (found := list(tail.news())):
                     found = [Event("ended", tail.bench_ns, {"status": "killed", "summary": {}})]

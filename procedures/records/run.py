@@ -101,9 +101,9 @@ class Run:
             return waveform.samples
         raise UnknownName(f"waveform of point {point_id}", name, self.waveform_names(point_id))
 
-    def waveforms(self) -> Iterator[Waveform]:
-        """All waveforms in order, verified, those of one point in memory at a time."""
-        return self._waveforms(None, None)
+    def waveforms(self, point_id: int | None = None) -> Iterator[Waveform]:
+        """All waveforms, or those of a point, in order, verified, those of one point in memory at a time."""
+        return self._waveforms(point_id, None)
 
     def _waveforms(self, point_id: int | None, name: str | None) -> Iterator[Waveform]:
         with reading(self.folder) as stored:

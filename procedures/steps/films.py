@@ -188,12 +188,11 @@ class Films:
         """Record all films for a duration [s]. Raises LinkError, DeviceError."""
         recordings = self._nodes[0].acquire_with(self._nodes[1:], duration)
         first = recordings[0]
-        return FilmRecord(
-            first.rate,
-            first.time,
-            np.array([recordings[node].voltage[channel - 1] for node, channel in self._places]),
-            np.array([recordings[node].saturated[channel - 1] for node, channel in self._places]),
-        )
+        voltage = np.array([recordings[node].voltage[channel - 1] for node, channel in self._places])
+        shown = {"films": [film.name for film in self.design.films], "rate": first.rate, "voltage": voltage}
+        self.bench.sampled(self.bench.clock.now_ns(), shown)
+        clipped = np.array([recordings[node].saturated[channel - 1] for node, channel in self._places])
+        return FilmRecord(first.rate, first.time, voltage, clipped)
 
     def steps(self) -> Floats:
         """Steps of the converter on the ranges that are set (films,) [V]."""

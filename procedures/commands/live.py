@@ -1,0 +1,53 @@
+"""The command palpate live."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from palpate.procedures.commands.options import LIVE_PORT, Output, StrictCommand, output_options
+from palpate.procedures.console.terminal import say
+
+LOOK = 0.2  # s between two looks whether somebody goes on with an interrupted run
+
+
+@click.command(
+    cls=StrictCommand,
+    epilog="Examples:\n\n  palpate live first-day\n\n  palpate live runs/20260102T030405Z-sweep-loads --port 8080",
+)
+@click.argument("run")
+@LIVE_PORT
+@output_options
+def live(run: str, port: int | None, as_json: bool, quiet: bool) -> None:
+    """Show a run on a page in a browser of this machine until Ctrl-C. RUN is a folder or a name in runs/.
+
+    The run may have ended long ago, or another process may carry it out or resume it meanwhile; it takes no notice. A
+    damaged run is shown up to the damage. A bench command shows its own run with --live, where it can also be paused
+    and stopped.
+    """
+    from palpate.drivers.clock import WallClock
+    from palpate.instrument.errors import RecordError
+    from palpate.procedures.lab.store import store
+    from palpate.procedures.live.feed import Feed
+    from palpate.procedures.live.server import serving
+    from palpate.procedures.records.chain import read_head
+    from palpate.procedures.records.events import Event, followed
+    from palpate.procedures.records.run_folder import HEAD_FILE
+    from palpate.procedures.records.run_list import find_run
+
+    output = Output(as_json, quiet)
+    folder, feed, clock = find_run(run, store()), Feed(stored=True), WallClock()
+    with serving(feed, port or 0) as address:
+        output.result(lambda: {"run": str(folder), "page": address}, lambda: say(f"live page: {address}"))
+        sys.stdout.flush()
+        while True:
+            try:
+                for event in followed(folder):
+                    feed(event)
+            except RecordError as error:
+                feed(Event("ended", 0, {"status": "damaged", "summary": {"error": str(error)}}))
+                say(f"palpate: error: {error}", err=True)
+            end = read_head(folder / HEAD_FILE)
+            while read_head(folder / HEAD_FILE) == end:
+                clock.wait(LOOK)
