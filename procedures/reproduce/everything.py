@@ -92,7 +92,7 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
             swept = _swept(session, arrangement.design, arrangement.loads)
             assert session.model is not None  # of a scene
             ratio = ratio_by(session.model)
-        traces = read_traces(session.record.folder, swept, get_design(arrangement.design), FREQUENCY)
+        traces = read_traces(session.record.folder, get_design(arrangement.design), FREQUENCY)
         sweeps[arrangement.design] = swept
         done.order_evidence[arrangement.design] = of_experiment(RATIO, ratio)
         done.orders[arrangement.design] = experiments.order_is_right(swept, get_design(arrangement.design))

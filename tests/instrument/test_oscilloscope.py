@@ -23,11 +23,11 @@ def sine(amplitude: float, frequency: float = DRIVE, phase: float = 0.3) -> np.n
 
 @pytest.mark.parametrize("phase", np.linspace(0, 0.25, 6))
 def test_a_clean_sine_is_read_to_the_steps_of_the_screen_whatever_its_phase(phase: float) -> None:
-    read = Oscilloscope(bits=8).read(RATE, 0.7 + sine(16.0, phase=phase), DRIVE)
+    read = Oscilloscope(bits=8).read(RATE, 70 + sine(16.0, phase=phase), DRIVE)
     assert read.step == 5 * 8 / 256  # 5 mV a division: 2 would show 16 mV, and the wave has 32
     assert abs(read.peak_to_peak - 32) < 2.5 * read.u
     assert read.u == pytest.approx(read.step / math.sqrt(6))
-    finer = Oscilloscope(bits=20).read(RATE, 0.7 + sine(16.0, phase=phase), DRIVE)
+    finer = Oscilloscope(bits=20).read(RATE, 70 + sine(16.0, phase=phase), DRIVE)
     assert finer.peak_to_peak == pytest.approx(32, rel=2e-4)
 
 

@@ -26,7 +26,7 @@ from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import curves, everything, models
 from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, percent
-from palpate.procedures.reproduce.chapter5.traces import PointTraces, Traces
+from palpate.procedures.reproduce.chapter5.traces import PointTraces, Traces, distortion_said, read_traces
 from palpate.procedures.reproduce.curves import CurveCase
 from palpate.procedures.reproduce.judging.criterion import LEAST_SHARE
 from palpate.procedures.reproduce.judging.rows import Row, RowTable
@@ -136,6 +136,7 @@ def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
     assert len(judged) == cells
     assert sum(judged) / cells > LEAST_SHARE
     assert {row.evidence for table in tables for row in table.rows} == {Evidence.INPUT}
+    assert "Above 3 u: none; all of it is noise" in tables[-1].sentences[-1]
     assert tables[-1].sentences[0].startswith("softness order of ours, hard to soft: 1 > 6 > 4 > 3 > 5 > 2: right")
 
 
@@ -226,6 +227,24 @@ def test_a_changed_design_is_solved_anew(tmp_path: Path) -> None:
     again = Solutions(json.loads(kept.write(tmp_path).read_text(encoding="utf-8")))
     assert again.of(changed, "mesh 1", lambda: [3.0]) == [2.0]
     assert again.of(changed, "mesh 2", lambda: [3.0]) == [3.0]
+
+
+# --- the oscilloscope ----------------------------------------------------------------------------------
+
+
+def test_the_oscilloscope_reads_the_recorded_load_and_an_amplifier_that_clips_distorts_it(palpate: Palpate) -> None:
+    assert palpate("sweep", "loads", "--scene", "overdriven", "--samples", "1,2", "--loads", "1.5 N, 3 N",
+                   "--out", "run").status == 0  # fmt: skip
+    design = get_design("single")
+    found = read_traces(Path("run"), design, 10.0)
+    assert [*found] == [("1", 1.5), ("1", 3.0), ("2", 1.5), ("2", 3.0)]
+    for (_, load), seen in found.items():
+        assert seen.load_mV.peak_to_peak == pytest.approx(10.306 * load, rel=3 * design.films[1].scatter)
+    distorted = {where for where, seen in found.items() for one in seen.distortions if one.value - 3 * one.u > 0.01}
+    assert distorted == {("2", 3.0)}
+    assert "Above 3 u: rigid under 2, total under 2." in distortion_said(
+        design, {sample: seen for (sample, load), seen in found.items() if load == 3.0}
+    )
 
 
 # --- all of it -----------------------------------------------------------------------------------------

@@ -98,7 +98,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
         patch.setattr("matplotlib.figure.Figure.savefig", keep)
         patch.setattr(everything, "conduct", found)
         patch.setattr(everything, "recorded", recorded)
-        patch.setattr(everything, "read_traces", lambda _folder, found, *_: traces(found))
+        patch.setattr(everything, "read_traces", lambda _folder, design, _: traces(swept(arrangements[design.name])))
         done = Everything(Reproduction(folder))
         everything.run(done, None, silent)
     yield Whole(done, opened, (folder / "index.html").read_text(encoding="utf-8"), figures)

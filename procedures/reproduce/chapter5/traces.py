@@ -14,7 +14,6 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.instrument.signals.harmonics import Distortion, distortion
 from palpate.instrument.signals.oscilloscope import Oscilloscope, ScopeReading
-from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.records.run import Run
 
 SCOPE = Oscilloscope()
@@ -39,18 +38,18 @@ Traces = Mapping[tuple[str, float], PointTraces]
 """By sample and load [N]."""
 
 
-def read_traces(folder: Path, swept: SweepResult, design: Design, frequency: float) -> Traces:
-    """What the waveforms of a recorded sweep show. Raises RecordError, EstimateError."""
-    by_point = itertools.groupby(Run.open(folder).waveforms(), key=lambda waveform: waveform.point_id)
-    found = {}
-    for point, (_, waveforms) in zip(swept.points, by_point, strict=True):
+def read_traces(folder: Path, design: Design, frequency: float) -> Traces:
+    """What the waveforms of a recorded load sweep show. Raises RecordError, EstimateError."""
+    run, found = Run.open(folder), {}
+    by_point = itertools.groupby(run.waveforms(), key=lambda waveform: waveform.point_id)
+    for point, (_, waveforms) in zip(run.points(), by_point, strict=True):
         several = {waveform.name: waveform for waveform in waveforms}
         rate = several[design.films[0].name].rate
         volts = np.array([several[film.name].samples for film in design.films], dtype=np.float64)
         bases = [number for number, film in enumerate(design.films) if film.kind == FILM_KINDS[1]]
         force = sum(volts[number] / design.films[number].sensitivity for number in bases)
         fit = fit_sine(np.arange(volts.shape[1]) / rate, volts, frequency)
-        found[point.sample, point.load_N] = PointTraces(
+        found[point["sample"], point["load_N"]] = PointTraces(
             SCOPE.read(rate, THESIS_LOAD_CELL.sensitivity_mV_per_N * force, frequency),
             tuple(distortion(fit, number, each) for number, each in enumerate(volts)),
         )
@@ -74,8 +73,8 @@ def distortion_said(design: Design, points: Mapping[str, PointTraces]) -> str:
         + ", ".join(f"{sample}: {100 * seen.value:.3f} ({100 * seen.u:.3f})" for sample, seen in several.items())
         for film, several in found.items()
     ]
+    why = "; all of it is noise, which weighs more where a film gives less: no effect of this scene distorts"
     return (
         f"total harmonic distortion in percent (u), by film and sample: {'; '.join(told)}. Above {SURE:g} u:"
-        f" {', '.join(sure) or 'none'}. The thesis saw distortion under the soft samples 2 and 5 (5.4.1); no effect of"
-        " this scene distorts, so that these are noise, which weighs more where a film gives less"
+        f" {', '.join(sure) or f'none{why}'}. The thesis saw distortion under the soft samples 2 and 5 (5.4.1)"
     )
