@@ -29,11 +29,13 @@ class Distortion:
         value: with the bias by noise subtracted.
         u: standard uncertainty by what cycles scatter.
         orders: orders of the harmonics that were counted.
+        by_noise: probability that noise alone gives so much.
     """
 
     value: float
     u: float
     orders: tuple[int, ...]
+    by_noise: float
 
 
 def distortion(fit: SineFit, channel: int, signal: npt.ArrayLike) -> Distortion:
@@ -57,15 +59,19 @@ def distortion(fit: SineFit, channel: int, signal: npt.ArrayLike) -> Distortion:
             f"{number} cycles of {fit.frequency:g} Hz with an amplitude of {fit.amplitude[channel]:.3g} V and harmonics"
             f" {orders} beside the mains tell no distortion; it needs {FEWEST} cycles, a harmonic and a drive"
         )
+    from scipy.special import fdtrc
+
     phasors = 2 / length * np.fft.rfft(cycles, axis=1)[:, orders]
     mean = phasors.mean(axis=0)
     # Variance of the real and of the imaginary part of a mean phasor. Each adds to its square.
     variance = float((np.abs(phasors - mean) ** 2).mean()) / (2 * (number - 1))
-    square = max(float((np.abs(mean) ** 2).sum()) - 2 * len(orders) * variance, 0.0)
-    square_u = math.sqrt(4 * variance * square + 4 * len(orders) * variance**2)
-    value = math.sqrt(square)
+    parts, total = 2 * len(orders), float((np.abs(mean) ** 2).sum())
+    square = max(total - parts * variance, 0.0)
+    square_u = math.sqrt(4 * variance * square + 2 * parts * variance**2)
+    value, least = math.sqrt(square), max(variance, np.finfo(float).tiny)
     return Distortion(
         value / float(fit.amplitude[channel]),
         (math.sqrt(square + square_u) - value) / float(fit.amplitude[channel]),
         orders,
+        float(fdtrc(parts, parts * (number - 1), total / (parts * least))),
     )

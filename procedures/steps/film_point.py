@@ -25,7 +25,7 @@ from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
 from palpate.instrument.signals.harmonics import Distortion, distortion
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.agreement import forces_differ, frequencies_differ
+from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord, Films, short_length
 from palpate.procedures.steps.flags import (
     CLIPPED,
@@ -47,7 +47,6 @@ PILOT_CYCLES = 40  # 1000 samples, which tell the power of white noise to 5 %
 LARGEST_DRIFT = 0.1  # of the load, at the end of the dwell; two steps of the indicator at least
 LARGEST_HUM = 0.01  # part of the hum that may be in an amplitude before the point is flagged
 LARGEST_DISTORTION = 0.01  # harmonics over the drive before an event tells of them [A]
-SURE = 3.0  # standard uncertainties by which they must be above that
 MOST_OF = 0.7  # part of an amplitude's uncertainty that is hum's: half of its variance
 
 Floats = npt.NDArray[np.float64]
@@ -239,12 +238,12 @@ def may_be_hum(fit: SineFit) -> bool:
 
 
 def _distorted(design: Design, point: FilmPoint) -> Iterator[tuple[str, Distortion]]:
-    """Names of films whose waveforms are surely distorted, and how much."""
+    """Names of films whose waveforms are distorted by more than noise explains, and how much."""
     for number, film in enumerate(design.films):
         # A record of few or uneven cycles, or with hum on its harmonics, tells no distortion.
         with contextlib.suppress(EstimateError):
             seen = distortion(point.fit, number, point.record.voltage[number])
-            if seen.value - SURE * seen.u > LARGEST_DISTORTION:
+            if seen.value > LARGEST_DISTORTION and seen.by_noise < FALSE_ALARMS:
                 yield film.name, seen
 
 

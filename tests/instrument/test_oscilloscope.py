@@ -87,6 +87,19 @@ def test_the_distortion_of_noisy_records_scatters_about_the_true_one_by_its_unce
         assert u == pytest.approx(np.std(value), rel=0.15)
 
 
+@pytest.mark.parametrize("cycles", [4, 10])
+def test_noise_alone_looks_as_distorted_as_often_as_is_said(cycles: int) -> None:
+    noise, time = np.random.default_rng(SEED), TIME[: 25 * cycles]
+    chances = []
+    for _ in range(1500):
+        volts = sine(0.1)[: time.size] + 1e-3 * noise.standard_normal(time.size)
+        chances.append(distortion(fit_sine(time, [volts], DRIVE), 0, volts).by_noise)
+    for level in (0.01, 0.1, 0.5):
+        assert np.mean(np.array(chances) < level) == pytest.approx(level, abs=4 * math.sqrt(level / 1500))
+    spoilt = sine(0.1)[: time.size] + sine(0.002, 3 * DRIVE)[: time.size] + 1e-5 * noise.standard_normal(time.size)
+    assert distortion(fit_sine(time, [spoilt], DRIVE), 0, spoilt).by_noise < 1e-12
+
+
 def test_several_harmonics_add_up_as_squares_and_hum_is_none_of_them() -> None:
     volts = sine(1.0) + sine(0.03, 2 * DRIVE) + sine(0.04, 3 * DRIVE) + sine(0.2, 50.0)
     assert distortion(fit_sine(TIME, [volts], DRIVE), 0, volts).value == pytest.approx(0.05, rel=2e-4)

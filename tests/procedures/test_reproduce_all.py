@@ -87,7 +87,7 @@ def swept(arrangement: experiments.Arrangement, factor: float = 1.0) -> SweepRes
 def traces(found: SweepResult) -> Traces:
     """What an oscilloscope shows of these loads; the films are clean."""
     of_load = 1.029 * THESIS_LOAD_CELL.sensitivity_mV_per_N
-    clean = (Distortion(0.0, 1e-3, (2, 3, 4, 7)),) * 4
+    clean = (Distortion(0.0, 1e-3, (2, 3, 4, 7), 0.5),) * 4
     return {(p.sample, p.load_N): PointTraces(ScopeReading(of_load * p.load_N, 0.1, 0.15), clean) for p in found.points}
 
 
@@ -136,7 +136,7 @@ def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
     assert len(judged) == cells
     assert sum(judged) / cells > LEAST_SHARE
     assert {row.evidence for table in tables for row in table.rows} == {Evidence.INPUT}
-    assert "Above 3 u: none; all of it is noise" in tables[-1].sentences[-1]
+    assert "More than noise explains: none: no effect of this scene distorts" in tables[-1].sentences[-1]
     assert tables[-1].sentences[0].startswith("softness order of ours, hard to soft: 1 > 6 > 4 > 3 > 5 > 2: right")
 
 
@@ -240,9 +240,9 @@ def test_the_oscilloscope_reads_the_recorded_load_and_an_amplifier_that_clips_di
     assert [*found] == [("1", 1.5), ("1", 3.0), ("2", 1.5), ("2", 3.0)]
     for (_, load), seen in found.items():
         assert seen.load_mV.peak_to_peak == pytest.approx(10.306 * load, rel=3 * design.films[1].scatter)
-    distorted = {where for where, seen in found.items() for one in seen.distortions if one.value - 3 * one.u > 0.01}
+    distorted = {where for where, seen in found.items() for one in seen.distortions if one.by_noise < 1e-4}
     assert distorted == {("2", 3.0)}
-    assert "Above 3 u: rigid under 2, total under 2." in distortion_said(
+    assert "More than noise explains: rigid under 2, total under 2." in distortion_said(
         design, {sample: seen for (sample, load), seen in found.items() if load == 3.0}
     )
 

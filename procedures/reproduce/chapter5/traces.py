@@ -15,9 +15,9 @@ from palpate.instrument.signals.estimate import fit_sine
 from palpate.instrument.signals.harmonics import Distortion, distortion
 from palpate.instrument.signals.oscilloscope import Oscilloscope, ScopeReading
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.agreement import FALSE_ALARMS
 
 SCOPE = Oscilloscope()
-SURE = 3.0  # standard uncertainties above zero, from which harmonics are no noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,15 +66,15 @@ def distortion_said(design: Design, points: Mapping[str, PointTraces]) -> str:
         f"{film} under {sample}"
         for film, several in found.items()
         for sample, seen in several.items()
-        if seen.value > SURE * seen.u
+        if seen.by_noise < FALSE_ALARMS
     ]
     told = [
         f"{film} "
         + ", ".join(f"{sample}: {100 * seen.value:.3f} ({100 * seen.u:.3f})" for sample, seen in several.items())
         for film, several in found.items()
     ]
-    why = "; all of it is noise, which weighs more where a film gives less: no effect of this scene distorts"
+    why = ": no effect of this scene distorts, and noise weighs more where a film gives less"
     return (
-        f"total harmonic distortion in percent (u), by film and sample: {'; '.join(told)}. Above {SURE:g} u:"
-        f" {', '.join(sure) or f'none{why}'}. The thesis saw distortion under the soft samples 2 and 5 (5.4.1)"
+        f"total harmonic distortion in percent (u), by film and sample: {'; '.join(told)}. More than noise"
+        f" explains: {', '.join(sure) or f'none{why}'}. The thesis saw distortion under soft samples, 2 and 5 (5.4.1)"
     )
