@@ -94,13 +94,15 @@ STRESS = (
 COPIED = "not independent readings: one film's millivolts are a constant times the other's"
 COPIED_PAIR = (
     "not independent readings: up to 4 N nearly all millivolts are those of the single sensor's tables times a factor,"
-    " one a sample for the base film, one a load for the tooth films"
+    " one a sample for the base film, one a load for the tooth films; the oscilloscope's are those of sample 2 times a"
+    " factor for each sample"
 )
 SINGLE = "single sensor, three-dimensional finite elements"
 COMMON = "two sensors on a common base, three-dimensional finite elements"
 DIFFERENT = "two sensors on different bases, three-dimensional finite elements"
 _HEADS_DIFFERENT = "The films are headed PVDF 3 and PVDF 4, and are PVDF 1 and PVDF 3"
 _HEADS_COMMON = "The films are headed PVDF 2 and PVDF 3, and are PVDF 1 and PVDF 2"
+_AS_SET = "; the oscilloscope's are proportional to the set load, to the last digit"
 _RATIOS = ". The forces have the ratio 0.314 in every row, the printed average, and the printed ratios are others"
 _COPY = "agrees with Table {} cell for cell once repaired, down to slips: no result of its own"
 # By sample.
@@ -169,7 +171,11 @@ _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             " the teeth if they stand 1 mm apart. The films are headed PVDF 2 (total), 1 (right) and 3 (left)",
         ),
         **{
-            number: (f"single sensor on sample {sample}", LOAD, COPIED + (_RATIOS if sample == "1" else ""))
+            number: (
+                f"single sensor on sample {sample}",
+                LOAD,
+                COPIED + _AS_SET * (sample in "123") + _RATIOS * (sample == "1"),
+            )
             for sample, number in SINGLE_TABLES.items()
         },
         **{

@@ -29,6 +29,8 @@ from palpate.procedures.records.events import Listener, unheard
 from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import RATIO
+from palpate.procedures.reproduce.chapter5.traces import read_traces
+from palpate.procedures.reproduce.figures.appendix3 import draw_bridge
 from palpate.procedures.reproduce.figures.chapter5 import BenchMeasurements, pictures
 from palpate.procedures.reproduce.judging.criterion import write_classes
 from palpate.procedures.reproduce.judging.rows import RowTable, write_slips
@@ -90,10 +92,11 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
             swept = _swept(session, arrangement.design, arrangement.loads)
             assert session.model is not None  # of a scene
             ratio = ratio_by(session.model)
+        traces = read_traces(session.record.folder, get_design(arrangement.design), FREQUENCY)
         sweeps[arrangement.design] = swept
         done.order_evidence[arrangement.design] = of_experiment(RATIO, ratio)
         done.orders[arrangement.design] = experiments.order_is_right(swept, get_design(arrangement.design))
-        add(experiments.compare(arrangement, swept, ratio))
+        add(experiments.compare(arrangement, swept, traces, ratio))
     blind_sweeps = {}
     for parameters in blind.SETS:
         for arrangement in experiments.ARRANGEMENTS:
@@ -117,7 +120,7 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
     add(percent.of_bench(found, sweeps) for found, _ in done.models.tables if found.table.number == "5.8")
     add([percent.definitions()])
     measured = BenchMeasurements(sweeps, done.order_evidence, blind_sweeps, tested)
-    done.models.pictures += pictures(measured, models.SETS, curves, folder)
+    done.models.pictures += [*pictures(measured, models.SETS, curves, folder), draw_bridge(folder)]
     write_slips(folder)
     write_classes(done.verdicts(), folder)
     done.page = write_page(done, folder)

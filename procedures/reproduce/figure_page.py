@@ -1,4 +1,4 @@
-"""Figures on the page: those of chapters 4 and 5 under their numbers, and a list of all numbered tables and figures."""
+"""Figures on the page: those of chapters 4 and 5 and the bridge, and a list of all numbered tables and figures."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from palpate.procedures.records.run import storing
 from palpate.procedures.reproduce.figures.picture import SavedPicture
 
 ALL = "All tables and figures of the thesis"
-WITH_SECTION = ("Figure 4.", "Figure 5.")
+WITH_SECTION = ("Figure 4.", "Figure 5.", "Figure A3.5")
 HEADER = ("number", "section", "shows", "here", "what it is of palpate", "doubt")
 KINDS = {"compared": "compared", "drawn": "drawn", "part": "a part of palpate", "none": "nothing"}
 
 
 def figure_sections(pictures: Sequence[SavedPicture]) -> list[str]:
-    """A section for each figure of chapters 4 and 5: what it shows, what palpate has for it, and a picture of data."""
+    """A section for each of these figures: what it shows, what palpate has for it, and a picture of data."""
     return [_section(each, pictures) for each in contents().values() if each.number.startswith(WITH_SECTION)]
 
 

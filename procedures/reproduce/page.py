@@ -217,24 +217,15 @@ def _overview(tables: Sequence[RowTable]) -> list[str]:
         place, mark = escape(anchor(f"Table {number}")), " *" if table.again else ""
         link = f'<a href="#{place}">{escape(number)}</a>{mark}'
         counted = "".join(f"<td>{count}</td>" for count in counts(table).values())
-        counted += f"<td>{table.absent_cells or ''}</td>"
         rows.append(f"<tr><td>{link}</td>{counted}<td>{escape(table.title)}</td></tr>")
-    header = ("table", *(each.value for each in Evidence), "absent cells", "what it is")
+    header = ("table", *(each.value for each in Evidence), "what it is")
     return [
         _title("Table by table"),
-        f"<p>Rows within twice their stated scatter. * {AGAIN}. {escape(absent_said(tables))}</p>",
+        f"<p>Rows within twice their stated scatter. * {AGAIN}.</p>",
         f"<table class=words><tr>{_cells('th', header)}</tr>",
         *rows,
         "</table>",
     ]
-
-
-def absent_said(tables: Sequence[RowTable]) -> str:
-    """Sentence on cells of the thesis' tables beside which nothing of ours stands."""
-    because = dict.fromkeys(table.absent_because for table in tables if table.absent)
-    if not because:
-        return ""
-    return f"{sum(table.absent_cells for table in tables)} cells are absent and counted nowhere: {'; '.join(because)}."
 
 
 def _verdict(verdict: Verdict) -> str:
@@ -328,14 +319,12 @@ def print_everything(done: Everything) -> None:
     """Print each class of each table, the verdict on each class, and the place of everything else."""
     overview = new_table(
         stamped(True, "The thesis beside ours: rows within twice their stated scatter"),
-        "table", *(each.value for each in Evidence), "absent", "",
+        "table", *(each.value for each in Evidence), "",
     )  # fmt: skip
     overview.columns[-1].justify = "left"
     for table in done.all_tables():
         mark = "*" if table.again else ""
-        overview.add_row(
-            f"{table.number}{mark}", *map(str, counts(table).values()), str(table.absent_cells or ""), table.title
-        )
+        overview.add_row(f"{table.number}{mark}", *map(str, counts(table).values()), table.title)
     verdicts = []
     for evidence, verdict in done.verdicts().items():
         verdicts += [f"{evidence.value.upper()}: {evidence.meaning}", *(f"  {line}" for line in verdict.brief())]
@@ -345,7 +334,7 @@ def print_everything(done: Everything) -> None:
         for found in done.blind
     ]
     print_all(
-        overview, f"* {AGAIN}", absent_said(done.all_tables()), "", *verdicts, "", *orders(done), *blind,
+        overview, f"* {AGAIN}", "", *verdicts, "", *orders(done), *blind,
         f"page      {done.page}   rows outside and why, what each table says, figures",
         f"tables    {done.models.folder}",
     )  # fmt: skip

@@ -9,8 +9,9 @@ point.fit.amplitude, point.flags, film_forces(design, point.fit).force_ratio
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,8 +23,9 @@ from palpate.instrument.findings.film_forces import LEAST_SIGNAL, FilmForces, fi
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
+from palpate.instrument.signals.harmonics import Distortion, distortion
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.agreement import forces_differ, frequencies_differ
+from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord, Films, short_length
 from palpate.procedures.steps.flags import (
     CLIPPED,
@@ -44,6 +46,7 @@ from palpate.procedures.steps.servo import READINGS, LoadServo
 PILOT_CYCLES = 40  # 1000 samples, which tell the power of white noise to 5 %
 LARGEST_DRIFT = 0.1  # of the load, at the end of the dwell; two steps of the indicator at least
 LARGEST_HUM = 0.01  # part of the hum that may be in an amplitude before the point is flagged
+LARGEST_DISTORTION = 0.01  # harmonics over the drive before an event tells of them [A]
 MOST_OF = 0.7  # part of an amplitude's uncertainty that is hum's: half of its variance
 
 Floats = npt.NDArray[np.float64]
@@ -162,6 +165,13 @@ def measure(
             " 50 and 60 Hz and from their aliases",
             films.bench.clock.now_ns(),
         )
+    for film, seen in _distorted(films.design, point):
+        record.event(
+            "distorted",
+            f"{named}: harmonics of {seen.value:.2%} (u {seen.u:.2%}) of the drive in film {film!r}, of which the fit"
+            " tells nothing; lower the load, press harder before it, or check amplifier and contact",
+            films.bench.clock.now_ns(),
+        )
     return replace(point, incidents=films.bench.incidents.new())
 
 
@@ -225,6 +235,16 @@ def may_be_hum(fit: SineFit) -> bool:
     """Whether hum may change an amplitude: it is not fitted, wanders unseen, or is too near to the drive."""
     wanders = bool((fit.hum_u > MOST_OF * fit.amplitude_u).any())
     return fit.hum > LARGEST_HUM or wanders or fit.beside_mains
+
+
+def _distorted(design: Design, point: FilmPoint) -> Iterator[tuple[str, Distortion]]:
+    """Names of films whose waveforms are distorted by more than noise explains, and how much."""
+    for number, film in enumerate(design.films):
+        # A record of few or uneven cycles, or with hum on its harmonics, tells no distortion.
+        with contextlib.suppress(EstimateError):
+            seen = distortion(point.fit, number, point.record.voltage[number])
+            if seen.value > LARGEST_DISTORTION and seen.by_noise < FALSE_ALARMS:
+                yield film.name, seen
 
 
 def _share_of_hum(fit: SineFit) -> str:

@@ -89,6 +89,8 @@ def test_what_is_said_of_the_single_sensors_readings_is_so(sample: str) -> None:
     share = table.values("pvdf2_rigid_mV") / table.values("pvdf1_total_mV")
     assert np.ptp(share) < 2e-2 * share.mean() and "a constant times the other's" in table.doubt
     of_forces = table.values("force_rigid_N") / table.values("force_total_N")
+    gain = table.values("oscilloscope_mV") / table.keys()
+    assert (np.ptp(gain) < 1e-3 * gain.mean()) == ("proportional to the set load" in table.doubt)
     apart = np.abs(of_forces - table.values("force_ratio")).max()
     assert (apart > 2e-3) == ("the printed ratios are others" in table.doubt)
     if apart > 2e-3:
@@ -102,4 +104,6 @@ def test_what_is_said_of_the_common_bases_readings_is_so(sample: str) -> None:
     factors = table.values("pvdf2_mV")[:6] / (single.values("pvdf2_rigid_mV") / 2)
     assert factors == pytest.approx([0.95, 1.13, 0.99, 1.15, 1.03, 0.95], abs=2e-3)
     assert np.ptp(table.values("pvdf2_mV") / table.values("pvdf1_mV")) > 0.1
-    assert "one a load for the tooth films" in table.doubt
+    scope = (table.values("oscilloscope_mV") / read_table(COMMON_BASE_TABLES["2"]).values("oscilloscope_mV"))[:6]
+    assert np.ptp(scope) < 2e-3
+    assert "one a load for the tooth films" in table.doubt and "oscilloscope's are those of sample 2" in table.doubt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,7 +39,7 @@ class Signals(Films):
         super().__init__(bench, get_design("single"), 10.0, 4.0)
         self.random = np.random.default_rng(7)
         self.decay, self.drift, self.noise, self.off = 0.0, 0.0, 0.0, 0.0
-        self.gain = 1.0
+        self.gain, self.second = 1.0, 0.0
         self.bad: dict[int, tuple[int, slice, float]] = {}
         self.lengths: list[float] = []
 
@@ -49,6 +50,7 @@ class Signals(Films):
         time = np.arange(round(duration * RATE)) / RATE
         t = time + now
         sine = self.gain * TRUE[:, None] * (1 + self.drift * t) * np.sin(2 * np.pi * (self.frequency + self.off) * t)
+        sine += self.second * TRUE[:, None] * np.sin(4 * np.pi * self.frequency * t)
         volts = sine + self.decay * np.exp(-t) + self.noise * self.random.standard_normal((2, len(t)))
         record = FilmRecord(RATE, time, volts, np.zeros(volts.shape, bool))
         if bad := self.bad.get(len(self.lengths)):
@@ -235,6 +237,24 @@ def test_a_load_that_swings_within_a_turn_of_the_mains_is_marked(signals: Signal
     near, _ = measured(signals, Held(), tmp_path / "near", 0.18)
     far, _ = measured(signals, Held(), tmp_path / "far", 0.3)
     assert (near.flags, far.flags) == (("hum",), ())
+
+
+# --- distortion ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("second", "noise", "dwell", "told"),
+    [(0.04, 20e-6, 1.0, ["rigid", "total"]), (0.004, 20e-6, 1.0, []), (0.04, 2e-3, 1.0, ["total"]), (0.04, 0, 0.2, [])],
+    ids=["distorted", "below the limit", "noise hides it in one film", "too short to tell"],
+)
+def test_harmonics_of_the_drive_are_told_with_their_uncertainty_where_they_are_sure(
+    signals: Signals, tmp_path: Path, second: float, noise: float, dwell: float, told: list[str]
+) -> None:
+    """Thesis 5.4.1: soft samples distorted the sine."""
+    signals.second, signals.noise = second, noise
+    point, events = measured(signals, Held(), tmp_path / "run", dwell)
+    assert (point.valid, [re.findall(r"film '(\w+)'", event)[0] for event in events]) == (True, told)
+    assert all(re.search(r"harmonics of (3\.[89]|4\.[012])\d% \(u 0\.\d\d%\) of the drive", event) for event in events)
 
 
 # --- two that know one quantity -------------------------------------------------------------------------

@@ -16,6 +16,8 @@ from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.models.evidence import Evidence, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.signals.harmonics import Distortion
+from palpate.instrument.signals.oscilloscope import ScopeReading
 from palpate.instrument.thesis import TableCell, read_table
 from palpate.instrument.uncertainty import propagation
 from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
@@ -24,6 +26,7 @@ from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import curves, everything, models
 from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, percent
+from palpate.procedures.reproduce.chapter5.traces import PointTraces, Traces, distortion_said, read_traces
 from palpate.procedures.reproduce.curves import CurveCase
 from palpate.procedures.reproduce.judging.criterion import LEAST_SHARE
 from palpate.procedures.reproduce.judging.rows import Row, RowTable
@@ -81,6 +84,13 @@ def swept(arrangement: experiments.Arrangement, factor: float = 1.0) -> SweepRes
     return evaluate(points, design)
 
 
+def traces(found: SweepResult) -> Traces:
+    """What an oscilloscope shows of these loads; the films are clean."""
+    of_load = 1.029 * THESIS_LOAD_CELL.sensitivity_mV_per_N
+    clean = (Distortion(0.0, 1e-3, (2, 3, 4, 7), 0.5),) * 4
+    return {(p.sample, p.load_N): PointTraces(ScopeReading(of_load * p.load_N, 0.1, 0.15), clean) for p in found.points}
+
+
 def pressed(sample: str) -> ModulusResult:
     return ModulusResult(get_sample(sample), compress(*three(), THESIS_LOAD_CELL, 1e-4, 1e-6))
 
@@ -115,24 +125,27 @@ def test_a_row_is_within_two_standard_uncertainties_and_without_any_it_is_not_ju
 # --- experiments ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("arrangement", "cells"), [(SINGLE, 258), (COMMON, 390), (DIFFERENT, 60)])
+@pytest.mark.parametrize(("arrangement", "cells"), [(SINGLE, 300), (COMMON, 438), (DIFFERENT, 60)])
 def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
     arrangement: experiments.Arrangement, cells: int
 ) -> None:
-    tables = list(experiments.compare(arrangement, swept(arrangement), MEANS))
+    found = swept(arrangement)
+    tables = list(experiments.compare(arrangement, found, traces(found), MEANS))
     assert [table.number for table in tables] == [*arrangement.tables.values(), arrangement.summary]
     judged = [row.within for table in tables for row in table.judged]
     assert len(judged) == cells
     assert sum(judged) / cells > LEAST_SHARE
     assert {row.evidence for table in tables for row in table.rows} == {Evidence.INPUT}
+    assert "More than noise explains: none: no effect of this scene distorts" in tables[-1].sentences[-1]
     assert tables[-1].sentences[0].startswith("softness order of ours, hard to soft: 1 > 6 > 4 > 3 > 5 > 2: right")
 
 
 def test_a_row_outside_says_whose_scatter_it_is() -> None:
     """Forces of ours are 1.029 of the load, times the factor."""
+    high = swept(SINGLE, 1.33)
     outside = {
         (table.number, r.row, r.quantity): r.because
-        for table in experiments.compare(SINGLE, swept(SINGLE, 1.33), MEANS)
+        for table in experiments.compare(SINGLE, high, traces(high), MEANS)
         for r in table.rows
         if r.within is False
     }
@@ -144,7 +157,7 @@ def test_a_row_outside_says_whose_scatter_it_is() -> None:
 
 def test_a_wrong_order_of_softness_is_said() -> None:
     wrong = replace(swept(DIFFERENT), softness_order=["2", "1", "3", "4", "5", "6"])
-    (table,) = experiments.compare(DIFFERENT, wrong, MEANS)
+    (table,) = experiments.compare(DIFFERENT, wrong, traces(wrong), MEANS)
     assert table.sentences[0].endswith("WRONG: the thesis' figure has 1 > 6 > 4 > 3 > 5 > 2")
     assert not experiments.order_is_right(wrong, get_design("different_base"))
 
@@ -214,6 +227,24 @@ def test_a_changed_design_is_solved_anew(tmp_path: Path) -> None:
     again = Solutions(json.loads(kept.write(tmp_path).read_text(encoding="utf-8")))
     assert again.of(changed, "mesh 1", lambda: [3.0]) == [2.0]
     assert again.of(changed, "mesh 2", lambda: [3.0]) == [3.0]
+
+
+# --- the oscilloscope ----------------------------------------------------------------------------------
+
+
+def test_the_oscilloscope_reads_the_recorded_load_and_an_amplifier_that_clips_distorts_it(palpate: Palpate) -> None:
+    assert palpate("sweep", "loads", "--scene", "overdriven", "--samples", "1,2", "--loads", "1.5 N, 3 N",
+                   "--out", "run").status == 0  # fmt: skip
+    design = get_design("single")
+    found = read_traces(Path("run"), design, 10.0)
+    assert [*found] == [("1", 1.5), ("1", 3.0), ("2", 1.5), ("2", 3.0)]
+    for (_, load), seen in found.items():
+        assert seen.load_mV.peak_to_peak == pytest.approx(10.306 * load, rel=3 * design.films[1].scatter)
+    distorted = {where for where, seen in found.items() for one in seen.distortions if one.by_noise < 1e-4}
+    assert distorted == {("2", 3.0)}
+    assert "More than noise explains: rigid under 2, total under 2." in distortion_said(
+        design, {sample: seen for (sample, load), seen in found.items() if load == 3.0}
+    )
 
 
 # --- all of it -----------------------------------------------------------------------------------------

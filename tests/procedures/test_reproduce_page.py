@@ -35,7 +35,7 @@ from palpate.procedures.reproduce.judging.rows import RowTable, counts
 from palpate.procedures.reproduce.models import Reproduction
 from palpate.procedures.reproduce.page import PARTS, Everything, print_everything, write_page
 from tests.procedures.conftest import silent
-from tests.procedures.test_reproduce_all import pressed, row, swept, weighed
+from tests.procedures.test_reproduce_all import pressed, row, swept, traces, weighed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,6 +98,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
         patch.setattr("matplotlib.figure.Figure.savefig", keep)
         patch.setattr(everything, "conduct", found)
         patch.setattr(everything, "recorded", recorded)
+        patch.setattr(everything, "read_traces", lambda _folder, design, _: traces(swept(arrangements[design.name])))
         done = Everything(Reproduction(folder))
         everything.run(done, None, silent)
     yield Whole(done, opened, (folder / "index.html").read_text(encoding="utf-8"), figures)
@@ -188,15 +189,13 @@ def test_the_page_leads_to_every_table_and_part_and_marks_what_is_counted_elsewh
         assert f"<td>{count}</td>" in overview
 
 
-def test_cells_that_palpate_has_nothing_for_are_counted_as_absent_and_every_other_is_a_row(whole: Whole) -> None:
-    absent = [table for table in whole.done.all_tables() if table.absent]
-    assert sum(table.absent_cells for table in absent) == 90
-    assert {table.number for table in absent} == {*(f"A2.{number}" for number in range(9, 21)), "5.5", "5.6"}
+def test_every_column_of_an_experiment_has_its_rows_and_the_oscilloscope_counts_as_input(whole: Whole) -> None:
     for table in (table for table, _ in whole.done.tables):
         columns = read_table(table.number).columns if table.arrangement else {}
-        assert {*columns} <= {*table.absent, *(row.quantity for row in table.rows)}
-    assert "90 cells are absent and counted nowhere: no oscilloscope is simulated" in whole.page
-    assert "<li>absent: 6 cells of oscilloscope_mV: no oscilloscope is simulated" in whole.page
+        assert {*columns} <= {row.quantity for row in table.rows}
+    shown = [row for table, _ in whole.done.tables for row in table.rows if row.quantity == "oscilloscope_mV"]
+    assert len(shown) == 90
+    assert {row.evidence for row in shown} == {Evidence.INPUT}
 
 
 def test_the_page_says_what_could_turn_the_sign_and_where_every_cause_is_gone_through(whole: Whole) -> None:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
+from palpate.instrument.signals.oscilloscope import ScopeReading
 from palpate.instrument.thesis import ThesisTable, read_table
 from palpate.procedures.measurements.loads.result import LoadPoint
+from palpate.procedures.reproduce.chapter5.traces import Traces
 
 # True over set force in the thesis: 1.029, with a scatter of 2.0 % between samples and 2.4 % within a sample.
 LOAD_OFFSET, LOAD_BETWEEN, LOAD_WITHIN = 0.029, 0.020, 0.024
 METER_U = 1.0  # mV: the lower limit factor of ASTM E74 of Table 5.1, 0.096 N
-FORCES, RATIO, METER = "forces and voltages", "force_ratio", "meter_reading_mV"
+FORCES, RATIO, METER, SCOPE = "forces and voltages", "force_ratio", "meter_reading_mV", "oscilloscope_mV"
 
 Value = Callable[[LoadPoint], float]
 Expected = Callable[[float, float], float]
@@ -32,6 +35,7 @@ class Quantity:
             meter, whose scatter is not relative.
         film: names of the columns of voltage and force of the film from which the value is read; None: there is not one
             film alone.
+        ours: relative scatter of one of ours, where it is not the thesis'.
     """
 
     column: str
@@ -39,18 +43,20 @@ class Quantity:
     expected: Expected
     scatter: float
     film: tuple[str, str] | None = None
+    ours: Value | None = None
 
     def own(self, point: LoadPoint) -> float:
         """Relative scatter of our value: a load is set as exactly as the load cell tells it."""
-        return math.hypot(self.scatter, point.load_measured_u / point.load_N) if self.film else self.scatter
+        scatter = self.ours(point) if self.ours else self.scatter
+        return math.hypot(scatter, point.load_measured_u / point.load_N) if self.film else scatter
 
     def theirs(self, *load: float) -> float:
         """Relative scatter of a cell of the thesis, whose load has these relative scatters."""
         return math.hypot(self.scatter, *load) if self.film else self.scatter
 
 
-def quantities(design: Design) -> list[Quantity]:
-    """Columns of the design's tables."""
+def quantities(design: Design, traces: Traces, numbers: Collection[str]) -> list[Quantity]:
+    """Columns of the design's tables, of which `numbers` are those of all loads."""
     teeth = [film for film in design.films if film.kind == FILM_KINDS[0]]
     bases = [film for film in design.films if film.kind == FILM_KINDS[1]]
 
@@ -79,7 +85,27 @@ def quantities(design: Design) -> list[Quantity]:
         for n, (film, base) in enumerate(zip(bases, ("2_total_left", "4_total_right"), strict=True)):
             names = (f"pvdf{base}_mV", f"force{base}_N")
             found += _read(film, names, _tooth(n, "base_voltage_V"), _tooth(n, "base_force_N"), on_bases)
+    if numbers:
+        found.append(_scope(bases[0], traces, numbers))
     return found
+
+
+def _scope(base: Film, traces: Traces, numbers: Collection[str]) -> Quantity:
+    """The column of the oscilloscope, which shows the load cell's signal; ours comes from the film under the base."""
+    names = (SCOPE, "force_total_N")
+    gains = np.concatenate([table.values(names[0]) / table.values(names[1]) for table in map(read_table, numbers)])
+
+    def read(point: LoadPoint) -> ScopeReading:
+        return traces[point.sample, point.load_N].load_mV
+
+    return Quantity(
+        SCOPE,
+        lambda point: read(point).peak_to_peak,
+        lambda load, _ratio: THESIS_LOAD_CELL.sensitivity_mV_per_N * load,
+        float(gains.std(ddof=1) / gains.mean()),
+        names,
+        lambda point: math.hypot(base.scatter, read(point).u / read(point).peak_to_peak),
+    )
 
 
 def between_samples(numbers: Iterable[str], film: tuple[str, str]) -> float:

@@ -22,15 +22,16 @@ from palpate.procedures.reproduce.chapter5.columns import (
     METER,
     METER_U,
     RATIO,
+    SCOPE,
     Quantity,
     between_samples,
     load_told,
     quantities,
 )
+from palpate.procedures.reproduce.chapter5.traces import Traces, distortion_said
 from palpate.procedures.reproduce.judging.rows import WITHIN, Row, RowCorrelation, RowTable
 
 AT_3_N = 3.0
-ABSENT = "no oscilloscope is simulated, and what one reads of a noisy record depends on it"
 THESIS, OURS = "the thesis' cell", "our cell"
 
 
@@ -100,33 +101,37 @@ def _order(swept: SweepResult, design: Design) -> str:
     return f"right; {figure} ({'; '.join(reasons)})" if reasons else "right"
 
 
-def compare(arrangement: Arrangement, swept: SweepResult, ratio: EvidencePart) -> Iterator[RowTable]:
+def compare(arrangement: Arrangement, swept: SweepResult, traces: Traces, ratio: EvidencePart) -> Iterator[RowTable]:
     """Every table of an arrangement. `ratio` is the part from which our force ratios come."""
     design = get_design(arrangement.design)
     for sample, number in arrangement.tables.items():
         points = {key: _at(swept, sample, float(key)) for key in read_table(number).rows}
-        found = _table(arrangement, number, points, ratio)
+        found = _table(arrangement, number, points, traces, ratio)
         yield replace(found, rows=(*found.rows, _average(design, swept, sample, ratio, number)))
     number = arrangement.summary
-    found = _table(arrangement, number, {key: _at(swept, key, AT_3_N) for key in read_table(number).rows}, ratio)
+    points = {key: _at(swept, key, AT_3_N) for key in read_table(number).rows}
+    found = _table(arrangement, number, points, traces, ratio)
     means = [] if arrangement.tables else [_average(design, swept, key, ratio, number) for key in SAMPLES]
     order = f"softness order of ours, hard to soft: {' > '.join(swept.softness_order)}: {_order(swept, design)}"
-    yield replace(found, rows=(*found.rows, *means), sentences=(order, *found.sentences))
+    said = distortion_said(design, {key: traces[point.sample, point.load_N] for key, point in points.items()})
+    yield replace(found, rows=(*found.rows, *means), sentences=(order, *found.sentences, said))
 
 
 def _at(swept: SweepResult, sample: str, load: float) -> LoadPoint:
     return next(p for p in swept.points if p.sample == sample and p.load_N == load)
 
 
-def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint], ratio: EvidencePart) -> RowTable:
-    """Cells of every row beside the point with that key. Columns of which no quantity of ours tells are absent."""
+def _table(
+    arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint], traces: Traces, ratio: EvidencePart
+) -> RowTable:
+    """Cells of every row beside the point with that key."""
     table, design = read_table(number), get_design(arrangement.design)
     told = load_told(table, [point.load_N for point in points.values()])
     of_one_sample = number in arrangement.tables.values()
     rows = [
         _row(table, key, quantity, point, arrangement, ratio, told, of_one_sample)
         for key, point in points.items()
-        for quantity in quantities(design)
+        for quantity in quantities(design, traces, arrangement.tables.values())
         if quantity.column in table.columns
     ]
     off = abs(told - 1) > WITHIN * math.hypot(LOAD_OFFSET, LOAD_BETWEEN)
@@ -135,20 +140,7 @@ def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint
         " All its forces and voltages are off by that factor, its ratios are not; the test for a bias divides by it",
     )
     again = bool(arrangement.tables) and not of_one_sample
-    told_of = {quantity.column for quantity in quantities(design)}
-    absent = tuple(column for column in table.columns if column not in told_of)
-    return RowTable(
-        number,
-        table.title,
-        table.doubt,
-        tuple(rows),
-        said if off else (),
-        design.name,
-        again=again,
-        absent=absent,
-        absent_cells=len(absent) * len(points),
-        absent_because=ABSENT if absent else "",
-    )
+    return RowTable(number, table.title, table.doubt, tuple(rows), said if off else (), design.name, again=again)
 
 
 def _row(
@@ -171,7 +163,8 @@ def _row(
         varies = quantity.theirs(*(() if of_one_sample else (LOAD_BETWEEN,)), LOAD_WITHIN)
         common = between_samples(arrangement.tables.values(), quantity.film) if of_one_sample else 0.0
         at_load = cell.value / told
-        group = RowCorrelation(FORCES, math.hypot(varies * at_load, own * ours), common * at_load, told)
+        kind = SCOPE if quantity.column == SCOPE else FORCES
+        group = RowCorrelation(kind, math.hypot(varies * at_load, own * ours), common * at_load, told)
     elif quantity.column == METER:
         group = RowCorrelation(METER, u, u)  # one line of the load cell holds for all
     found = Row(key, quantity.column, cell, ours, u, evidence, group=group)

@@ -164,9 +164,6 @@ class RowTable:
         arrangement: arrangement of sensors to which the table belongs; "": it belongs to none.
         name: name of its file; "": the table's number.
         again: whether the same numbers are in another table as well and are counted there.
-        absent: names of the thesis' columns that no row has.
-        absent_cells: number of cells in these columns.
-        absent_because: why palpate has nothing beside them.
     """
 
     number: str
@@ -177,9 +174,6 @@ class RowTable:
     arrangement: str = ""
     name: str = ""
     again: bool = False
-    absent: tuple[str, ...] = ()
-    absent_cells: int = 0
-    absent_because: str = ""
 
     @property
     def judged(self) -> list[Row]:
@@ -208,11 +202,6 @@ class RowTable:
             "file": str(file),
             "rows": [row.record() for row in self.rows],
             "evidence": counts_record(self),
-            "absent": {
-                "columns": list(self.absent),
-                "cells": self.absent_cells,
-                "because": self.absent_because or None,
-            },
             "said": list(self.sentences),
         }
 
@@ -253,15 +242,12 @@ def counts_record(table: RowTable) -> dict[str, Any]:
 
 
 def counts_said(table: RowTable) -> list[str]:
-    """One sentence for each class in the table, and one for cells that it has not."""
-    said = [
+    """One sentence for each class in the table."""
+    return [
         f"{each.value}: {f'{count} rows within' if count.judged else count}"
         for each, count in counts(table).items()
         if count.rows
     ]
-    if table.absent:
-        said.append(f"absent: {table.absent_cells} cells of {', '.join(table.absent)}: {table.absent_because}")
-    return said
 
 
 # --- Comparison of a table of the thesis with the models, cell by cell ---------------------------------

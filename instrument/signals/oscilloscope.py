@@ -1,0 +1,115 @@
+"""What an oscilloscope reads of a recorded waveform: peak to peak, with the steps of its screen, over averaged sweeps.
+
+    Oscilloscope(averages=8).read(rate, volts, frequency).peak_to_peak
+
+The thesis reads load and films so (D in Figure 5.1); it names neither the instrument nor the number of averages, and
+prints 0.01 mV of 58 mV, which is finer than a step of 8 bits. The reading is no estimate of the sine: noise, hum, drift
+and harmonics are in it (`estimate.fit_sine` leaves them out).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.errors import EstimateError, RangeError
+
+Floats = npt.NDArray[np.float64]
+SCALES = (1.0, 2.0, 5.0, 10.0)  # units a division, times a power of ten
+LARGEST_SLIP = 0.5  # of a sample, from the first cycle of a record to its last
+FEWEST_SAMPLES = 16  # of a cycle: the parabola through three of them then misses a crest by less than 0.1 % [M]
+
+
+@dataclass(frozen=True, slots=True)
+class ScopeReading:
+    """A reading in the unit of the waveform.
+
+    Attributes:
+        u: standard uncertainty, from what sweeps scatter and from the steps; without the gain, which nothing tells.
+        step: one step of the screen.
+    """
+
+    peak_to_peak: float
+    u: float
+    step: float
+
+
+@dataclass(frozen=True, slots=True)
+class Oscilloscope:
+    """An oscilloscope that the drive triggers, AC-coupled; a sweep is one cycle, on the finest scale that shows it.
+
+    Attributes:
+        bits: of its converter; 8 are usual [A].
+        divisions: height of the screen; 8 are usual [A].
+        averages: number of sweeps of which it shows the mean.
+    """
+
+    bits: int = 8
+    divisions: int = 8
+    averages: int = 1
+
+    def __post_init__(self) -> None:
+        for name, least, most in (("bits", 1, 24), ("divisions", 1, 100), ("averages", 1, 1_000_000)):
+            if not least <= getattr(self, name) <= most:
+                raise RangeError(f"oscilloscope: {name} {getattr(self, name)} is not {least} to {most}; correct it")
+
+    def read(self, rate: float, signal: npt.ArrayLike, frequency: float) -> ScopeReading:
+        """The reading of a waveform (n,) that was sampled at a rate [Hz], under a drive of a frequency [Hz].
+
+        Raises:
+            EstimateError: as in `sweeps`, or the record has fewer sweeps than are averaged, or only one.
+        """
+        traces = sweeps(rate, signal, frequency)
+        if len(traces) < max(self.averages, 2):
+            raise EstimateError(
+                f"the record has {len(traces)} whole cycles of {frequency:g} Hz, and an oscilloscope that averages"
+                f" {self.averages} needs {max(self.averages, 2)}; dwell longer"
+            )
+        traces = traces - traces.mean()
+        scatter = float(np.sqrt(traces.var(axis=0, ddof=1).mean()))
+        step = self._scale(2 * float(np.abs(traces).max())) * self.divisions / 2**self.bits
+        shown = (np.round(traces[: self.averages] / step) * step).mean(axis=0)
+        noise = math.sqrt(2) * scatter / math.sqrt(self.averages)
+        return ScopeReading(_crest(shown) + _crest(-shown), math.hypot(noise, step / math.sqrt(6)), step)
+
+    def _scale(self, height: float) -> float:
+        """Finest scale, in units a division, of which the screen shows that height."""
+        needed = max(height, np.finfo(float).tiny) / self.divisions
+        power = 10.0 ** math.floor(math.log10(needed))
+        return next((power * scale for scale in SCALES if power * scale >= needed), 10 * power)
+
+
+def sweeps(rate: float, signal: npt.ArrayLike, frequency: float) -> Floats:
+    """The whole cycles of a waveform (n,), each alike sampled: (cycles, samples of a cycle).
+
+    Raises:
+        EstimateError: the waveform is not (n,) and finite, there are fewer than 16 samples in a cycle or no whole
+            cycle, or cycles are not sampled alike.
+    """
+    volts = np.asarray(signal, dtype=np.float64)
+    if volts.ndim != 1 or not np.isfinite(volts).all():
+        raise EstimateError(f"a waveform of shape {volts.shape} must be (n,) and finite; leave flagged samples out")
+    samples = rate / frequency if frequency > 0 else 0.0
+    length = round(samples)
+    if length < FEWEST_SAMPLES or (cycles := volts.size // length) < 1:
+        raise EstimateError(
+            f"{volts.size} samples at {rate:g} Hz hold no cycle of {frequency:g} Hz of {FEWEST_SAMPLES} samples or"
+            " more; sample faster or dwell longer"
+        )
+    if abs(samples - length) * cycles > LARGEST_SLIP:
+        raise EstimateError(
+            f"{samples:g} samples a cycle are not a whole number, so cycles of {frequency:g} Hz are not sampled alike;"
+            f" sample at {length * frequency:g} Hz"
+        )
+    return volts[: cycles * length].reshape(cycles, length)
+
+
+def _crest(trace: Floats) -> float:
+    """Greatest value of a cycle, by the parabola through its greatest sample and both neighbours."""
+    at = int(trace.argmax())
+    before, top, after = (float(trace[(at + shift) % trace.size]) for shift in (-1, 0, 1))
+    bend = 2 * top - before - after
+    return top + ((after - before) ** 2 / (8 * bend) if bend > 0 else 0.0)
