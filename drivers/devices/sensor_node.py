@@ -510,6 +510,10 @@ class CanopenSensorNode(CanopenDevice):
         """Sample for `duration` [s] together with `others`, with SYNC from this node. See the function `acquire`."""
         return acquire([self, *others], duration)
 
+    def pieces_with(self, others: Sequence[CanopenSensorNode], duration: float) -> Iterator[list[Recording]]:
+        """The same while it lasts. See the function `in_pieces`."""
+        return in_pieces([self, *others], duration)
+
     def arm(self, count: int = LARGEST_RECORDING) -> None:
         """Forget earlier samples, and take `count` samples from the next SYNC on."""
         self._data, self._sizes = bytearray(), bytearray()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals import sine_columns
+from palpate.instrument.signals import estimate
 from palpate.instrument.signals.estimate import SineFit, fit_sine
 from palpate.instrument.signals.sine_columns import COEFFICIENTS, Sums
 
@@ -27,7 +27,7 @@ def record(frequency: float, hum: float) -> tuple[Floats, Floats]:
 def fitted(t: Floats, y: Floats, frequency: float, longest: int, monkeypatch: pytest.MonkeyPatch) -> SineFit:
     """The fit if so many samples are the most that are factored at once."""
     with monkeypatch.context() as patched:
-        patched.setattr(sine_columns, "LONGEST_FACTORED", longest)
+        patched.setattr(estimate, "LONGEST_FACTORED", longest)
         return fit_sine(t, y, frequency)
 
 
