@@ -6,7 +6,7 @@ its `DeviceKind` names the role.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from palpate.drivers.devices.exciter import Exciter
@@ -128,8 +128,8 @@ class SensorNode(Protocol):
 class SamplesInPieces(Protocol):
     """A sensor node that gives the samples of a long recording while it lasts; not every one can."""
 
-    def pieces_with(self, others: Sequence[Any], duration: float) -> Iterator[list[Recording]]:
-        """As `acquire_with`, but in pieces, each with all nodes."""
+    def pieces_with(self, others: Sequence[Any], duration: float) -> Generator[list[Recording], None, None]:
+        """As `acquire_with`, but in pieces, each with all nodes. Sampling ends when the generator is closed."""
 
 
 class Chamber(Protocol):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, nullcontext
 from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -324,17 +325,18 @@ class Films:
         if duration <= LONGEST_WHOLE:
             return self.acquire(duration)
         first, others = self._nodes[0], self._nodes[1:]
-        if isinstance(first, SamplesInPieces):
-            pieces = first.pieces_with(others, duration)
-        else:
-            pieces = iter([first.acquire_with(others, duration)])
         found = LongFilmRecord(record.begin_dwell(), [film.name for film in self.design.films])
         held: list[FilmRecord] = []
-        for recordings in pieces:
-            held.append(self._together(recordings))
-            if sum(piece.samples for piece in held) >= LONGEST_WHOLE * held[0].rate:
-                found.add(FilmRecord.joined(held))
-                held = []
+        with (
+            closing(first.pieces_with(others, duration))
+            if isinstance(first, SamplesInPieces)
+            else nullcontext([first.acquire_with(others, duration)])
+        ) as pieces:
+            for recordings in pieces:
+                held.append(self._together(recordings))
+                if sum(piece.samples for piece in held) >= LONGEST_WHOLE * held[0].rate:
+                    found.add(FilmRecord.joined(held))
+                    held = []
         if held:
             found.add(FilmRecord.joined(held))
         return found
