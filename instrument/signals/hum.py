@@ -28,7 +28,7 @@ ROUND_OFF = 1e-12  # of a signal
 PADDED = 4  # number of frequencies that are tried for each block
 
 
-class Fitted(Protocol):
+class RecordWithHum(Protocol):
     """A record (channels, n) as the search sees it, whether it is in memory or not."""
 
     def at(self, basis: SineColumns, mains: Sequence[float]) -> tuple[SineColumns, Floats]:
@@ -85,7 +85,7 @@ def tuned(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColu
     return tuned_to(_InMemory(signals), basis, scaled)
 
 
-def tuned_to(record: Fitted, basis: SineColumns, scaled: Floats) -> tuple[SineColumns, Floats]:
+def tuned_to(record: RecordWithHum, basis: SineColumns, scaled: Floats) -> tuple[SineColumns, Floats]:
     """The same for any record."""
     if not (basis.mains and basis.slopes):
         return basis, scaled
@@ -113,7 +113,7 @@ def humming(basis: SineColumns, signals: Floats, scaled: Floats) -> npt.NDArray[
     return np.asarray(_off(_InMemory(signals), basis, scaled).any(axis=-1))
 
 
-def _off(record: Fitted, basis: SineColumns, scaled: Floats) -> Floats:
+def _off(record: RecordWithHum, basis: SineColumns, scaled: Floats) -> Floats:
     """Difference (..., mains) [Hz] of the mains from the frequency of their columns; 0: no difference can be told."""
     hum, slope = basis.phasors(scaled)
     deviation = record.deviation(basis, scaled)[..., np.newaxis, :]
@@ -146,7 +146,7 @@ def above_round_off(deviation: Floats, largest: Floats) -> Floats:
     return found
 
 
-def _searched(record: Fitted, basis: SineColumns, scaled: Floats) -> tuple[SineColumns, Floats]:
+def _searched(record: RecordWithHum, basis: SineColumns, scaled: Floats) -> tuple[SineColumns, Floats]:
     """Columns and coefficients with each of the mains at the frequency of greatest power, where that is hum."""
     deviation, hums = record.demodulated(basis, scaled)
     found = []

@@ -122,7 +122,7 @@ class RecordInPieces:
         return deviation(np.asarray(squares), self.samples, basis.scale.size, self.largest)
 
     def demodulated(self, basis: SineColumns, scaled: Floats) -> tuple[Floats, Sequence[Floats]]:
-        """What is left without the drive: its standard deviation in an amplitude, and its hum (see `hum.Fitted`)."""
+        """What is left without the drive: its standard deviation in an amplitude, and its hum over time."""
         begin = self.first - self.middle
         blocks = len(np.arange(begin, -begin, BLOCK))
         turned = [np.zeros((self.level.size, blocks), complex) for _ in basis.mains]

@@ -63,7 +63,6 @@ class Sums:
 
     Attributes:
         scale: scale of each column, by which a coefficient becomes one in the signals' unit.
-        samples: number of samples so far.
     """
 
     def __init__(self, frequency: float, half: float, mains: Sequence[float] = MAINS, slopes: bool = True) -> None:
@@ -77,31 +76,23 @@ class Sums:
         """
         self._of, self._half = (frequency, tuple(mains), slopes), half
         self.scale = _scale(half, len(self._of[1]), slopes)
-        self.samples = 0
         self.gram = np.zeros((self.scale.size, self.scale.size))
-        self._moments, self._squares = np.zeros((self.scale.size, 1)), np.zeros(1)  # as many channels as come
+        self._moments = np.zeros((self.scale.size, 1))  # as many channels as come
 
     def add(self, time: Floats, signals: Floats) -> None:
         """Add a piece.
 
         Args:
             time: (n,) s, about the middle of the record.
-            signals: (channels, n). Take a common level off them first, because squares of large numbers lose digits.
+            signals: (channels, n). Take a common level off them first, because sums of large numbers lose digits.
         """
         rows = scaled_rows(time, *self._of, self.scale)
-        self.samples += time.size
         self.gram += rows @ rows.T
         self._moments = self._moments + rows @ signals.T
-        self._squares = self._squares + (signals**2).sum(axis=1)
 
     def solve(self) -> Floats:
         """Coefficients (columns, channels) of the scaled columns, by least squares."""
         return np.asarray(np.linalg.solve(self.gram, self._moments), dtype=np.float64)
-
-    def deviation(self) -> Floats:
-        """Standard deviation (channels,) of the residuals."""
-        left = self._squares - (self.solve() * self._moments).sum(axis=0)
-        return np.asarray(np.sqrt(np.maximum(left, 0.0) / (self.samples - self.scale.size)), dtype=np.float64)
 
     def columns(self, middle: float) -> SineColumns:
         """What is known of the columns without the columns themselves. `middle`: time of the record's middle [s]."""

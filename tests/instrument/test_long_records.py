@@ -81,11 +81,9 @@ def test_sums_over_uneven_pieces_are_least_squares_of_the_whole() -> None:
     turns = [2 * np.pi * frequency * t for frequency in (10.0, 50.013)]
     columns = [each for turn in turns for each in (np.cos(turn), np.sin(turn))]
     columns[2:2] = [np.ones(COUNT), t]
-    whole, left, *_ = np.linalg.lstsq(np.stack(columns, axis=1), y.T, rcond=None)
+    whole, *_ = np.linalg.lstsq(np.stack(columns, axis=1), y.T, rcond=None)
     found = sums.solve() * sums.scale[:, np.newaxis]
     assert found[:COEFFICIENTS] == pytest.approx(whole[:COEFFICIENTS], rel=1e-9, abs=1e-13)
-    assert sums.deviation() == pytest.approx(np.sqrt(left / (COUNT - 6)), rel=1e-8)
-    assert sums.samples == COUNT
 
 
 # --- a record that is read in pieces, whose noise is told by segments ------------------------------------
