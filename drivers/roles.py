@@ -6,8 +6,8 @@ its `DeviceKind` names the role.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from palpate.drivers.devices.exciter import Exciter
 from palpate.instrument.bench.kinds import Role
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Bias", "Chamber", "Exciter", "LoadIndicator", "Positioner", "ProbeStage", "Reading", "SampleChanger",
-    "SensorNode", "is_difference", "made_u", "role_of", "why_invalid",
+    "SamplesInPieces", "SensorNode", "is_difference", "made_u", "role_of", "why_invalid",
 ]  # fmt: skip
 
 
@@ -122,6 +122,14 @@ class SensorNode(Protocol):
 
     def acquire_with(self, others: Sequence[Any], duration: float) -> list[Recording]:
         """Sample for `duration` [s] at the same moments as other nodes of its kind; its own recording is the first."""
+
+
+@runtime_checkable
+class SamplesInPieces(Protocol):
+    """A sensor node that gives the samples of a long recording while it lasts; not every one can."""
+
+    def pieces_with(self, others: Sequence[Any], duration: float) -> Generator[list[Recording], None, None]:
+        """As `acquire_with`, but in pieces, each with all nodes. Sampling ends when the generator is closed."""
 
 
 class Chamber(Protocol):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Protocol, Self
@@ -50,6 +50,10 @@ class Recording:
     time: npt.NDArray[np.float64]
     voltage: npt.NDArray[np.float64]
     saturated: npt.NDArray[np.bool_]
+
+
+Pieces = Generator[list[Recording], None, None]
+"""What several nodes sample together, piece by piece; the sampling ends when it is closed."""
 
 
 # -------------------------------------------------------------------------------------------------------
@@ -510,6 +514,12 @@ class CanopenSensorNode(CanopenDevice):
         """Sample for `duration` [s] together with `others`, with SYNC from this node. See the function `acquire`."""
         return acquire([self, *others], duration)
 
+    def pieces_with(
+        self, others: Sequence[CanopenSensorNode], duration: float
+    ) -> Generator[list[Recording], None, None]:
+        """The same while it lasts. See the function `in_pieces`."""
+        return in_pieces([self, *others], duration)
+
     def arm(self, count: int = LARGEST_RECORDING) -> None:
         """Forget earlier samples, and take `count` samples from the next SYNC on."""
         self._data, self._sizes = bytearray(), bytearray()
@@ -591,7 +601,7 @@ def _joined(pieces: Sequence[Recording]) -> Recording:
     return Recording(first.node, first.rate, time, voltage, saturated)
 
 
-def in_pieces(nodes: Sequence[CanopenSensorNode], duration: float) -> Iterator[list[Recording]]:
+def in_pieces(nodes: Sequence[CanopenSensorNode], duration: float) -> Pieces:
     """Sample with all `nodes` together for `duration` [s], and give the samples while it lasts.
 
     The first node produces SYNC until all pieces are taken, or whoever takes them stops. Up to `LONGEST_WHOLE` there is

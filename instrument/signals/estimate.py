@@ -5,7 +5,7 @@ with it. One is a linear trend, because a PVDF film is pyroelectric and drifts w
 mains' hum, because over few cycles the trend would follow the hum and change the fitted drive. Time and signals are
 centred and the columns scaled before one QR factorization. Normal equations of the plain columns would square the
 condition number and lose the amplitude beneath a large offset. Only for long records, over which the scaled columns are
-nearly orthogonal, normal equations of these are summed in pieces (`sine_columns`).
+nearly orthogonal, normal equations of these are summed in pieces (`long_fit`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.errors import EstimateError, UnknownName
-from palpate.instrument.signals.hum import humming, tuned
+from palpate.instrument.signals.hum import humming, tuned, tuned_to
+from palpate.instrument.signals.long_fit import Pieces, RecordInPieces, in_pieces, joined
 from palpate.instrument.signals.noise import MAINS, EquivalentNoise, noise_at
 from palpate.instrument.signals.noise_parts import short_noise
 from palpate.instrument.signals.rapid_noise import RapidNoise, rapid_noise
@@ -40,6 +41,8 @@ FEW_DEGREES = 50.0
 A record with so few is too short to tell white from 1/f noise. Where noise prevails, its intervals may be a fifth wider
 than they need to be.
 """
+LONGEST_FACTORED, FEW_SAMPLES = 1 << 17, 1 << 14
+"""Most samples of a record in memory, and of one that is read in pieces, for which the columns are factored."""
 LEAST_SHARE = 1e-3  # share of an uncertainty; a smaller part of it by noise does not count for the degrees of freedom
 
 
@@ -131,12 +134,34 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     y = np.asarray(signals, dtype=np.float64)
     _check_samples(t, y)
     step = _check_frequency(t, frequency)
-
+    if t.size > LONGEST_FACTORED:
+        return fit_pieces(in_pieces(t, y), frequency)
     basis = sine_columns(t, frequency)
     level = y.mean(axis=-1, keepdims=True)
     basis, scaled = tuned(basis, y - level, basis.solve(y - level))
     fit = _fitted(basis, t, level, y - level, scaled, step)
     return replace(fit, degrees_of_freedom=float(fit.degrees_of_freedom))
+
+
+def fit_pieces(pieces: Pieces, frequency: float) -> SineFit:
+    """The same fit to a record that is read in pieces, again and again, and is never in memory as a whole.
+
+    The noise is the mean of that of segments. Arguments and errors otherwise as `fit_sine`.
+    """
+    record = RecordInPieces.of(pieces)
+    if record.samples <= FEW_SAMPLES:
+        return fit_sine(*joined(pieces()), frequency)
+    _check_step(record.step, record.last - record.first, frequency)
+    basis, scaled = tuned_to(record, *_rated(record, frequency))
+    around, rapid = record.noise(basis, scaled)
+    fit = _told(basis, record.level, scaled, around, rapid, record.samples, record.step)
+    return replace(fit, degrees_of_freedom=float(fit.degrees_of_freedom))
+
+
+def _rated(record: RecordInPieces, frequency: float) -> tuple[SineColumns, Floats]:
+    """Columns with the mains at their rated frequencies, and the coefficients of a fit with them."""
+    basis = record.columns(frequency)
+    return record.at(basis, basis.mains)
 
 
 def fit_sines(time: Floats, stack: Floats, frequency: float) -> tuple[SineFit, npt.NDArray[np.bool_]]:
@@ -163,13 +188,26 @@ def fit_sines(time: Floats, stack: Floats, frequency: float) -> tuple[SineFit, n
 
 def _fitted(basis: SineColumns, time: Floats, level: Floats, centred: Floats, scaled: Floats, step: float) -> SineFit:
     """Fit of a record (channels, n) or of a stack of them, of which `centred` is what is left about the `level`."""
+    residuals, spent = centred - basis.fitted(scaled), basis.scale.size
+    around = _noise_around(basis, residuals, step, spent)
+    rapid = rapid_noise(time, residuals, 1 / (basis.frequency * step), spent)
+    return _told(basis, level[..., 0], scaled, around, rapid, time.size, step)
+
+
+def _told(
+    basis: SineColumns,
+    level: Floats,
+    scaled: Floats,
+    around: EquivalentNoise,
+    rapid: RapidNoise,
+    samples: int,
+    step: float,
+) -> SineFit:
+    """The fit that coefficients and noise tell. `level`: (..., channels) V, what was taken off the signals."""
     frequency = basis.frequency
-    residuals = centred - basis.fitted(scaled)
     a, b, offset, trend = np.moveaxis(scaled[..., :COEFFICIENTS, :] * basis.scale[:COEFFICIENTS, np.newaxis], -2, 0)
     at_middle = np.arctan2(-b, a)
-    spent = basis.scale.size
     along, across = basis.direction(at_middle), basis.direction(at_middle + np.pi / 2)
-    around = _noise_around(basis, residuals, step, spent)
     amplitude, hum_u = np.hypot(a, b), _wandering(basis, scaled)
     noise_u, across_u = (around.sigma * np.linalg.norm(each, axis=-2) for each in (along, across))
     amplitude_u, turned_u = np.hypot(noise_u, hum_u), np.hypot(across_u, hum_u)
@@ -183,13 +221,13 @@ def _fitted(basis: SineColumns, time: Floats, level: Floats, centred: Floats, sc
         frequency=float(frequency),
         amplitude=amplitude,
         phase=np.remainder(at_middle - 2 * np.pi * turns + np.pi, 2 * np.pi) - np.pi,
-        offset=level[..., 0] + offset,
+        offset=level + offset,
         trend=trend,
         amplitude_u=amplitude_u,
         phase_u=np.divide(turned_u, amplitude, out=np.full_like(amplitude, np.inf), where=amplitude > 0),
         amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - across_u**2, 0.0)),
         hum_u=hum_u,
-        rapid=rapid_noise(time, residuals, 1 / (frequency * step), spent),
+        rapid=rapid,
         noise=around.sigma,
         correlation=around.correlation,
         degrees_of_freedom=freedom.min(axis=-1),
@@ -199,7 +237,7 @@ def _fitted(basis: SineColumns, time: Floats, level: Floats, centred: Floats, sc
         hum=basis.hum,
         most_hum=max((basis.hum, *basis.strays)),
         mains=basis.mains,
-        samples=time.size,
+        samples=samples,
         rate=1 / step,
     )
 
@@ -223,6 +261,8 @@ def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
     Raises:
         EstimateError: as in `fit_sine`.
     """
+    if time.size > LONGEST_FACTORED:
+        return fit_sine(time, signals, frequency).amplitude
     _check_samples(time, signals)
     _check_frequency(time, frequency)
     basis, centred = sine_columns(time, frequency), signals - signals.mean(axis=1, keepdims=True)
@@ -316,20 +356,24 @@ def _check_samples(time: Floats, signals: Floats) -> None:
 
 def _check_frequency(time: Floats, frequency: float) -> float:
     """Check a frequency [Hz] against the times (n,) [s]; returns the median step of the times [s]."""
+    step = float(np.median(np.diff(time)))
+    _check_step(step, float(time[-1] - time[0]), frequency)
+    return step
+
+
+def _check_step(step: float, span: float, frequency: float) -> None:
     if not frequency > 0:
         raise EstimateError(f"frequency {frequency} Hz must be positive; give that of the drive")
-    step = float(np.median(np.diff(time)))
     if frequency > 0.5 / step:
         raise EstimateError(
             f"frequency {frequency:g} Hz lies above half the sample rate of {1 / step:g} Hz; sample faster"
         )
-    cycles = frequency * (float(time[-1] - time[0]) + step)
+    cycles = frequency * (span + step)
     if cycles < SHORTEST_RECORD:
         raise EstimateError(
             f"record of {cycles:.3g} cycles of {frequency:g} Hz is shorter than {SHORTEST_RECORD:g} cycle; "
             f"dwell {1 / frequency:g} s or more"
         )
-    return step
 
 
 # --- Estimators of an amplitude, to be compared with each other and with the Cramér–Rao bound ----------

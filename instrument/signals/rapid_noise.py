@@ -59,25 +59,73 @@ def rapid_noise(time: Floats, residuals: Floats, cycle: float, spent: int) -> Ra
         freedom = time.size - spent
         rms = np.sqrt((residuals**2).sum(axis=-1) / freedom)
         return RapidNoise(rms, rms / math.sqrt(2 * freedom), np.abs(residuals).max(axis=-1), math.inf)
-    used = count * length
-    at = time[:used].reshape(count, length)
-    at = at - at.mean(axis=1, keepdims=True)
-    square = (at**2).sum(axis=1)
-    left = residuals[..., :used].reshape(*residuals.shape[:-1], count, length)
-    left = left - left.mean(axis=-1, keepdims=True)
-    slope = (left * at).sum(axis=-1) / square
-    left = left - slope[..., np.newaxis] * at
-    freedom = used - 2 * count - (spent - 2)  # the lines hold offset and trend
-    rms = np.sqrt((left**2).sum(axis=(-2, -1)) / freedom)
-    free = 1 - 1 / length - at**2 / square[:, np.newaxis]  # of each sample, beside the line of its cycle
-    squares = left**2 / free
-    at_place = squares.mean(axis=-2)
-    mean, by_chance = at_place.mean(axis=-1), squares.var(axis=-2, ddof=1).mean(axis=-1)
-    independent = np.maximum(2 * freedom * mean**2 + used * (by_chance - 2 * mean**2), 0.0) / freedom**2
-    repeated = (at_place.var(axis=-1, ddof=1) - by_chance / count) / (length - HELD)
-    mean_u = np.sqrt(np.maximum(independent + repeated, 0.0))
-    half = np.divide(mean_u, 2 * mean, out=np.zeros_like(mean), where=mean > 0)  # a root has half the relative u
-    return RapidNoise(rms, half * rms, np.abs(left).max(axis=(-2, -1)), length - HELD - 1)
+    return Cycles.of(time, residuals, length).noise(spent)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cycles:
+    """What is left about the line of each cycle, over some whole cycles of a record.
+
+    Attributes:
+        count: number of cycles.
+        total: (..., channels) sum of the squares of what is left.
+        at_place: (..., channels, length) mean square at each place of a cycle.
+        scatter: (..., channels, length) variance of the squares at each place.
+        greatest: (..., channels) greatest absolute value.
+    """
+
+    count: int
+    total: Floats
+    at_place: Floats
+    scatter: Floats
+    greatest: Floats
+
+    @classmethod
+    def of(cls, time: Floats, residuals: Floats, length: int) -> Cycles:
+        """Those of a record or of a part of it; samples after the last whole cycle of this length do not count."""
+        count = time.size // length
+        used = count * length
+        at = time[:used].reshape(count, length)
+        at = at - at.mean(axis=1, keepdims=True)
+        square = (at**2).sum(axis=1)
+        left = residuals[..., :used].reshape(*residuals.shape[:-1], count, length)
+        left = left - left.mean(axis=-1, keepdims=True)
+        slope = (left * at).sum(axis=-1) / square
+        left = left - slope[..., np.newaxis] * at
+        free = 1 - 1 / length - at**2 / square[:, np.newaxis]  # of each sample, beside the line of its cycle
+        squares = left**2 / free
+        return cls(
+            count,
+            (left**2).sum(axis=(-2, -1)),
+            squares.mean(axis=-2),
+            squares.var(axis=-2, ddof=1),
+            np.abs(left).max(axis=(-2, -1)),
+        )
+
+    def __add__(self, other: Cycles) -> Cycles:
+        """The cycles of two parts together; each part has two or more."""
+        count, apart = self.count + other.count, other.at_place - self.at_place
+        within = (self.count - 1) * self.scatter + (other.count - 1) * other.scatter
+        return Cycles(
+            count,
+            self.total + other.total,
+            self.at_place + apart * (other.count / count),
+            (within + apart**2 * (self.count * other.count / count)) / (count - 1),
+            np.maximum(self.greatest, other.greatest),
+        )
+
+    def noise(self, spent: int) -> RapidNoise:
+        """The noise. `spent`: number of coefficients of the fit, with offset and trend."""
+        count, length = self.count, self.at_place.shape[-1]
+        used = count * length
+        freedom = used - 2 * count - (spent - 2)  # the lines hold offset and trend
+        rms = np.sqrt(self.total / freedom)
+        mean, by_chance = self.at_place.mean(axis=-1), self.scatter.mean(axis=-1)
+        independent = np.maximum(2 * freedom * mean**2 + used * (by_chance - 2 * mean**2), 0.0) / freedom**2
+        repeated = (self.at_place.var(axis=-1, ddof=1) - by_chance / count) / (length - HELD)
+        mean_u = np.sqrt(np.maximum(independent + repeated, 0.0))
+        half = np.divide(mean_u, 2 * mean, out=np.zeros_like(mean), where=mean > 0)  # a root has half the relative u
+        return RapidNoise(rms, half * rms, self.greatest, length - HELD - 1)
 
 
 def of_greatest(samples: int) -> float:

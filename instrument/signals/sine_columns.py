@@ -13,15 +13,15 @@ Columns are left out where they could not be told from the drive. That concerns 
 columns and slopes of 50 Hz beside a drive of 48 Hz over 0.1 s, and of 60 Hz sampled at 62.5 Hz beside a drive of 2.5 Hz
 over any time.
 
-The columns of a long record are not kept. They are made piece by piece, and the normal equations are summed over the
-pieces. That is exact enough because over many cycles the columns are nearly orthogonal: a condition of 5 of the
-columns, squared, costs a digit or two of sixteen.
+The columns of a long record are not kept (`long_fit`). They are made piece by piece, and the normal equations are
+summed over the pieces. That is exact enough because over many cycles the columns are nearly orthogonal: a condition of
+5 of the columns, squared, costs a digit or two of sixteen.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -41,8 +41,6 @@ At the limit the amplitude can be about 50 times as uncertain as from a whole nu
 """
 HUM_CONDITION = 5.0  # largest condition number with columns of the mains: the variance grows six times at most
 SAMPLES_PER_COLUMN = 2  # fewest samples for each column, with columns of the mains
-LONGEST_FACTORED = 1 << 17  # samples; the columns of a longer record are summed in pieces
-PIECE = 1 << 14  # samples
 REMEMBERED, LONGEST_REMEMBERED = 8, 10_000  # records that are remembered, and samples in one; fits repeat
 WANDER = 0.2  # Hz, by which the mains differ from their rated frequency (EN 50160: 0.5 Hz for 99.5 % of a year)
 SHOWN = 1e-12  # V that leak from 1 V of hum; below this it is round-off
@@ -65,7 +63,6 @@ class Sums:
 
     Attributes:
         scale: scale of each column, by which a coefficient becomes one in the signals' unit.
-        samples: number of samples so far.
     """
 
     def __init__(self, frequency: float, half: float, mains: Sequence[float] = MAINS, slopes: bool = True) -> None:
@@ -77,33 +74,34 @@ class Sums:
             mains: frequencies of the mains that get columns [Hz].
             slopes: whether each of these gets slopes, too.
         """
-        self._of = frequency, tuple(mains), slopes
+        self._of, self._half = (frequency, tuple(mains), slopes), half
         self.scale = _scale(half, len(self._of[1]), slopes)
-        self.samples = 0
         self.gram = np.zeros((self.scale.size, self.scale.size))
-        self._moments, self._squares = np.zeros((self.scale.size, 1)), np.zeros(1)  # as many channels as come
+        self._moments = np.zeros((self.scale.size, 1))  # as many channels as come
 
     def add(self, time: Floats, signals: Floats) -> None:
         """Add a piece.
 
         Args:
             time: (n,) s, about the middle of the record.
-            signals: (channels, n). Take a common level off them first, because squares of large numbers lose digits.
+            signals: (channels, n). Take a common level off them first, because sums of large numbers lose digits.
         """
-        rows = _rows(time, *self._of, self.scale)
-        self.samples += time.size
+        rows = scaled_rows(time, *self._of, self.scale)
         self.gram += rows @ rows.T
         self._moments = self._moments + rows @ signals.T
-        self._squares = self._squares + (signals**2).sum(axis=1)
 
     def solve(self) -> Floats:
         """Coefficients (columns, channels) of the scaled columns, by least squares."""
         return np.asarray(np.linalg.solve(self.gram, self._moments), dtype=np.float64)
 
-    def deviation(self) -> Floats:
-        """Standard deviation (channels,) of the residuals."""
-        left = self._squares - (self.solve() * self._moments).sum(axis=0)
-        return np.asarray(np.sqrt(np.maximum(left, 0.0) / (self.samples - self.scale.size)), dtype=np.float64)
+    def columns(self, middle: float) -> SineColumns:
+        """What is known of the columns without the columns themselves. `middle`: time of the record's middle [s]."""
+        frequency, mains, slopes = self._of
+        condition, r = math.sqrt(max(float(np.linalg.cond(self.gram)), 1.0)), np.empty((0, self.scale.size))
+        if condition <= CONDITION_LIMIT:
+            r = np.asarray(np.linalg.cholesky(self.gram).T, dtype=np.float64)
+        ends, none = np.array([-self._half, self._half]), np.empty((0, self.scale.size))
+        return SineColumns(frequency, ends, none, self.scale, none, r, middle, condition, mains, slopes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,8 +110,9 @@ class SineColumns:
 
     Args:
         frequency: frequency of the drive [Hz].
-        columns: (n, 4), then two columns for each of the `mains`, then two slopes for each where `slopes`; of a long
-            record none, as of `q`.
+        time: (n,) s, about the middle of the record; where the columns are not kept, its ends.
+        columns: (n, 4), then two columns for each of the `mains`, then two slopes for each where `slopes`. Those of a
+            long record are not kept, nor is `q`; then `solve`, `fitted` and `weights` have no answer.
         mains: frequencies of the mains that have columns [Hz].
         hum: what 1 V of mains without columns may add to an amplitude, at their worst phase and frequency [V].
         strays: the same for mains that have columns but no slopes, in their order, for 1 V that the columns see [V].
@@ -135,39 +134,16 @@ class SineColumns:
     kept: ColumnCache = field(default_factory=ColumnCache)
 
     def solve(self, signals: Floats) -> Floats:
-        """Coefficients (..., columns, channels) of the scaled columns, by least squares; signals (..., channels, n).
-
-        Signals of a record that is long have no further axes.
-        """
-        if self.is_long:
-            return self._summed(signals).solve()
+        """Coefficients (..., columns, channels) of the scaled columns, by least squares; signals (..., channels, n)."""
         return np.asarray(np.linalg.solve(self.r, self.q.T @ signals.swapaxes(-1, -2)), dtype=np.float64)
-
-    @property
-    def is_long(self) -> bool:
-        """Whether the columns are not kept, but made piece by piece."""
-        return self.time.size > LONGEST_FACTORED
 
     def fitted(self, scaled: Floats) -> Floats:
         """What the first columns give (..., channels, n) with these coefficients (..., columns, channels)."""
-        count = scaled.shape[-2]
-        if not self.is_long:
-            found: Floats = (self.columns[:, :count] @ scaled).swapaxes(-1, -2)
-            return found
-        found = np.empty((scaled.shape[1], self.time.size))
-        for part in _parts(self.time.size):
-            rows = _rows(self.time[part], self.frequency, self.mains, self.slopes, self.scale)
-            found[:, part] = scaled.T @ rows[:count]
+        found: Floats = (self.columns[:, : scaled.shape[-2]] @ scaled).swapaxes(-1, -2)
         return found
 
-    def _summed(self, signals: Floats) -> Sums:
-        sums = Sums(self.frequency, self.time[-1], self.mains, self.slopes)
-        for part in _parts(self.time.size):
-            sums.add(self.time[part], signals[:, part])
-        return sums
-
     def weights(self) -> Floats:
-        """Matrix (2, n) that turns samples into the coefficients of the drive's cosine and sine, not if long."""
+        """Matrix (2, n) that turns samples into the coefficients of the drive's cosine and sine."""
         found: Floats = np.linalg.solve(self.r, self.q.T)[:2] * self.scale[:2, np.newaxis]
         return found
 
@@ -191,28 +167,38 @@ class SineColumns:
         hum = own[..., 0:count:2, :] - 1j * own[..., 1:count:2, :]
         return hum, own[..., count::2, :] - 1j * own[..., count + 1 :: 2, :]
 
-    def _leak(self, mains: float) -> float:
-        """What 1 V at a frequency [Hz] may add to an amplitude, at its worst phase [V]."""
-        added = self.solve(_pair(self.time, mains).T)[:2] * self.scale[:2, np.newaxis]
-        most = float(np.linalg.norm(added, 2))
-        return most if most > SHOWN else 0.0
+    def with_leaks(self, answers: Callable[[Sequence[float]], Sequence[Floats]]) -> SineColumns:
+        """The same columns with `hum` and `strays` computed.
 
-    def _stray(self, number: int, mains: float) -> float:
-        """What mains that have columns but no slopes may add to an amplitude, for 1 V that the columns see [V]."""
-        found = self.solve(_pair(self.time, mains).T) * self.scale[:, np.newaxis]
-        at = COEFFICIENTS + 2 * number
-        most = float(np.linalg.norm(found[:2] @ np.linalg.inv(found[at : at + 2]), 2))
-        return most if most > SHOWN else 0.0
-
-    def with_leaks(self) -> SineColumns:
-        """The same columns with `hum` and `strays` computed."""
-        left = [self._leak(mains + off) for mains in MAINS if mains not in self.mains for off in (-WANDER, 0.0, WANDER)]
-        strays = () if self.slopes else self.mains
+        Args:
+            answers: coefficients (columns, 2) that the fit gives a cosine and a sine of 1 V, for each frequency [Hz].
+        """
+        left = [mains + off for mains in MAINS if mains not in self.mains for off in (-WANDER, 0.0, WANDER)]
+        ends = [] if self.slopes else [each + off for each in self.mains for off in (-WANDER, WANDER)]
+        found = answers([*left, *ends])
+        added = [float(np.linalg.norm(self._unscaled(each)[:2], 2)) for each in found[: len(left)]]
+        strayed = [self._stray(at // 2, each) for at, each in enumerate(found[len(left) :])]
         return replace(
             self,
-            hum=max(left, default=0.0),
-            strays=tuple(max(self._stray(i, each + off) for off in (-WANDER, WANDER)) for i, each in enumerate(strays)),
+            hum=max(map(_shown, added), default=0.0),
+            strays=tuple(max(strayed[at : at + 2]) for at in range(0, len(strayed), 2)),
         )
+
+    def moved_to(self, columns: SineColumns) -> SineColumns:
+        """Columns of the same record with the mains at other frequencies; `hum` and `strays` stay."""
+        return replace(columns, hum=self.hum, strays=self.strays, kept=self.kept)
+
+    def _unscaled(self, scaled: Floats) -> Floats:
+        return scaled * self.scale[:, np.newaxis]
+
+    def _stray(self, number: int, answer: Floats) -> float:
+        """What mains that have columns but no slopes may add to an amplitude, for 1 V that the columns see [V]."""
+        found, at = self._unscaled(answer), COEFFICIENTS + 2 * number
+        return _shown(float(np.linalg.norm(found[:2] @ np.linalg.inv(found[at : at + 2]), 2)))
+
+
+def _shown(most: float) -> float:
+    return most if most > SHOWN else 0.0
 
 
 def sine_columns(time: Floats, frequency: float) -> SineColumns:
@@ -228,8 +214,7 @@ def sine_columns(time: Floats, frequency: float) -> SineColumns:
 
 def columns_at(basis: SineColumns, mains: Sequence[float]) -> SineColumns:
     """The same columns with the mains at other frequencies [Hz]."""
-    found = _factored(basis.time, basis.frequency, mains, basis.slopes, basis.middle)
-    return replace(found, hum=basis.hum, strays=basis.strays, kept=basis.kept)
+    return basis.moved_to(_factored(basis.time, basis.frequency, mains, basis.slopes, basis.middle))
 
 
 @lru_cache(REMEMBERED)
@@ -240,20 +225,39 @@ def _remembered(time: bytes, frequency: float) -> SineColumns:
 def _columns(time: Floats, frequency: float) -> SineColumns:
     middle = float(0.5 * (time[0] + time[-1]))
     centred = time - middle
+    basis = first_sound(
+        lambda mains, slopes: _factored(centred, frequency, mains, slopes, middle), time.size, time[-1] - time[0]
+    )
+    return basis.with_leaks(
+        lambda frequencies: [basis.solve(np.stack(turning(centred, each), axis=1).T) for each in frequencies]
+    )
+
+
+def first_sound(columns: Callable[[Sequence[float], bool], SineColumns], samples: int, span: float) -> SineColumns:
+    """The columns with as many of the mains, and their slopes, as can be told from the drive.
+
+    Args:
+        columns: makes columns with some of the mains, and with slopes or without.
+        samples: number of samples of the record.
+        span: from its first to its last sample [s].
+
+    Raises:
+        EstimateError: the times do not determine the sine.
+    """
     each = [(mains,) for mains in MAINS]
     for mains, slopes in ((MAINS, True), (MAINS, False), *((m, s) for s in (True, False) for m in each)):
-        if time.size >= SAMPLES_PER_COLUMN * (COEFFICIENTS + (4 if slopes else 2) * len(mains)):
-            basis = _factored(centred, frequency, mains, slopes, middle)
+        if samples >= SAMPLES_PER_COLUMN * (COEFFICIENTS + (4 if slopes else 2) * len(mains)):
+            basis = columns(mains, slopes)
             if basis.condition <= HUM_CONDITION:
-                return basis.with_leaks()
-    basis = _factored(centred, frequency, (), False, middle)
+                return basis
+    basis = columns((), False)
     if not basis.condition <= CONDITION_LIMIT:
         raise EstimateError(
-            f"{time.size} samples over {time[-1] - time[0]:.4g} s do not determine a sine of {frequency:g} Hz:"
+            f"{samples} samples over {span:.4g} s do not determine a sine of {basis.frequency:g} Hz:"
             f" condition number {basis.condition:.3g}, limit {CONDITION_LIMIT:g}; record a whole cycle or more, away"
             " from half the sample rate"
         )
-    return basis.with_leaks()
+    return basis
 
 
 def correlated(noise: Floats, direction: Floats, of_noise: Floats) -> Floats:
@@ -272,29 +276,17 @@ def correlated(noise: Floats, direction: Floats, of_noise: Floats) -> Floats:
 
 def _factored(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, middle: float) -> SineColumns:
     scale = _scale(centred[-1], len(mains), slopes)
-    if centred.size > LONGEST_FACTORED:
-        none = np.empty((0, scale.size))
-        found = SineColumns(frequency, centred, none, scale, none, none, middle, 0.0, tuple(mains), slopes)
-        gram = found._summed(np.empty((0, centred.size))).gram
-        condition = math.sqrt(max(float(np.linalg.cond(gram)), 1.0))
-        if condition > CONDITION_LIMIT:
-            return replace(found, condition=condition)
-        return replace(found, r=np.asarray(np.linalg.cholesky(gram).T, dtype=np.float64), condition=condition)
-    columns = np.ascontiguousarray(_rows(centred, frequency, mains, slopes, scale).T)
+    columns = np.ascontiguousarray(scaled_rows(centred, frequency, mains, slopes, scale).T)
     q, r = np.linalg.qr(columns)
     condition = float(np.linalg.cond(r))
     return SineColumns(frequency, centred, columns, scale, q, r, middle, condition, tuple(mains), slopes)
 
 
-def _parts(size: int) -> list[slice]:
-    return [slice(first, first + PIECE) for first in range(0, size, PIECE)]
-
-
-def _rows(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, scale: Floats) -> Floats:
+def scaled_rows(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, scale: Floats) -> Floats:
     """The scaled columns as rows, which are quick to fill."""
-    hum = [row for each in mains for row in _turning(centred, each)]
+    hum = [row for each in mains for row in turning(centred, each)]
     sloping = [centred * row for row in hum] if slopes else []
-    rows = np.stack([*_turning(centred, frequency), np.ones_like(centred), centred, *hum, *sloping])
+    rows = np.stack([*turning(centred, frequency), np.ones_like(centred), centred, *hum, *sloping])
     rows *= scale[:, np.newaxis]
     return rows
 
@@ -306,11 +298,7 @@ def _scale(half: float, mains: int, slopes: bool) -> Floats:
     return np.array(scale + ([math.sqrt(6) / half] * 2 * mains if slopes else []), dtype=np.float64)
 
 
-def _pair(time: Floats, frequency: float) -> Floats:
-    """Cosine and sine at times (n,): an array (n, 2)."""
-    return np.stack(_turning(time, frequency), axis=1)
-
-
-def _turning(time: Floats, frequency: float) -> tuple[Floats, Floats]:
+def turning(time: Floats, frequency: float) -> tuple[Floats, Floats]:
+    """Cosine and sine at times (n,) [s] of a frequency [Hz]."""
     angle = 2 * np.pi * frequency * time
     return np.cos(angle), np.sin(angle)

@@ -198,14 +198,14 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     Every row is checked against its hash. Runs with the same measured values have the same digest. The
     digest of signals counts settings, times and waveforms alone, and is the same by any arithmetic.
     """
-    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run import Run, unfinished
     from palpate.procedures.records.run_list import find_run
     from palpate.procedures.showing.runs import print_run, run_object
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, out or store()))
-    digests = opened.digest(), opened.signal_digest()
-    output.result(lambda: run_object(opened, *digests), lambda: print_run(opened, *digests))
+    told = opened.digest(), opened.signal_digest(), unfinished(opened)
+    output.result(lambda: run_object(opened, *told), lambda: print_run(opened, *told))
 
 
 @runs.command(

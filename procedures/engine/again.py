@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
+
+import numpy as np
 
 from palpate.instrument.errors import RecordError
 from palpate.procedures.engine.catalogue import class_before, outside
@@ -16,8 +18,27 @@ from palpate.procedures.lab.open import OpenBench
 from palpate.procedures.lab.software import added_by, versions
 from palpate.procedures.records.events import unheard
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.record_file import Waveforms
+from palpate.procedures.records.record_file import Waveforms, as_samples
+from palpate.procedures.records.stored_dwell import StoredDwell
 from palpate.procedures.steps.pause import NOBODY, PausedAgain
+
+
+class _Held(StoredDwell):
+    """A dwell whose samples are kept in memory."""
+
+    def __init__(self) -> None:
+        self.number, self.samples = 0, 0
+        self._pieces: list[tuple[int, dict[str, np.ndarray]]] = []
+
+    def add(self, waveforms: Mapping[str, tuple[float, np.ndarray]]) -> None:
+        """Keep the next samples, as a record would have them."""
+        piece = {name: as_samples(name, rate, samples) for name, (rate, samples) in waveforms.items()}
+        self._pieces.append((self.samples, piece))
+        self.samples += min(samples.size for samples in piece.values())
+
+    def pieces(self) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """All samples again."""
+        return iter(self._pieces)
 
 
 class Unrecorded(Recorder):
@@ -31,6 +52,10 @@ class Unrecorded(Recorder):
         """Count a point."""
         self._points += 1
         return self._points
+
+    def begin_dwell(self) -> StoredDwell:
+        """A dwell that is kept in memory."""
+        return _Held()
 
     def event(self, kind: str, message: str, bench_ns: int) -> None:
         """Do nothing."""

@@ -30,6 +30,7 @@ class DamageReport:
 
     Attributes:
         faults: what is damaged or missing; empty: every row is as it was written.
+        unfinished: what is stored of a dwell whose point is not stored; empty: nothing.
     """
 
     folder: Path
@@ -37,6 +38,7 @@ class DamageReport:
     points: int = 0
     waveforms: int = 0
     faults: list[str] = field(default_factory=list)
+    unfinished: str = ""
 
 
 def check(folder: Path) -> DamageReport:
@@ -74,6 +76,7 @@ def _faults(stored: Record, found: DamageReport) -> Iterator[str]:
         last_ns = point.bench_ns
     found.waveforms = sum(1 for _ in stored.waveforms())
     stored.events()
+    found.unfinished = str(stored.unfinished() or "")
 
 
 # --- what is left --------------------------------------------------------------------------------------
@@ -145,7 +148,7 @@ def _of_chain(file: ChainFile, head_file: Path) -> Left:
             numbered.setdefault(frame.number, frame)
     frames = [frame for _, frame in sorted(numbered.items())]
     waves: dict[int, list[RecordFrame]] = {}
-    listed: dict[int, list[Any]] = {}
+    listed: dict[int, tuple[list[Any], int]] = {}
     left = Left()
     for frame in frames:
         left.simulated = bool(frame.flags & SIMULATED)
@@ -162,12 +165,12 @@ def _of_chain(file: ChainFile, head_file: Path) -> Left:
             case b"EVNT":
                 left.events[frame.id] = (content["bench_ns"], content["kind"], content["message"])
             case b"POIN":
-                listed[frame.id] = content["waveforms"]
-                left.points[frame.id] = LeftPoint(content["bench_ns"], content["data"], len(listed[frame.id]))
+                listed[frame.id] = content["waveforms"], content.get("dwell", 0)
+                left.points[frame.id] = LeftPoint(content["bench_ns"], content["data"], len(content["waveforms"]))
 
     def waveforms(point: int) -> Waves:
-        rates = {name: rate for name, rate, _ in listed[point]}
-        whole = whole_waveforms(file, waves.get(point, []), listed[point])
+        rates = {name: rate for name, rate, _ in listed[point][0]}
+        whole = whole_waveforms(file, waves.get(point, []), *listed[point])
         return {name: (rates[name], samples) for name, samples in whole.items()}
 
     left.waveforms = waveforms
@@ -179,6 +182,10 @@ def _of_chain(file: ChainFile, head_file: Path) -> Left:
         left.gone.append("the header")
     if head is not None and not left.gone and len(frames) < head.frames:
         left.gone.append("the status or the summary")
+    if head is not None:
+        counted = {each[0].id for each in waves.values() if each[0].number < head.frames}
+        unfinished = sorted(number for number in counted - left.points.keys() if number > head.points)
+        left.gone += [f"what was stored of a dwell at point {number}, which was not finished" for number in unfinished]
     if fault and left.status != "complete":
         left.gone.append("what followed the last row, if anything did")
     return left

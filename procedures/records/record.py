@@ -36,6 +36,7 @@ from palpate.procedures.records.record_file import (
 )
 from palpate.procedures.records.run import reading, storing
 from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_run
+from palpate.procedures.records.stored_dwell import StoredDwell
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 PAUSED = "paused"  # kind of the event that a pause begins with
@@ -66,6 +67,7 @@ class Recorder:
         self.folder = folder
         self.listener = listener
         self._points = 0
+        self._dwells = 0  # that were begun at the next point
         self._bench_ns = 0
         self._files = (folder / RECORD, folder / HEAD_FILE)
         self._inodes: dict[Path, int] = {}
@@ -136,7 +138,7 @@ class Recorder:
             data: what was measured, SI values under names that carry a unit (`load_N`). Numpy scalars
                 are taken as numbers; NaN and infinities are stored as null.
             waveforms: for each name the sample rate, Hz, and the samples, shape (n,), stored as float32;
-                NaN and infinities are kept.
+                NaN and infinities are kept. Samples that are stored already are told by `InPieces`.
             bench_ns: bench time, ns.
 
         Raises:
@@ -145,9 +147,23 @@ class Recorder:
         """
         point_id = self._points + 1
         self._append(point_frames(point_id, data, waveforms, bench_ns), points=1)
-        self._points = point_id
+        self._points, self._dwells = point_id, 0
         self._bench_ns = bench_ns
         return point_id
+
+    def begin_dwell(self) -> StoredDwell:
+        """A dwell at the next point, whose samples are stored while it lasts; the point then has them `InPieces`.
+
+        If the dwell is taken anew, as after a failure, that is another dwell.
+        """
+        self._dwells += 1
+        return StoredDwell(self.folder, self._points + 1, self._dwells, self._store_piece)
+
+    def _store_piece(self, frames: Sequence[Content]) -> int:
+        """Append the next samples of a dwell. Returns where they begin in the record's file."""
+        begins = self._open_writer().head.length
+        self._append(frames)
+        return begins
 
     @property
     def points(self) -> int:

@@ -4,11 +4,13 @@
     HEAD  0      {"format": 4, "header": {…}}; the first frame
     WAVE  point  {"first": number of its first sample, "name": …, "rate": Hz}, line feed, little-endian float32
     POIN  point  {"bench_ns": …, "data": {…}, "waveforms": [[name, rate, samples], …]}; completes the WAVE frames before
+          Where the samples were stored while they were measured, both also have "dwell": number of the dwell at the
+          point, from 1. A dwell that was broken off or rejected leaves frames which belong to nothing.
     EVNT  event  {"bench_ns": …, "kind": …, "message": …}
     STAT  0      {"header": {…}, "status": …, "summary": {…}}; the last one counts, without one the run is "running"
 
 Points and events are numbered from 1. The header in a STAT frame holds entries that replace earlier ones from there on.
-Frames of other kinds are ignored. A waveform may be in several frames, which may be written long before their point.
+Frames of other kinds are ignored. A waveform may be in several frames.
 Flag 1 in every frame says that the run is simulated. Behind the frames that the head counts lies at most one addition.
 """
 
@@ -21,7 +23,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -40,7 +42,15 @@ LONGEST = 100  # characters of a value in a message
 _OWN_COLUMNS = frozenset({"id", "bench_ns", "simulated"})
 _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
 
-Waveforms = Mapping[str, tuple[float, np.ndarray]]
+
+class InPieces(NamedTuple):
+    """Samples of a waveform that were stored during a dwell, with the number of the dwell at its point."""
+
+    dwell: int
+    size: int
+
+
+Waveforms = Mapping[str, tuple[float, np.ndarray | InPieces]]
 Status = Literal["running", "complete", "stopped", "failed"]
 
 
@@ -64,14 +74,32 @@ class StoredPoint:
     waveforms: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """A dwell of which samples are stored, but whose point is not: the point, the dwell's number, and its time [s]."""
+
+    point_id: int
+    dwell: int
+    seconds: float
+
+    def __str__(self) -> str:
+        return f"{self.seconds:.6g} s of a dwell at point {self.point_id} are stored"
+
+
 # --- canonical JSON and float32 samples ----------------------------------------------------------------
 
 
-def encoded(data: Mapping[str, object], waveforms: Waveforms) -> tuple[str, list[tuple[str, float, np.ndarray]]]:
+Encoded = list[tuple[str, float, np.ndarray | InPieces]]
+
+
+def encoded(data: Mapping[str, object], waveforms: Waveforms) -> tuple[str, Encoded]:
     """Encode a point: its text, and name, rate and float32 samples of each waveform. Raises RangeError."""
     if taken := _OWN_COLUMNS & data.keys():
         raise RangeError(f"a point may not have a value {', '.join(sorted(taken))}: the record sets it")
-    stored = [(name, float(rate), _float32(name, rate, samples)) for name, (rate, samples) in waveforms.items()]
+    stored: Encoded = [
+        (name, float(rate), samples if isinstance(samples, InPieces) else as_samples(name, rate, samples))
+        for name, (rate, samples) in waveforms.items()
+    ]
     return as_json(data), stored
 
 
@@ -112,7 +140,8 @@ def _name(key: object, where: str) -> str:
     raise RangeError(f"{where or 'it'}: {key!r} names a value; a name must be a text")
 
 
-def _float32(name: str, rate: float, samples: np.ndarray) -> np.ndarray:
+def as_samples(name: str, rate: float, samples: np.ndarray) -> np.ndarray:
+    """Samples as they are stored. Raises RangeError: they cannot be, or their rate is none."""
     if not (math.isfinite(rate) and rate > 0):
         raise RangeError(f"waveform {name!r}: the sample rate is {rate} Hz; it must be positive and finite")
     samples = np.asarray(samples)
@@ -145,16 +174,25 @@ def point_frames(point_id: int, data: Mapping[str, object], waveforms: Waveforms
     """Frames of a point with its waveforms. Raises RangeError: they cannot be stored."""
     text, stored = encoded(data, waveforms)
     frames: list[Content] = []
+    dwell = next((samples.dwell for _, _, samples in stored if isinstance(samples, InPieces)), 0)
     for name, rate, samples in stored:
-        for first in range(0, samples.size, IN_A_FRAME):
-            about = as_json({"first": first, "name": name, "rate": rate}).encode() + b"\n"
-            frames.append((WAVE, point_id, [about, samples[first : first + IN_A_FRAME].view(np.uint8).data]))
+        if not isinstance(samples, InPieces):
+            for first in range(0, samples.size, IN_A_FRAME):
+                frames.append(wave_frame(point_id, name, rate, samples[first : first + IN_A_FRAME], first, dwell))
     listed = as_json([[name, rate, samples.size] for name, rate, samples in stored])
-    content = f'{{"bench_ns":{bench_ns},"data":{text},"waveforms":{listed}}}'
+    told = f',"dwell":{dwell}' if dwell else ""
+    content = f'{{"bench_ns":{bench_ns},"data":{text}{told},"waveforms":{listed}}}'
     if len(content) > LARGEST_ROW:
         raise RangeError(f"point {point_id} has {len(content)} bytes, {LARGEST_ROW} are the most")
     frames.append((POINT, point_id, [content.encode()]))
     return frames
+
+
+def wave_frame(point_id: int, name: str, rate: float, samples: np.ndarray, first: int, dwell: int) -> Content:
+    """A frame of a waveform's samples, from number `first` on; dwell 0: they are stored with their point."""
+    about: dict[str, object] = {"first": first, "name": name, "rate": rate}
+    told = as_json({**about, "dwell": dwell} if dwell else about).encode() + b"\n"
+    return WAVE, point_id, [told, samples.view(np.uint8).data]
 
 
 def event_frame(event_id: int, kind: str, message: str, bench_ns: int) -> Content:
@@ -229,13 +267,30 @@ class Record:
         """Waveforms in order, one in memory at a time; only those of a point and a name where these are given."""
         for frame in self._points.values():
             if point_id in (None, frame.id):
-                listed = self.json(frame)["waveforms"]
-                whole = whole_waveforms(self._file, self._waves.get(frame.id, []), listed)
+                told = self.json(frame)
+                listed = told["waveforms"]
+                whole = whole_waveforms(self._file, self._waves.get(frame.id, []), listed, told.get("dwell", 0))
                 for its_name, rate, _ in listed:
                     if its_name not in whole:
                         raise ValueError(f"waveform {its_name!r} of point {frame.id} is not as it was written")
                     if name in (None, its_name):
                         yield Waveform(frame.id, its_name, rate, whole[its_name])
+
+    def stored_waveforms(self, point_id: int) -> Encoded:
+        """Name, rate and samples of the waveforms of a point; samples in pieces are not read."""
+        told = self.json(self._points[point_id])
+        if dwell := told.get("dwell", 0):
+            return [(name, rate, InPieces(dwell, size)) for name, rate, size in told["waveforms"]]
+        return [(each.name, each.rate, each.samples) for each in self.waveforms(point_id)]
+
+    def unfinished(self) -> Unfinished | None:
+        """The dwell whose samples are stored, but not its point. Raises ValueError: it is damaged."""
+        frames = [each for waves in self._waves.values() for each in waves if each.number < self.head.frames]
+        last = max(frames, key=lambda frame: frame.number, default=None)
+        if last is None or last.id in self._points:
+            return None
+        wave = wave_of(self._file, last)
+        return Unfinished(last.id, wave.dwell, (wave.first + wave.samples.size) / wave.rate)
 
     def faults(self) -> Iterator[str]:
         """One sentence for each damage between points, waveforms and events, which none of them shows."""
@@ -267,21 +322,59 @@ class Record:
         return json.loads(content)
 
 
-def whole_waveforms(file: ChainFile, frames: Iterable[RecordFrame], listed: list[Any]) -> dict[str, np.ndarray]:
+class Wave(NamedTuple):
+    """What a WAVE frame holds, and where it begins in the file."""
+
+    point_id: int
+    dwell: int
+    first: int
+    name: str
+    rate: float
+    samples: np.ndarray
+    at: int
+
+
+def unpacked(frame: Content, at: int = 0) -> Wave:
+    """Read the content of a WAVE frame."""
+    _, point_id, parts = frame
+    about, _, samples = b"".join(parts).partition(b"\n")
+    told, values = json.loads(about), np.frombuffer(samples, SAMPLE)
+    return Wave(point_id, told.get("dwell", 0), told["first"], told["name"], told["rate"], values, at)
+
+
+def wave_of(file: ChainFile, frame: RecordFrame) -> Wave:
+    """Read a WAVE frame from a file. Raises ValueError: it is damaged."""
+    content = file.content(frame)
+    if content is None:
+        raise ValueError(f"{named(frame)} is not as it was written")
+    return unpacked((WAVE, frame.id, [content]), frame.at)
+
+
+def waves(file: ChainFile, at: int) -> Iterator[Wave]:
+    """All WAVE frames of dwells that were stored while they lasted, from a place in the file on. Raises ValueError."""
+    while (frame := file.frame(at)) is not None:
+        at = frame.end
+        if frame.kind == WAVE and (wave := wave_of(file, frame)).dwell:
+            yield wave
+
+
+def whole_waveforms(
+    file: ChainFile, frames: Iterable[RecordFrame], listed: list[Any], dwell: int = 0
+) -> dict[str, np.ndarray]:
     """Samples (n,) float32 by name, of each waveform of a point that its WAVE frames hold completely.
 
     Args:
         file: file of the chain.
         frames: the WAVE frames of the point.
         listed: name, rate and number of samples of each waveform, as the point says.
+        dwell: number of the dwell to which they belong; 0: they were stored with the point.
     """
     parts: dict[tuple[str, float], list[tuple[int, np.ndarray]]] = {}
     for frame in frames:
-        if content := file.content(frame):
-            about, _, samples = content.partition(b"\n")
-            told = json.loads(about)
-            part = (told["first"], np.frombuffer(samples, SAMPLE))
-            parts.setdefault((told["name"], told["rate"]), []).append(part)
+        with contextlib.suppress(ValueError):
+            wave = wave_of(file, frame)
+            if wave.dwell == dwell:
+                parts.setdefault((wave.name, wave.rate), []).append((wave.first, wave.samples))
     found = {}
     for name, rate, size in listed:
         end, pieces = 0, [np.empty(0, SAMPLE)]

@@ -4,15 +4,19 @@ A real bench begins at the first point that is not stored. A simulated bench doe
 depend on everything that was done before. Points that are stored already are compared with what the bench gives now and
 are not stored a second time. So the finished run equals that of a bench that was never interrupted. The header of the
 record is compared with that of the bench as it is now.
+
+The same holds for the samples of a long dwell in which the run ended: a simulated bench goes on with it where they end.
+On a real bench that time is gone, so the dwell is taken anew; its first samples stay in the record.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import tomllib
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,11 +27,23 @@ from palpate.instrument.bench.comparison import compared
 from palpate.instrument.bench.description import BenchDescription, recorded_bench
 from palpate.instrument.errors import ConfigError, RecordError, UsageError, quoted
 from palpate.instrument.refusals import wrong
+from palpate.procedures.records.chain import ChainFile, Content
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.events import Listener, begun, unheard
 from palpate.procedures.records.record import MEASURED, PAUSED, Recorder
-from palpate.procedures.records.record_file import Waveforms, as_json, encoded, status_frame
-from palpate.procedures.records.run import Run, reading
+from palpate.procedures.records.record_file import (
+    Encoded,
+    InPieces,
+    Wave,
+    Waveforms,
+    as_json,
+    encoded,
+    status_frame,
+    unpacked,
+    waves,
+)
+from palpate.procedures.records.run import Run, reading, telling_damage
+from palpate.procedures.records.run_folder import RECORD
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED, UNSTORED = "continued", "changed", "unstored"
@@ -35,7 +51,6 @@ MARKS = frozenset({CONTINUED, CHANGED, UNSTORED, "stopped", "failed"})  # events
 ACCEPT = "--accept-change"
 
 T = TypeVar("T")
-NamedWaveform = tuple[str, float, np.ndarray]
 
 
 # --- headers -------------------------------------------------------------------------------------------
@@ -192,13 +207,16 @@ class Resumed(Recorder):
             with reading(run.folder) as stored:
                 self._stored = list(stored.points())
                 events = stored.events()
+                self._unfinished = stored.unfinished()
             undo.pop_all()
         self._events = deque((e["kind"], e["bench_ns"]) for e in events)
         self._measured = not replay and any(kind == MEASURED for kind, _ in self._events)
         self._bench_ns = max([0, *(ns for _, ns in self._events), *(point.bench_ns for point in self._stored)])
         self._events = deque(event for event in self._events if replay and event[0] not in MARKS)
+        self._pieces: Iterator[Wave] = iter(())
         if not replay:
             self._points = len(self._stored)
+            self._dwells = self._unfinished.dwell if self._unfinished else 0
 
     @property
     def bench_ns(self) -> int:
@@ -234,9 +252,14 @@ class Resumed(Recorder):
                 f" {ALIKE:g} of each number"
             )
         self._write_on()
+        if self._replay:
+            self._pieces = waves(self._open.enter_context(ChainFile(self.folder / RECORD)), 0)
         for event in begun(self.folder, self.run.header, len(self._stored)):
             self.listener(event)
-        marks = [(CONTINUED, f"after point {len(self._stored)}"), *((CHANGED, change) for change in found)]
+        after = f"after point {len(self._stored)}"
+        if self._unfinished:
+            after += f"; {self._unfinished}, and it {'goes on' if self._replay else 'is taken anew'}"
+        marks = [(CONTINUED, after), *((CHANGED, change) for change in found)]
         events = [self._event(kind, message, self._bench_ns, behind) for behind, (kind, message) in enumerate(marks)]
         known = {"mounting": header["mounting"]} if "mounting" in header else {}
         self._append([status_frame("running", {}, known), *events], events=len(events))
@@ -253,9 +276,9 @@ class Resumed(Recorder):
             return super().point(data, waveforms, bench_ns)
         text, arrays = encoded(data, waveforms)
         before = self._stored[self._points]
-        self._points += 1
+        self._points, self._dwells = self._points + 1, 0
         with reading(self.folder) as stored:
-            there = [(w.name, w.rate, w.samples) for w in stored.waveforms(before.id)]
+            there = stored.stored_waveforms(before.id)
         self._bench_ns = bench_ns
         if bench_ns != before.bench_ns or not self._same(before.text, text) or not self._same_waveforms(there, arrays):
             self._differs(f"point {self._points}", bench_ns)
@@ -264,13 +287,32 @@ class Resumed(Recorder):
     def _same(self, before: str, now: str) -> bool:
         return before == now if self._to_the_last_digit else alike(json.loads(before), json.loads(now))
 
-    def _same_waveforms(self, before: list[NamedWaveform], now: list[NamedWaveform]) -> bool:
+    def _same_waveforms(self, before: Encoded, now: Encoded) -> bool:
         if [(name, rate, each.size) for name, rate, each in before] != [(n, rate, each.size) for n, rate, each in now]:
             return False
         pairs = [(one, other) for (_, _, one), (_, _, other) in zip(before, now, strict=True)]
+        return all(self._alike(one, other) for one, other in pairs)
+
+    def _alike(self, before: np.ndarray | InPieces, now: np.ndarray | InPieces) -> bool:
+        if isinstance(before, InPieces) or isinstance(now, InPieces):
+            return type(before) is type(now) and before == now
         if self._to_the_last_digit:
-            return all(one.tobytes() == other.tobytes() for one, other in pairs)
-        return all(np.allclose(one, other, ALIKE, ALIKE * _largest(one), equal_nan=True) for one, other in pairs)
+            return before.tobytes() == now.tobytes()
+        return np.allclose(before, now, ALIKE, ALIKE * _largest(before), equal_nan=True)
+
+    def _store_piece(self, frames: Sequence[Content]) -> int:
+        """The same as that of a recorder, but samples that are stored already are compared."""
+        with telling_damage(self.folder / RECORD):
+            there = list(itertools.islice(self._pieces, len(frames)))
+        if not there:
+            return super()._store_piece(frames)
+        for before, now in itertools.zip_longest(there, map(unpacked, frames)):
+            what = f"samples of point {now.point_id} from number {now.first + 1} on"
+            if before is None or (before[:-2], before.samples.size) != (now[:-2], now.samples.size):
+                raise RecordError(f"{self.folder}: {what} are stored in other pieces than come now; run it anew")
+            if not self._alike(before.samples, now.samples):
+                self._differs(what, self._bench_ns)
+        return there[0].at
 
     def event(self, kind: str, message: str, bench_ns: int) -> None:
         """The same as `Recorder.event`, but a stored event is compared. Raises RecordError as `point` does."""

@@ -138,6 +138,12 @@ class Run:
         return frame_of(self, map(hashable, self.points()))
 
 
+def unfinished(run: Run) -> str:
+    """What is stored of a dwell whose point is not stored, in words; empty: nothing. Raises RecordError."""
+    with reading(run.folder) as stored:
+        return str(stored.unfinished() or "")
+
+
 def frame_of(run: Run, points: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     """Points of a run as a table, which says whether they are simulated."""
     import pandas as pd

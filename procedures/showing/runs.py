@@ -57,7 +57,7 @@ def run_row(run: RunSummary) -> dict[str, Any]:
     }
 
 
-def run_object(run: Run, digest: str, signal_digest: str) -> dict[str, Any]:
+def run_object(run: Run, digest: str, signal_digest: str, unfinished: str) -> dict[str, Any]:
     """A whole run as JSON."""
     return {
         "run": str(run.folder),
@@ -70,10 +70,15 @@ def run_object(run: Run, digest: str, signal_digest: str) -> dict[str, Any]:
         "summary": dict(run.summary),
         "points": run.points(),
         "events": run.events(),
+        **_unfinished(unfinished),
     }
 
 
-def print_run(run: Run, digest: str, signal_digest: str) -> None:
+def _unfinished(what: str) -> dict[str, str]:
+    return {"unfinished": what} if what else {}
+
+
+def print_run(run: Run, digest: str, signal_digest: str, unfinished: str) -> None:
     """Print header, points and events of a run."""
     calibration = run.header.get("calibration")
     source = calibration.get("source") if isinstance(calibration, dict) else None
@@ -104,6 +109,7 @@ def print_run(run: Run, digest: str, signal_digest: str) -> None:
         *blocks(table),
         *legend(table, marks=FLAGS),
         *(f"event at {event['bench_ns'] / 1e9:z.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
+        *(f"unfinished: {what}" for what in _unfinished(unfinished).values()),
     )
 
 
@@ -121,8 +127,8 @@ def _flagged(point: dict[str, Any]) -> dict[str, Any]:
 
 def check_object(found: DamageReport) -> dict[str, Any]:
     """The findings of a check as JSON."""
-    counts = {key: value for key, value in asdict(found).items() if key != "folder"}
-    return {"run": str(found.folder), "damaged": bool(found.faults), **counts}
+    counts = {key: value for key, value in asdict(found).items() if key not in ("folder", "unfinished")}
+    return {"run": str(found.folder), "damaged": bool(found.faults), **counts, **_unfinished(found.unfinished)}
 
 
 def print_check(found: DamageReport) -> None:
@@ -130,6 +136,7 @@ def print_check(found: DamageReport) -> None:
     table = new_table(None, "status", "points", "waveforms", "verdict")
     table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")
     lines = [f"damaged: {fault}" for fault in found.faults]
+    lines += [f"unfinished: {found.unfinished}"] if found.unfinished else []
     if found.faults:
         lines.append(f"salvage it with: palpate runs repair {found.folder} --out DIR")
     elif found.status != "complete":

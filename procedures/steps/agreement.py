@@ -13,7 +13,7 @@ import numpy as np
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.film_forces import FilmForces
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.steps.films import CHARGE_AMPLIFIER, FilmRecord, Films
+from palpate.procedures.steps.films import CHARGE_AMPLIFIER, FilmRecord, Films, LongFilmRecord
 
 FALSE_ALARMS = 6.3e-5  # of points that agree: 4 standard uncertainties of a normal distribution
 CRYSTALS = 1e-4  # relative difference of two clocks [A]
@@ -45,12 +45,12 @@ def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: flo
     return _differ(difference, (1 - passed) * load)
 
 
-def frequencies_differ(films: Films, record: FilmRecord) -> bool:
+def frequencies_differ(films: Films, record: FilmRecord | LongFilmRecord) -> bool:
     """Whether the films swing with another frequency than was set: then their phase turns between the record's halves.
 
     A record of less than two cycles cannot tell.
     """
-    half = record.time.size // 2
+    half = record.samples // 2
     if half / record.rate * films.frequency < 1:
         return False
     try:
@@ -61,7 +61,7 @@ def frequencies_differ(films: Films, record: FilmRecord) -> bool:
     if not min(first.amplitude[loudest], second.amplitude[loudest]) > 0:
         return False
     turned = math.remainder(float(second.phase[loudest] - first.phase[loudest]), 2 * math.pi)
-    between = 2 * math.pi * float(record.time[-half:].mean() - record.time[:half].mean())
+    between = 2 * math.pi * record.between(half)
     halves = tuple(
         Component(name, float(fit.phase_u[loudest]) / between, degrees_of_freedom=fit.degrees_of_freedom)
         for name, fit in (("first half", first), ("second half", second))

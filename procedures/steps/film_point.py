@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from palpate.drivers.devices.sensor_node import LONGEST_WHOLE
 from palpate.drivers.roles import Exciter
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.film_forces import LEAST_SIGNAL, FilmForces, film_forces
@@ -25,8 +26,9 @@ from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
 from palpate.instrument.signals.harmonics import Distortion, distortion
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ, frequencies_differ
-from palpate.procedures.steps.films import FilmRecord, Films, short_length
+from palpate.procedures.steps.films import FilmRecord, Films, LongFilmRecord, short_length
 from palpate.procedures.steps.flags import (
     CLIPPED,
     DRIFTED,
@@ -75,7 +77,7 @@ class FilmPoint:
     load_measured_u: float
     indicator_mV: float
     fit: SineFit
-    record: FilmRecord
+    record: FilmRecord | LongFilmRecord
     dwell_s: float
     relative_u_predicted: float | None
     settling_s: float
@@ -101,11 +103,9 @@ class FilmPoint:
                 raise
             raise EstimateError(f"{causes(self.flags)} ({error})") from None
 
-    def waveforms(self, design: Design) -> dict[str, tuple[float, Floats]]:
+    def waveforms(self, design: Design) -> Waveforms:
         """Sample rate [Hz] and voltages [V] of each film by its name, for the record."""
-        return {
-            film.name: (self.record.rate, volts) for film, volts in zip(design.films, self.record.voltage, strict=True)
-        }
+        return self.record.waveforms([film.name for film in design.films])
 
 
 def measure(
@@ -145,7 +145,7 @@ def measure(
         point = carry_out(
             films.bench,
             named,
-            lambda attempt=attempt: _attempt(films, servo, load, dwell, attempt, compare, quick),  # type: ignore[misc]
+            lambda attempt=attempt: _attempt(films, servo, load, dwell, record, attempt, compare, quick),  # type: ignore[misc]
             again=lambda: servo.set(load),
         )
         if point.valid or attempt == ATTEMPTS:
@@ -176,12 +176,19 @@ def measure(
 
 
 def _attempt(
-    films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int, compare: bool, quick: bool
+    films: Films,
+    servo: LoadServo,
+    load: float,
+    dwell: float | DwellChoice,
+    run: Recorder,
+    attempt: int,
+    compare: bool,
+    quick: bool,
 ) -> FilmPoint:
     watch, readings = (servo.glance, 1) if quick else (servo.watch, READINGS)
     short, settling, settled = films.settle(watch, dwell if isinstance(dwell, float) else None)
     heard = films.emergencies()
-    record, duration, predicted_u = _recorded(films, dwell, short)
+    record, duration, predicted_u = _recorded(films, dwell, short, run)
     reading = servo.read(readings)
     films.bench.role(Exciter).check()
     measured, measured_u = servo.calibration.load(reading.reading_mV, readings)
@@ -189,10 +196,10 @@ def _attempt(
     known = float(servo.calibration.degrees_of_freedom or math.inf)
     fit = films.fit(record)
     defects = {
-        CLIPPED: record.clipped.any(),
-        NOT_FINITE: not np.isfinite(record.voltage).all(),
+        CLIPPED: record.clips.any(),
+        NOT_FINITE: record.gaps.any(),
         UNSETTLED: not settled,
-        FAULT: films.emergencies() > heard and not record.clipped.any(),
+        FAULT: films.emergencies() > heard and not record.clips.any(),
         DRIFTED: not abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * servo.calibration.resolution()),
     }
     flags = [flag for flag, raised in defects.items() if raised]
@@ -215,7 +222,13 @@ def _attempt(
 
 
 def _disagreements(
-    films: Films, record: FilmRecord, fit: SineFit, compare: bool, load: float, load_u: float, known: float
+    films: Films,
+    record: FilmRecord | LongFilmRecord,
+    fit: SineFit,
+    compare: bool,
+    load: float,
+    load_u: float,
+    known: float,
 ) -> list[str]:
     """Flags of devices that measure the same quantity and do not agree."""
     found = []
@@ -239,10 +252,11 @@ def may_be_hum(fit: SineFit) -> bool:
 
 def _distorted(design: Design, point: FilmPoint) -> Iterator[tuple[str, Distortion]]:
     """Names of films whose waveforms are distorted by more than noise explains, and how much."""
+    _, voltage = point.record.first(min(point.dwell_s, LONGEST_WHOLE)).usable(clipped=True)
     for number, film in enumerate(design.films):
         # A record of few or uneven cycles, or with hum on its harmonics, tells no distortion.
         with contextlib.suppress(EstimateError):
-            seen = distortion(point.fit, number, point.record.voltage[number])
+            seen = distortion(point.fit, number, voltage[number])
             if seen.value > LARGEST_DISTORTION and seen.by_noise < FALSE_ALARMS:
                 yield film.name, seen
 
@@ -272,21 +286,23 @@ def _all_bases_answer(design: Design, fit: SineFit) -> bool:
     return bool((fit.amplitude[bases] > LEAST_SIGNAL * fit.amplitude_u[bases]).all())
 
 
-def _recorded(films: Films, dwell: float | DwellChoice, short: SineFit) -> tuple[FilmRecord, float, float | None]:
+def _recorded(
+    films: Films, dwell: float | DwellChoice, short: SineFit, run: Recorder
+) -> tuple[FilmRecord | LongFilmRecord, float, float | None]:
     """The record, its length [s], and the uncertainty for which the length was chosen.
 
     A short record tells the noise to a fifth, and so the dwell that is needed. If that is longer than the short record,
     a pilot record tells it to a twentieth. A pilot that is long enough is itself the record.
     """
     if isinstance(dwell, float):
-        return films.acquire(dwell), dwell, None
+        return films.recorded(dwell, run), dwell, None
     chosen = dwell(short)
     if chosen.dwell * short.rate <= short.samples * (1 + 1e-9):
-        return films.acquire(chosen.dwell), chosen.dwell, chosen.u
+        return films.recorded(chosen.dwell, run), chosen.dwell, chosen.u
     pilot = films.acquire(pilot_length(films.frequency))
     chosen = dwell(films.fit(pilot))
     enough = chosen.dwell <= pilot_length(films.frequency)
-    return pilot.first(chosen.dwell) if enough else films.acquire(chosen.dwell), chosen.dwell, chosen.u
+    return pilot.first(chosen.dwell) if enough else films.recorded(chosen.dwell, run), chosen.dwell, chosen.u
 
 
 def pilot_length(frequency: float) -> float:

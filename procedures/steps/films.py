@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, nullcontext
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.drivers.roles import SensorNode
+from palpate.drivers.devices.sensor_node import LONGEST_WHOLE, Recording
+from palpate.drivers.roles import SamplesInPieces, SensorNode
 from palpate.instrument.bench.kinds import frequency_step
 from palpate.instrument.contracts.sensor_node import CHANNELS, HEADROOM, place
 from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.signals.estimate import SineFit, fit_sine
+from palpate.instrument.signals.estimate import SineFit, fit_pieces, fit_sine
+from palpate.instrument.signals.long_fit import joined
 from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.procedures.records.record_file import InPieces
+from palpate.procedures.records.stored_dwell import StoredDwell
 
 if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
+    from palpate.procedures.records.record import Recorder
 
 SAMPLES_PER_CYCLE = 25
 SHORT_RECORD = 0.2  # s, rounded up to whole cycles, two at least
@@ -54,11 +61,53 @@ class FilmRecord:
     voltage: Floats
     clipped: npt.NDArray[np.bool_]
 
+    @classmethod
+    def joined(cls, pieces: Sequence[FilmRecord]) -> FilmRecord:
+        """One record of pieces that follow each other."""
+        time, voltage, clipped = (
+            np.concatenate(parts, axis=-1)
+            for parts in zip(*((each.time, each.voltage, each.clipped) for each in pieces), strict=True)
+        )
+        return cls(pieces[0].rate, time, voltage, clipped)
+
     @property
-    def good(self) -> npt.NDArray[np.bool_]:
-        """Whether a sample is finite and not clipped (films, n)."""
-        good: npt.NDArray[np.bool_] = np.isfinite(self.voltage) & ~self.clipped
-        return good
+    def clips(self) -> npt.NDArray[np.bool_]:
+        """Whether a film has a clipped sample (films,)."""
+        return np.asarray(self.clipped.any(axis=1))
+
+    @property
+    def gaps(self) -> npt.NDArray[np.bool_]:
+        """Whether a film has a sample that is not finite (films,)."""
+        return np.asarray(~np.isfinite(self.voltage).all(axis=1))
+
+    @property
+    def silent(self) -> npt.NDArray[np.bool_]:
+        """Whether a film has no finite sample (films,)."""
+        return np.asarray(~np.isfinite(self.voltage).any(axis=1))
+
+    def usable(self, clipped: bool) -> tuple[Floats, Floats]:
+        """Times and voltages of the samples that are finite in every film, with those that are clipped or without."""
+        used = np.isfinite(self.voltage).all(axis=0)
+        if not clipped:
+            used &= ~self.clipped.any(axis=0)
+        return self.time[used], self.voltage[:, used]
+
+    def fit(self, frequency: float, clipped: bool) -> SineFit:
+        """Fit by the usable samples."""
+        return fit_sine(*self.usable(clipped), frequency)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each film."""
+        return self.time.size
+
+    def between(self, samples: int) -> float:
+        """Time from the middle of its first so many samples to the middle of its last [s]."""
+        return float(self.time[-samples:].mean() - self.time[:samples].mean())
+
+    def waveforms(self, names: Sequence[str]) -> dict[str, tuple[float, np.ndarray | InPieces]]:
+        """Sample rate [Hz] and voltages [V] of each film by its name, for the record."""
+        return {name: (self.rate, volts) for name, volts in zip(names, self.voltage, strict=True)}
 
     def first(self, duration: float) -> FilmRecord:
         """The first part of the record, of a duration [s]."""
@@ -69,6 +118,88 @@ class FilmRecord:
         """The last part of the record, of a duration [s]."""
         n = round(duration * self.rate)
         return FilmRecord(self.rate, self.time[-n:], self.voltage[:, -n:], self.clipped[:, -n:])
+
+
+class LongFilmRecord:
+    """Recordings of all films over a long dwell. They stand in the record of the run, and are read from there.
+
+    It does what a `FilmRecord` does, but only a piece of it is in memory at once.
+
+    Attributes:
+        rate: sample rate [Hz].
+        samples: number of samples of each film.
+        clips, gaps, silent: as those of a `FilmRecord` (films,).
+    """
+
+    def __init__(self, dwell: StoredDwell, names: Sequence[str]) -> None:
+        """Begin with no sample, in a dwell that was just begun."""
+        self._dwell, self._names = dwell, names
+        self._clipped: dict[int, npt.NDArray[np.bool_]] = {}  # (films, k) of pieces with clipped samples
+        self._part: tuple[int, int] | None = None
+        self.rate = 0.0
+        self.clips, self.gaps, self.silent = (np.full(len(names), value) for value in (False, False, True))
+
+    def add(self, piece: FilmRecord) -> None:
+        """Store the next piece. Raises RecordError: it cannot be stored."""
+        self.rate = piece.rate
+        self.clips, self.gaps = self.clips | piece.clips, self.gaps | piece.gaps
+        self.silent = self.silent & piece.silent
+        if piece.clipped.any():
+            self._clipped[self._dwell.samples] = piece.clipped
+        self._dwell.add(dict(zip(self._names, ((piece.rate, volts) for volts in piece.voltage), strict=True)))
+
+    @property
+    def samples(self) -> int:
+        first, end = self._ends
+        return end - first
+
+    @property
+    def _ends(self) -> tuple[int, int]:
+        return self._part or (0, self._dwell.samples)
+
+    def first(self, duration: float) -> LongFilmRecord:
+        """The first part of the record, of a duration [s]."""
+        first, _ = self._ends
+        return self._of(first, first + round(duration * self.rate))
+
+    def last(self, duration: float) -> LongFilmRecord:
+        """The last part of the record, of a duration [s]."""
+        _, end = self._ends
+        return self._of(end - round(duration * self.rate), end)
+
+    def _of(self, first: int, end: int) -> LongFilmRecord:
+        part = copy(self)
+        part._part = first, end
+        return part
+
+    def usable(self, clipped: bool) -> tuple[Floats, Floats]:
+        """The same as of a `FilmRecord`, all in memory."""
+        return joined(self._pieces(clipped))
+
+    def _pieces(self, clipped: bool) -> Iterator[tuple[Floats, Floats]]:
+        first, end = self._ends
+        for at, stored in self._dwell.pieces():
+            if at >= end:
+                return
+            volts = np.array([stored[name] for name in self._names], dtype=np.float64)
+            numbers = np.arange(at, at + volts.shape[1])
+            used = (numbers >= first) & (numbers < end) & np.isfinite(volts).all(axis=0)
+            if not clipped and at in self._clipped:
+                used &= ~self._clipped[at].any(axis=0)
+            if used.any():
+                yield (numbers[used] + 1) / self.rate, volts[:, used]
+
+    def fit(self, frequency: float, clipped: bool) -> SineFit:
+        """Fit by the usable samples."""
+        return fit_pieces(lambda: self._pieces(clipped), frequency)
+
+    def between(self, samples: int) -> float:
+        """Time from the middle of its first so many samples to the middle of its last [s]."""
+        return (self.samples - samples) / self.rate
+
+    def waveforms(self, names: Sequence[str]) -> dict[str, tuple[float, np.ndarray | InPieces]]:
+        """The waveforms for the record, which has them already."""
+        return {name: (self.rate, InPieces(self._dwell.number, self._dwell.samples)) for name in names}
 
 
 def short_length(frequency: float) -> float:
@@ -178,15 +309,41 @@ class Films:
         self._nodes[node].set_range(channel, range_)
         self._ranges[film] = range_
 
-    def widen(self, record: FilmRecord) -> None:
+    def widen(self, record: FilmRecord | LongFilmRecord) -> None:
         """Set the widest range for the films that clipped in a record."""
-        for film, clipped in enumerate(record.clipped):
-            if clipped.any() and self._ranges[film] != self._widest:
+        for film, clips in enumerate(record.clips):
+            if clips and self._ranges[film] != self._widest:
                 self._set_range(film, self._widest)
 
     def acquire(self, duration: float) -> FilmRecord:
         """Record all films for a duration [s]. Raises LinkError, DeviceError."""
-        recordings = self._nodes[0].acquire_with(self._nodes[1:], duration)
+        return self._together(self._nodes[0].acquire_with(self._nodes[1:], duration))
+
+    def recorded(self, duration: float, record: Recorder) -> FilmRecord | LongFilmRecord:
+        """The same; what is recorded over a long dwell goes into the record of the run while the dwell lasts.
+
+        It is stored once a minute, so that a kill costs no more of a long dwell than it would of a short one.
+        """
+        if duration <= LONGEST_WHOLE:
+            return self.acquire(duration)
+        first, others = self._nodes[0], self._nodes[1:]
+        found = LongFilmRecord(record.begin_dwell(), [film.name for film in self.design.films])
+        held: list[FilmRecord] = []
+        with (
+            closing(first.pieces_with(others, duration))
+            if isinstance(first, SamplesInPieces)
+            else nullcontext([first.acquire_with(others, duration)])
+        ) as pieces:
+            for recordings in pieces:
+                held.append(self._together(recordings))
+                if sum(piece.samples for piece in held) >= LONGEST_WHOLE * held[0].rate:
+                    found.add(FilmRecord.joined(held))
+                    held = []
+        if held:
+            found.add(FilmRecord.joined(held))
+        return found
+
+    def _together(self, recordings: Sequence[Recording]) -> FilmRecord:
         first = recordings[0]
         voltage = np.array([recordings[node].voltage[channel - 1] for node, channel in self._places])
         shown = {"films": [film.name for film in self.design.films], "rate": first.rate, "voltage": voltage}
@@ -202,7 +359,7 @@ class Films:
         """How many emergencies the nodes have sent so far."""
         return sum(len(node.emergencies) for node in self._nodes)
 
-    def fit(self, record: FilmRecord) -> SineFit:
+    def fit(self, record: FilmRecord | LongFilmRecord) -> SineFit:
         """Fit a sine to each film, by the samples that are good in every film.
 
         Where those are too few, all samples that are finite in every film are used.
@@ -211,17 +368,15 @@ class Films:
             DeviceError: a film gives no finite samples.
             EstimateError: there are too few samples for a sine.
         """
-        good, finite = record.good.all(axis=0), np.isfinite(record.voltage).all(axis=0)
-        if not finite.any():
-            dead = next(i for i, volts in enumerate(record.voltage) if not np.isfinite(volts).any())
-            film = self.design.films[dead]
+        if record.silent.any():
+            film = self.design.films[int(record.silent.argmax())]
             raise DeviceError(f"film {film.name!r} on channel {film.channel} gives no finite samples; check its node")
         try:
-            return fit_sine(record.time[good], record.voltage[:, good], self.frequency)
+            return record.fit(self.frequency, clipped=False)
         except EstimateError:
-            if good.all():
+            if not (record.clips.any() or record.gaps.any()):
                 raise
-            return fit_sine(record.time[finite], record.voltage[:, finite], self.frequency)
+            return record.fit(self.frequency, clipped=True)
 
     def settle(self, watch: Callable[[], object], dwell: float | None = None) -> tuple[SineFit, float, bool]:
         """Wait until two successive records agree.

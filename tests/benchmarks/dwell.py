@@ -1,5 +1,7 @@
 """Long dwells at 1 kHz, fitted while they last: an hour of one node, an hour of twenty nodes, a day of one node.
 
+And an hour of one node in a procedure, which stores the samples and fits them as those of any dwell.
+
 Each is measured in a process of its own, because the greatest memory of a process never falls. What the memory grows by
 is counted from a first second of the same work on.
 """
@@ -13,9 +15,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
+import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, in_pieces
 from palpate.instrument.sensor.sample import get_sample
@@ -28,6 +33,7 @@ RATE, FREQUENCY = 1000.0, 10.0  # Hz
 HOUR, DAY = 3600.0, 86_400.0  # s
 GROWTH = (450.0, 900.0, 1800.0, HOUR)  # s
 MEMORY = 20.0  # MiB
+IN_PROCEDURE = 0  # in the place of a number of nodes
 EXPONENT = 1.05
 
 
@@ -40,6 +46,10 @@ def measure() -> Iterator[Row]:
         worked, grown = _apart(nodes, seconds)
         yield Row(f"{what} at 1 kHz with fit: processor time", f"{worked:.1f} s", f"{goal:g} s", worked <= goal)
         yield Row(f"{what} at 1 kHz with fit: memory", f"+{grown:.1f} MiB", f"+{MEMORY:g} MiB", grown <= MEMORY)
+    worked, grown = _apart(IN_PROCEDURE, HOUR)
+    what = "an hour of one node at 250 Hz in a load sweep"
+    yield Row(f"{what}: processor time", f"{worked:.1f} s")
+    yield Row(f"{what}: memory", f"+{grown:.1f} MiB", f"+{MEMORY:g} MiB", grown <= MEMORY)
     worked_by_dwell = [_apart(1, seconds)[0] for seconds in GROWTH]
     exponent = float(np.polyfit(np.log(GROWTH), np.log(worked_by_dwell), 1)[0])
     what = f"processor time against dwell, {GROWTH[0]:g} to {GROWTH[-1]:g} s: exponent"
@@ -68,6 +78,19 @@ def _here(nodes: int, seconds: float) -> tuple[float, float]:
         return time.process_time() - worked, _memory() - memory
 
 
+def _in_procedure(seconds: float) -> tuple[float, float]:
+    with TemporaryDirectory() as store:
+        _sweep(1.0, Path(store) / "short")
+        memory, worked = _memory(), time.process_time()
+        _sweep(seconds, Path(store) / "long")
+        return time.process_time() - worked, _memory() - memory
+
+
+def _sweep(dwell: float, folder: Path) -> None:
+    with palpate.open_bench(scene="thesis_single") as bench:
+        palpate.run(palpate.LoadSweep(("1",), (2.0,), dwell), bench, out=folder)
+
+
 def _amplitudes(sensors: list[CanopenSensorNode], seconds: float) -> list[np.ndarray]:
     first, last = 1 / RATE, seconds
     sums = [Sums(FREQUENCY, (last - first) / 2) for _ in sensors]
@@ -82,4 +105,5 @@ def _memory() -> float:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps(_here(int(sys.argv[1]), float(sys.argv[2]))))
+    nodes, seconds = int(sys.argv[1]), float(sys.argv[2])
+    sys.stdout.write(json.dumps(_in_procedure(seconds) if nodes == IN_PROCEDURE else _here(nodes, seconds)))

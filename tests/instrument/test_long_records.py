@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 import pytest
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals import sine_columns
-from palpate.instrument.signals.estimate import SineFit, fit_sine
-from palpate.instrument.signals.sine_columns import COEFFICIENTS, Sums
+from palpate.instrument.signals import estimate
+from palpate.instrument.signals.estimate import SineFit, fit_pieces, fit_sine
+from palpate.instrument.signals.long_fit import SEGMENT, RecordInPieces
+from palpate.instrument.signals.rapid_noise import Cycles
+from palpate.instrument.signals.sine_columns import COEFFICIENTS, Sums, scaled_rows
 
 RATE = 1000.0  # Hz
 COUNT, LONG = 40_000, 30_000  # samples; what counts as long here, so that the factorization is quick
@@ -27,7 +31,7 @@ def record(frequency: float, hum: float) -> tuple[Floats, Floats]:
 def fitted(t: Floats, y: Floats, frequency: float, longest: int, monkeypatch: pytest.MonkeyPatch) -> SineFit:
     """The fit if so many samples are the most that are factored at once."""
     with monkeypatch.context() as patched:
-        patched.setattr(sine_columns, "LONGEST_FACTORED", longest)
+        patched.setattr(estimate, "LONGEST_FACTORED", longest)
         return fit_sine(t, y, frequency)
 
 
@@ -77,8 +81,89 @@ def test_sums_over_uneven_pieces_are_least_squares_of_the_whole() -> None:
     turns = [2 * np.pi * frequency * t for frequency in (10.0, 50.013)]
     columns = [each for turn in turns for each in (np.cos(turn), np.sin(turn))]
     columns[2:2] = [np.ones(COUNT), t]
-    whole, left, *_ = np.linalg.lstsq(np.stack(columns, axis=1), y.T, rcond=None)
+    whole, *_ = np.linalg.lstsq(np.stack(columns, axis=1), y.T, rcond=None)
     found = sums.solve() * sums.scale[:, np.newaxis]
     assert found[:COEFFICIENTS] == pytest.approx(whole[:COEFFICIENTS], rel=1e-9, abs=1e-13)
-    assert sums.deviation() == pytest.approx(np.sqrt(left / (COUNT - 6)), rel=1e-8)
-    assert sums.samples == COUNT
+
+
+# --- a record that is read in pieces, whose noise is told by segments ------------------------------------
+
+
+def in_parts(t: Floats, y: Floats, size: int) -> Callable[[], Iterator[tuple[Floats, Floats]]]:
+    return lambda: ((t[at : at + size], y[:, at : at + size]) for at in range(0, t.size, size))
+
+
+def test_a_record_in_pieces_has_the_fit_of_the_whole_and_the_noise_of_its_segments() -> None:
+    count = 5 * SEGMENT + 1234
+    t = np.arange(1, count + 1) / 250.0
+    rng = np.random.default_rng(6)
+    drift = 1e-7 * np.cumsum(rng.standard_normal((2, count)), axis=1)
+    noise = np.linalg.cholesky([[1.0, 0.6], [0.6, 1.0]]) @ rng.standard_normal((2, count))
+    hum = 1e-3 * np.cos(2 * np.pi * 50.01 * t)
+    y = 1 + np.outer([0.3, 0.2], np.cos(2 * np.pi * 10 * t + 0.4)) + 1e-3 * noise + drift + hum
+    pieces, whole = fit_pieces(in_parts(t, y, 1250), 10.0), fit_sine(t, y, 10.0)
+    other = fit_pieces(in_parts(t, y, 15_000), 10.0)
+    for name in ("amplitude", "phase", "offset", "mains", "noise", "amplitude_u", "degrees_of_freedom"):
+        assert getattr(pieces, name) == pytest.approx(getattr(other, name), rel=1e-12), name
+        assert getattr(pieces, name) == pytest.approx(getattr(whole, name), rel=1e-12), name
+    assert pieces.noise == pytest.approx([1e-3, 1e-3], rel=4 / np.sqrt(2 * pieces.degrees_of_freedom))
+    assert pieces.correlation[0, 1] == pytest.approx(0.6, abs=0.01)
+    assert 0.9 * count < pieces.degrees_of_freedom < 1.1 * count
+    assert pieces.rapid.rms == pytest.approx([1e-3, 1e-3], rel=0.01)
+
+
+def test_a_record_of_few_samples_in_pieces_is_fitted_as_if_it_were_in_memory() -> None:
+    t, y = record(10.0, 0.0)
+    t, y = t[:5000], y[:, :5000]
+    found, expected = fit_pieces(in_parts(t, y, 999), 10.0), fit_sine(t, y, 10.0)
+    assert repr(found) == repr(expected)
+
+
+def test_a_record_in_pieces_must_increase_in_time_and_be_finite() -> None:
+    t, y = record(10.0, 0.0)
+    back = np.concatenate([t[:30_000], t[:10_000]])
+    with pytest.raises(EstimateError, match="time does not increase after 30 s; sort the record"):
+        fit_pieces(in_parts(back, y, 10_000), 10.0)
+    y[1, 25_000] = np.inf
+    with pytest.raises(EstimateError, match="a sample after 20 s is not finite"):
+        fit_pieces(in_parts(t, y, 10_000), 10.0)
+    with pytest.raises(EstimateError, match="above half the sample rate"):
+        fit_pieces(in_parts(t, np.ones((2, t.size)), 10_000), 501.0)
+
+
+@pytest.mark.parametrize("frequency", [49.99, 60.005])
+def test_beside_the_mains_a_record_in_pieces_leaks_as_much_hum_as_one_in_memory(
+    frequency: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t, y = record(frequency, 0.0)
+    pieces, whole = fit_pieces(in_parts(t, y, 7000), frequency), fitted(t, y, frequency, COUNT, monkeypatch)
+    assert pieces.mains == whole.mains
+    assert whole.most_hum > 0
+    for name in ("hum", "most_hum", "hum_u", "amplitude"):
+        assert getattr(pieces, name) == pytest.approx(getattr(whole, name), rel=1e-9), name
+
+
+def test_the_rapid_noise_of_parts_together_is_that_of_the_whole() -> None:
+    t = np.arange(2500) / 250.0
+    left = np.random.default_rng(7).standard_normal((2, 2500)) + 0.3 * np.sin(2 * np.pi * 10 * t)
+    whole = Cycles.of(t, left, 25)
+    edges = [(0, 500), (500, 2000), (2000, 2500)]
+    parts = [Cycles.of(t[first:end], left[:, first:end], 25) for first, end in edges]
+    together = parts[0] + parts[1] + parts[2]
+    for name in ("count", "total", "at_place", "scatter", "greatest"):
+        assert getattr(together, name) == pytest.approx(getattr(whole, name), rel=1e-12), name
+
+
+def test_the_hum_over_time_does_not_depend_on_where_a_record_is_cut() -> None:
+    t, y = record(10.0, 0.02)
+    long = RecordInPieces.of(in_parts(t, y, 333))
+    basis, scaled = long.at(long.columns(10.0), (50.0,))
+    _, (found,) = long.demodulated(basis, scaled)
+    left = (
+        y
+        - y.mean(axis=1, keepdims=True)
+        - scaled[:4].T @ scaled_rows(t - long.middle, 10.0, (), False, basis.scale[:4])
+    )
+    turned = (left * np.exp(-2j * np.pi * 50.0 * (t - long.middle))).reshape(2, -1, 500).sum(axis=2)
+    assert found == pytest.approx(2 / COUNT * turned, abs=1e-7)
+    assert np.abs(found).min() > 1e-4

@@ -123,7 +123,7 @@ MEMBERS = {  # what a script or a class of its own uses
         "model_question name on pausable plan point recorded report required_loads "
         "resumable_on_real_bench save_calibration"
     ),
-    "Recorder": "close create event finish finished measured point points tell",
+    "Recorder": "begin_dwell close create event finish finished measured point points tell",
     "Run": (
         "about digest events folder header open points procedure signal_digest simulated started status summary "
         "table waveform waveform_names waveforms"

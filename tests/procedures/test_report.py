@@ -183,7 +183,7 @@ def test_a_table_is_stamped_if_and_only_if_it_is_simulated(
     assert capsys.readouterr().out.count("SIMULATED") == simulated
     with Recorder.create(tmp_path / "run", {**HEADER, "simulated": simulated}) as record:
         record.point({"load_N": 2.0}, {}, 1)
-    print_run(Run.open(tmp_path / "run"), "digest", "signals")
+    print_run(Run.open(tmp_path / "run"), "digest", "signals", "")
     assert capsys.readouterr().out.count("SIMULATED ") == 2 * simulated
 
 
@@ -192,7 +192,7 @@ def test_names_and_messages_are_shown_as_they_are(capsys: pytest.CaptureFixture[
     with Recorder.create(folder, HEADER) as record:
         record.point({"sample": MARKUP}, {}, 1)
         record.event("odd", MARKUP, 2)
-    print_run(Run.open(folder), "digest", "signals")
+    print_run(Run.open(folder), "digest", "signals", "")
     text = capsys.readouterr().out
     assert str(folder) in text
     assert text.count(MARKUP) == 2

@@ -194,8 +194,7 @@ def steps_of(temperatures: Sequence[float]) -> tuple[float, ...]:
 
 def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPoint) -> TemperaturePoint:
     fit, forces = measured.fit, measured.forces(design)
-    good = np.isfinite(measured.record.voltage).all(axis=0)
-    time, volts = measured.record.time[good], measured.record.voltage[:, good]
+    time, volts = measured.record.usable(clipped=True)
     amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # 0 for a film that clips all the time
     flags = (*measured.flags, *sorted(added.lost - set(measured.flags)))
     known = gain_u(design)

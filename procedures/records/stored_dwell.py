@@ -1,0 +1,67 @@
+"""A long dwell, whose samples are stored while it lasts, and are read again from the record piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from palpate.procedures.records.chain import ChainFile, Content
+from palpate.procedures.records.record_file import IN_A_FRAME, as_samples, wave_frame, waves
+from palpate.procedures.records.run import telling_damage
+from palpate.procedures.records.run_folder import RECORD
+
+
+class StoredDwell:
+    """The samples of one dwell at a point that is not stored yet. If it is taken anew, that is another dwell.
+
+    Attributes:
+        point_id: the point.
+        number: number of the dwell at this point, from 1.
+        samples: number of samples of each waveform so far.
+    """
+
+    def __init__(self, folder: Path, point_id: int, number: int, store: Callable[[Sequence[Content]], int]) -> None:
+        """`store` puts frames into the record in a folder, and returns where they begin in its file."""
+        self.point_id, self.number, self.samples = point_id, number, 0
+        self._path, self._store = folder / RECORD, store
+        self._begins, self._waveforms = 0, 0
+
+    def add(self, waveforms: Mapping[str, tuple[float, np.ndarray]]) -> None:
+        """Store the next samples of all waveforms, as many of each; they are durable on return.
+
+        Raises:
+            RangeError: as `Recorder.point`. RecordError: they cannot be stored.
+        """
+        named = {name: (rate, as_samples(name, rate, samples)) for name, (rate, samples) in waveforms.items()}
+        count = min(samples.size for _, samples in named.values())
+        for at in range(0, count, IN_A_FRAME):
+            frames = [
+                wave_frame(self.point_id, name, rate, samples[at : at + IN_A_FRAME], self.samples, self.number)
+                for name, (rate, samples) in named.items()
+            ]
+            begins = self._store(frames)
+            if not self.samples:
+                self._begins, self._waveforms = begins, len(named)
+            self.samples += min(IN_A_FRAME, count - at)
+
+    def pieces(self) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """All samples again: of each piece the number of its first sample, from 0, and the samples by name.
+
+        Raises:
+            RecordError: they are not as they were written.
+        """
+        piece: dict[str, np.ndarray] = {}
+        first = 0
+        with telling_damage(self._path), ChainFile(self._path) as file:
+            frames = waves(file, self._begins)
+            while first < self.samples:
+                wave = next(frames, None)
+                if wave is None:
+                    raise ValueError(f"samples of point {self.point_id} are missing from number {first + 1} on")
+                if (wave.point_id, wave.dwell) == (self.point_id, self.number):
+                    piece[wave.name] = wave.samples
+                    if len(piece) == self._waveforms:
+                        yield first, piece
+                        first, piece = first + wave.samples.size, {}

@@ -1,0 +1,281 @@
+"""A long dwell is stored while it lasts: a run that ends within it loses nothing, and readers see one dwell.
+
+A private name is set where nodes of another kind are needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.drivers.bench import Bench
+from palpate.drivers.roles import SensorNode
+from palpate.instrument.errors import RecordError
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.procedures.lab import operator
+from palpate.procedures.records.damage import check, repair
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import IN_A_FRAME, InPieces
+from palpate.procedures.records.run import Run, reading
+from palpate.procedures.records.stored_dwell import StoredDwell
+from palpate.procedures.steps.films import FilmRecord, Films, LongFilmRecord
+from palpate.simulators.bench import SimulatedBench
+from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
+
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "130 s", "--quiet")
+PIECES = 3  # of a dwell: two of a minute, and the rest
+RATE, FREQUENCY = 250.0, 10.0  # Hz
+STORED = "60 s of a dwell at point 2 are stored"
+
+CutShort = Callable[[int], None]
+
+
+@pytest.fixture
+def cut_short(monkeypatch: pytest.MonkeyPatch) -> CutShort:
+    """Has the run interrupted once so many pieces were stored; 0: never."""
+    add = StoredDwell.add
+
+    def install(pieces: int) -> None:
+        stored = 0
+
+        def added(self: StoredDwell, waveforms: dict[str, tuple[float, np.ndarray]]) -> None:
+            nonlocal stored
+            add(self, waveforms)
+            stored += 1
+            if stored == pieces:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(StoredDwell, "add", added)
+
+    return install
+
+
+@pytest.fixture
+def whole(palpate: Palpate) -> Run:
+    assert palpate(*SWEEP, "--out", "whole").status == 0
+    return Run.open(Path("whole"))
+
+
+def kinds(folder: str) -> list[tuple[str, int]]:
+    """Kind and id of each row of a record."""
+    with reading(Path(folder)) as stored:
+        return [(frame.kind.decode(), frame.id) for frame in stored.frames]
+
+
+# --- in a procedure ------------------------------------------------------------------------------------
+
+
+def test_a_run_that_ended_within_a_dwell_goes_on_there_and_is_as_one_that_did_not(
+    palpate: Palpate, cut_short: CutShort, whole: Run
+) -> None:
+    cut_short(PIECES + 1)
+    assert palpate(*SWEEP, "--out", "cut").status == 130
+    assert f"unfinished: {STORED}\n" in palpate("runs", "check", "cut").out
+    assert f"unfinished: {STORED}\n" in palpate("runs", "show", "cut").out
+    assert palpate("runs", "show", "cut", "--json").object["unfinished"] == STORED
+    cut_short(PIECES + 2)  # what is stored already is compared, so this ends one piece later
+    assert palpate("runs", "resume", "cut").status == 130
+    assert "unfinished: 120 s of" in palpate("runs", "check", "cut").out
+    cut_short(0)
+    assert palpate("runs", "resume", "cut", "--quiet").status == 0
+    run = Run.open(Path("cut"))
+    assert (run.digest(), run.summary) == (whole.digest(), whole.summary)
+    assert "unfinished" not in palpate("runs", "check", "cut", "--json").object
+    waves = [row for row in kinds("whole") if row[0] == "WAVE"]
+    assert len(waves) == 2 * 2 * PIECES
+    assert [row for row in kinds("cut") if row[0] == "WAVE"] == waves
+    assert [event["message"] for event in run.events() if event["kind"] == "continued"] == [
+        f"after point 1; {stored}, and it goes on" for stored in (STORED, STORED.replace("60", "120"))
+    ]
+
+
+def check_fitted(run: Run) -> None:
+    """Each point must be the fit of the samples in its record."""
+    for point in run.points():
+        names = run.waveform_names(point["id"])
+        volts = np.array([run.waveform(point["id"], name) for name in names], dtype=np.float64)
+        assert volts.shape == (2, round(130 * RATE))
+        fit = fit_sine(np.arange(1, volts.shape[1] + 1) / RATE, volts, FREQUENCY)
+        found = [point["voltage_rigid_V"], point["voltage_total_V"]]
+        assert found == pytest.approx([2 * each for each in fit.unbiased], rel=1e-9)
+        assert point["dwell_s"] == 130.0
+
+
+def test_a_point_of_a_long_dwell_is_the_fit_of_the_samples_in_its_record(whole: Run) -> None:
+    check_fitted(whole)
+
+
+def test_on_a_real_bench_a_dwell_that_ended_is_taken_anew_and_what_was_measured_stays(
+    palpate: Palpate, cut_short: CutShort, lab: str, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(operator, "confirm", lambda _what, _word: None)
+    cut_short(PIECES + 1)
+    assert palpate(*SWEEP, "--out", "cut", "--bench", lab).status == 130
+    cut_short(0)
+    assert palpate("runs", "resume", "cut", "--quiet").status == 0
+    run = Run.open(Path("cut"))
+    assert len(run.points()) == 2
+    check_fitted(run)
+    assert kinds("cut").count(("WAVE", 2)) == 2 * (1 + PIECES)
+    assert f"after point 1; {STORED}, and it is taken anew" in [event["message"] for event in run.events()]
+    assert check(run.folder).faults == []
+    assert outputs(sim) == OFF
+
+
+def test_samples_that_differ_from_those_that_are_stored_are_not_taken_for_them(
+    palpate: Palpate, cut_short: CutShort, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cut_short(1)
+    assert palpate(*SWEEP, "--out", "cut").status == 130
+    add = LongFilmRecord.add
+
+    def other(self: LongFilmRecord, piece: FilmRecord) -> None:
+        add(self, FilmRecord(piece.rate, piece.time, piece.voltage * (1 + 1e-6), piece.clipped))
+
+    cut_short(0)
+    with monkeypatch.context() as patched:
+        patched.setattr(LongFilmRecord, "add", other)
+        said = palpate("runs", "resume", "cut", "--quiet")
+    assert said.status != 0
+    assert "samples of point 1 from number 1 on is not what the bench gives now" in said.complaint
+
+
+# --- in a record ---------------------------------------------------------------------------------------
+
+
+def begun(folder: Path) -> Recorder:
+    return Recorder.create(folder, HEADER)
+
+
+def samples(first: int, count: int = 5) -> dict[str, tuple[float, np.ndarray]]:
+    """Samples of two waveforms."""
+    numbers = np.arange(first, first + count)
+    return {"film": (RATE, 1.5 * numbers), "total": (RATE, -0.5 * numbers)}
+
+
+def listed(dwell: StoredDwell) -> dict[str, tuple[float, InPieces]]:
+    return dict.fromkeys(("film", "total"), (RATE, InPieces(dwell.number, dwell.samples)))
+
+
+def test_of_several_dwells_at_a_point_the_one_counts_that_the_point_names(tmp_path: Path) -> None:
+    with begun(tmp_path) as record:
+        for first in (100, 200, 300):
+            dwell = record.begin_dwell()
+            dwell.add(samples(first))
+            dwell.add(samples(first + 5, 3))
+            found = [(at, piece["film"].tolist()) for at, piece in dwell.pieces()]
+            expected = (1.5 * np.arange(first, first + 8)).tolist()
+            assert found == [(0, expected[:5]), (5, expected[5:])]
+            if first == 200:
+                kept = listed(dwell)
+        record.point({}, kept, 7)
+        record.point({}, {"film": (RATE, np.ones(3))}, 8)
+        record.finish("complete", {"a": 1})
+    run = Run.open(tmp_path)
+    assert run.waveform(1, "film").tolist() == (1.5 * np.arange(200, 208)).tolist()
+    assert run.waveform(1, "total").tolist() == (-0.5 * np.arange(200, 208)).tolist()
+    assert run.waveform(2, "film").tolist() == [1.0, 1.0, 1.0]
+    assert (check(tmp_path).faults, check(tmp_path).unfinished, check(tmp_path).waveforms) == ([], "", 3)
+
+
+def test_samples_in_pieces_have_the_digest_of_samples_that_are_stored_at_once(tmp_path: Path) -> None:
+    with begun(tmp_path / "pieces") as record:
+        dwell = record.begin_dwell()
+        dwell.add(samples(0, IN_A_FRAME + 2))
+        record.point({"a": 1}, listed(dwell), 7)
+    with begun(tmp_path / "whole") as record:
+        record.point({"a": 1}, samples(0, IN_A_FRAME + 2), 7)
+    assert Run.open(tmp_path / "pieces").digest() == Run.open(tmp_path / "whole").digest()
+
+
+def test_a_repair_says_what_it_leaves_out(tmp_path: Path) -> None:
+    with begun(tmp_path / "run") as record:
+        dwell = record.begin_dwell()
+        dwell.add(samples(0))
+        record.point({}, listed(dwell), 7)
+        record.begin_dwell().add(samples(50))
+    done = repair(tmp_path / "run", tmp_path / "repaired")
+    assert (done.points, done.waveforms) == (1, 2)
+    assert done.gone == ["what was stored of a dwell at point 2, which was not finished"]
+    assert Run.open(tmp_path / "repaired").waveform(1, "film").tolist() == [0.0, 1.5, 3.0, 4.5, 6.0]
+
+
+def damage(file: Path, value: float) -> None:
+    """Change a sample in a record."""
+    content = file.read_bytes()
+    before = np.float32(value).tobytes()
+    assert before in content
+    file.write_bytes(content.replace(before, np.float32(value + 0.25).tobytes(), 1))
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_a_damaged_piece_is_told(tmp_path: Path, finished: bool) -> None:
+    with begun(tmp_path) as record:
+        dwell = record.begin_dwell()
+        dwell.add(samples(50))
+        damage(tmp_path / "run.record", 76.5)
+        with pytest.raises(RecordError, match="a waveform of point 1 is not as it was written"):
+            list(dwell.pieces())
+        if finished:
+            record.point({}, listed(dwell), 7)
+    what = "waveform 'film' of point 1" if finished else "a waveform of point 1"
+    assert f"{what} is not as it was written" in check(tmp_path).faults[0]
+
+
+# --- the films -----------------------------------------------------------------------------------------
+
+
+def test_the_films_of_a_long_dwell_do_what_films_in_memory_do(tmp_path: Path) -> None:
+    count = 40_000
+    time = np.arange(1, count + 1) / RATE
+    drive = np.outer([0.2, 0.3], np.cos(2 * np.pi * FREQUENCY * time))
+    volts = np.float32(drive + 1e-3 * np.random.default_rng(3).standard_normal((2, count))).astype(np.float64)
+    clipped = np.zeros(volts.shape, bool)
+    clipped[1, 20_100:20_300] = True
+    volts[0, 35_000:35_010] = np.nan
+    memory = FilmRecord(RATE, time, volts, clipped)
+    with begun(tmp_path) as record:
+        stored = LongFilmRecord(record.begin_dwell(), ["film", "total"])
+        for part in np.split(np.arange(count), [15_000, 30_000]):
+            stored.add(FilmRecord(RATE, time[part], volts[:, part], clipped[:, part]))
+        for one, other in (
+            (stored, memory),
+            (stored.first(50.0), memory.first(50.0)),
+            (stored.last(100.0), memory.last(100.0)),
+            (stored.last(100.0).first(30.0), memory.last(100.0).first(30.0)),
+        ):
+            assert (one.samples, one.rate) == (other.samples, other.rate)
+            assert one.between(500) == pytest.approx(other.between(500))
+            for with_clipped in (False, True):
+                for found, expected in zip(one.usable(with_clipped), other.usable(with_clipped), strict=True):
+                    assert np.array_equal(found, expected)
+            fit, expected_fit = (each.fit(FREQUENCY, clipped=False) for each in (one, other))
+            assert fit.amplitude == pytest.approx(expected_fit.amplitude, rel=1e-12)
+            assert fit.phase == pytest.approx(expected_fit.phase, rel=1e-9, abs=1e-12)
+        for name in ("clips", "gaps", "silent"):
+            assert getattr(stored, name).tolist() == getattr(memory, name).tolist(), name
+        assert stored.clips.tolist() == [False, True]
+        assert stored.gaps.tolist() == [True, False]
+
+
+def test_nodes_that_give_no_pieces_are_stored_in_pieces_too(bench: Bench, tmp_path: Path) -> None:
+    class Whole:
+        """A node of a kind that records at once."""
+
+        def __init__(self, node: SensorNode) -> None:
+            self.acquire_with = node.acquire_with
+
+    films = Films(bench, get_design("single"), FREQUENCY, 4.0)
+    found = []
+    for name, nodes in (("pieces", films._nodes), ("whole", [Whole(films._nodes[0])])):
+        films._nodes = nodes  # type: ignore[assignment]
+        with begun(tmp_path / name) as record:
+            recorded = films.recorded(70.0, record)
+            assert isinstance(recorded, LongFilmRecord)
+            found.append((recorded.samples, recorded.rate, recorded.usable(clipped=False)[0].tolist()))
+    assert found[0] == found[1]
+    assert found[0][:2] == (70 * RATE, RATE)
