@@ -327,12 +327,19 @@ class RunTimes:
     Attributes:
         mean: their mean.
         longest: the bound, at which a run ends whether or not it has reached its tolerance.
+        mountings: their mean number of mountings.
         enough: share of runs that reach it within the bound, where no other limit of time ends them.
     """
 
     mean: float
     longest: float
+    mountings: float
     enough: float = COVERAGE
+
+    @property
+    def kept(self) -> bool:
+        """Whether as many runs reach it as the bound is made for."""
+        return round(self.enough, 2) >= COVERAGE
 
 
 def run_times(
@@ -387,4 +394,6 @@ def run_times(
     end = bound if limit is None else limit
     reached = float(np.mean((sets <= most) & (seconds <= bound)))
     enough_of = COVERAGE if reached >= COVERAGE * (1 - 2 / RUNS) else reached
-    return RunTimes(float(np.minimum(seconds, end).mean()), min(bound, end), enough_of)
+    spent = np.minimum(seconds, end)
+    begun = np.ceil(count * (spent - costs.start) / (seconds - costs.start) - ROUNDING)
+    return RunTimes(float(spent.mean()), min(bound, end), float(begun.mean()), enough_of)

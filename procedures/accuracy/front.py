@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from palpate.instrument.allocation.lines import BudgetLine, budget
+from palpate.instrument.allocation.lines import budget
 from palpate.instrument.allocation.table import ROUNDING, Allocation, OutOfReach, Table
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGES
 from palpate.instrument.errors import RangeError
@@ -28,6 +28,7 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.engine.plan import noise_of
+from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.object_modulus.planning import (
     CURVE,
     MOUNTED,
@@ -35,13 +36,14 @@ from palpate.procedures.measurements.object_modulus.planning import (
     ExpectedRatio,
     Prospect,
     Wanted,
+    alternatives,
     costs_of,
     expected,
     lines_of,
     prospect_by,
     quickest,
     quickest_way,
-    references_of,
+    references_that_pay,
     refused,
     table_of,
 )
@@ -51,10 +53,9 @@ TARGETS = (0.2, 0.1, 0.05, 0.02, 0.01)  # half-widths of the 95 % interval, rela
 POINTS = 24  # of the front, at most
 SYSTEMATIC = 0.05  # share of the variance that all together may have that is not random
 MINUTE = 60.0  # s: what one minute less and one more would give
-REFERENCES = 6  # as many as pay
 FIT, CONVERTER, INTEGRATION = "fit", "converter", "integration"
 QUIET = "converter, without noise"
-SETUP, FURTHER = "start and end", "further"
+SETUP, FURTHER = "start and end", "more, if needed"
 LATE, OFFSET = 86_400.0, 1000.0  # s, a day on the bench, and amplitudes: a hard case for the fit
 NEAR = np.linspace(0.95, 1.05, 41)  # sizes near the nominal one, because rounding depends on the size
 ROUNDS = 15  # of timing
@@ -122,7 +123,8 @@ class FrontPoint:
         return {
             "seconds": self.plan.times.mean,
             "longest_s": self.plan.times.longest,
-            "person_s": person * plan.mountings,
+            "person_s": person * self.plan.times.mountings,
+            "reached_by": self.plan.times.enough,
             "U95": plan.half,
             "load_N": self.plan.load,
             "mountings": plan.mountings,
@@ -137,7 +139,7 @@ class PlanningCase:
     """What plans are made for.
 
     Attributes:
-        design: the sensor of the bench, with its calibrated films.
+        target: the bench, with its calibrated films.
         question: the model that turns the ratio into the modulus.
         loads: loads among which a plan chooses [N, peak to peak].
         wanted: frequency of the load, what is known of mountings, and who mounts; each plan has its own tolerance.
@@ -145,12 +147,17 @@ class PlanningCase:
         references: calibration of the model by references; None: there is none.
     """
 
-    design: Design
+    target: Target
     question: RatioQuestion
     loads: Sequence[float]
     wanted: Wanted
     command: Sequence[str]
     references: ByReferences | None = None
+
+    @property
+    def design(self) -> Design:
+        """The sensor of the bench."""
+        return self.target.design
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +177,8 @@ class ModulusFront:
         costs: what the tolerance asks of each cause.
         less, more: half-widths of plans that take a minute less and more; None: there is none so quick.
         absolute: what the model's validation error leaves, half-width; None: it is not known.
-        by_references, references_s: what REFERENCES of them would leave in its place, and their time [s]; None: not
-            known.
-        quicker: what is made once before a run that makes the whole quicker; None: nothing does.
+        by_references: what references would leave in its place; None: not known.
+        offered: what would make the run for the tolerance quicker or surer.
         priors: what counts without having been measured.
     """
 
@@ -189,9 +195,8 @@ class ModulusFront:
     less: float | None
     more: float | None
     absolute: float | None
-    by_references: float | None
-    references_s: float | None
-    quicker: Alternative | None
+    by_references: Alternative | None
+    offered: tuple[Alternative, ...]
     priors: tuple[Prior, ...]
 
     @classmethod
@@ -212,17 +217,17 @@ class ModulusFront:
         if found.validation.u is None:
             wanted = replace(wanted, relative=True)
         table = table_of(case.design, found, wanted, case.loads)
-        asked, why = None, ""
+        asked, why, less, more = None, "", None, None
+        offered: Sequence[Alternative | None]
         try:
             asked = _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
         except OutOfReach as error:
             why = str(refused(error, case.question, found, wanted, case.design, case.loads))
-        less, more = None, None
-        if asked is not None:
+            offered = [quickest(quickest_way(case.question, found, wanted, case.design, table), len(case.design.teeth))]
+        else:
+            offered = alternatives(case.question, wanted, asked.plan, case.target, case.loads)
             mean = asked.plan.times.mean
             less, more = (_in_time(case, found, wanted, table, mean + change) for change in (-MINUTE, MINUTE))
-        made = references_of(case.question, found, case.design)
-        count = REFERENCES if made is None else max(REFERENCES, made.least)
         validation = found.validation
         factor = coverage_factor(validation.degrees_of_freedom)
         return cls(
@@ -239,14 +244,15 @@ class ModulusFront:
             less=less,
             more=more,
             absolute=None if validation.u is None else found.sensitivity * validation.u * factor,
-            by_references=None if made is None else _half(made.line(count)),
-            references_s=None if made is None else made.seconds(count),
-            quicker=quickest(quickest_way(case.question, found, wanted, case.design, table), len(case.design.teeth)),
+            by_references=references_that_pay(case.question, found, case.design),
+            offered=tuple(each for each in offered if each is not None),
             priors=tuple(_priors(wanted)),
         )
 
     def summary(self) -> dict[str, Any]:
         """The front as JSON has it."""
+        offered = {each.what: each.summary() for each in self.offered}
+        references = self.by_references
         return {
             "modulus_Pa": self.modulus,
             "tolerance": self.tolerance,
@@ -267,15 +273,12 @@ class ModulusFront:
             "minute_less_U95": self.less,
             "minute_more_U95": self.more,
             "absolute_U95": self.absolute,
-            "references_U95": self.by_references,
-            "references_s": self.references_s,
-            "quickest": None if self.quicker is None else self.quicker.summary(),
+            "references_U95": None if references is None else references.U95,
+            "references_s": None if references is None else references.once_s,
+            "quickest": offered.get("quickest"),
+            "alternatives": list(offered.values()),
             "priors": [asdict(prior) for prior in self.priors],
         }
-
-
-def _half(line: BudgetLine) -> float:
-    return line.u * coverage_factor(line.degrees_of_freedom)
 
 
 def _priors(wanted: Wanted) -> list[Prior]:
@@ -355,15 +358,17 @@ def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect
     for name, (u, share) in sorted(shares.items(), key=lambda each: -each[1][1]):
         if name == MOUNTED:
             person = costs.person * plan.mountings
+            times = counted(plan.mountings, "time")
             rows.append(
-                CauseCost(name, u, share, "", counted(plan.mountings, "time"), None, float(plan.mountings),
+                CauseCost(name, u, share, times, times, float(plan.mountings), float(plan.mountings),
                      costs.mounting * plan.mountings, person)
             )  # fmt: skip
         elif name == SCATTER:
             bench = (costs.set + plan.dwell) * plan.sets
             fit_s, fit_u = _timed(_fit_of(plan.dwell, wanted.frequency))
+            sets = f"{plan.sets} sets"
             rows.append(
-                CauseCost(name, u, share, "", f"{plan.sets} sets", None, float(plan.sets), bench, None,
+                CauseCost(name, u, share, sets, sets, float(plan.sets), float(plan.sets), bench, None,
                      fit_s * plan.sets, fit_u * plan.sets)
             )  # fmt: skip
         elif name == NOISE:
@@ -386,8 +391,8 @@ def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect
     rows.append(CauseCost(QUIET, None, None, "", _error(quiet), None, quiet))
     rows.append(CauseCost(INTEGRATION, None, None, "", "not in the path: the bench steps nothing"))
     rows.append(CauseCost(SETUP, None, None, bench_s=costs.start))
-    further = prospect.times.mean - plan.seconds
-    rows.append(CauseCost(FURTHER, None, None, bench_s=further))
+    further, person = prospect.times.mean - plan.seconds, costs.person * (prospect.times.mountings - plan.mountings)
+    rows.append(CauseCost(FURTHER, None, None, bench_s=further, person_s=person))
     return rows
 
 

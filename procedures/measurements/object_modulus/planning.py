@@ -46,13 +46,13 @@ from palpate.instrument.findings.object_modulus import (
 from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import Validation, ValidationLine, validate
-from palpate.instrument.quantity import LARGEST_TOLERANCE, as_typed, counted, plus_minus, show
+from palpate.instrument.quantity import LARGEST_TOLERANCE, as_asked, as_typed, counted, plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target
-from palpate.procedures.measurements.prospects import reachable, share
+from palpate.procedures.measurements.prospects import rounded_up, share
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_frequency, preload_for
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, settling_length
@@ -330,7 +330,7 @@ def prospect_by(design: Design, found: ExpectedRatio, wanted: Wanted, plan: Allo
     scale, whole = (half_of(each, plan, by_time=by_time) for each in both)
     scale_u, whole_u = (budget(each, plan.mountings, plan.sets, plan.dwell).u for each in both)
     if wanted.tolerance is None or plan.half > wanted.tolerance * (1 + ROUNDING):  # the time ends the run
-        times = RunTimes(plan.seconds, plan.seconds if wanted.time is None else wanted.time)
+        times = RunTimes(plan.seconds, plan.seconds if wanted.time is None else wanted.time, plan.mountings)
     else:
         times = run_times(both[not wanted.relative], costs, wanted.tolerance, plan, MOST_SETS, wanted.time)
     absolute, absolute_u = (None, None) if found.validation.u is None else (whole, whole_u)
@@ -344,7 +344,7 @@ def for_bound(found: ExpectedRatio, wanted: Wanted, load: float) -> Prospect:
     sets = BOUND_SETS * mountings
     seconds = costs.seconds(mountings, sets, dwell)
     plan = Allocation(mountings, sets, dwell, seconds, math.inf, math.inf, {}, "", seconds, load)
-    return Prospect(load, found, plan, None, None, None, None, RunTimes(seconds, seconds))
+    return Prospect(load, found, plan, None, None, None, None, RunTimes(seconds, seconds, mountings))
 
 
 def has_most_sets(plan: Allocation) -> bool:
@@ -440,9 +440,12 @@ def quickest_way(
 # What makes the measurement of a modulus shorter or surer, and is not done by the run itself, with its price
 
 FREQUENCIES = (20.0, 40.0)  # Hz
+NEVER_MEASURED = "scatter was never measured"
+SCATTER_MOUNTINGS, SCATTER_TOLERANCE = 12, 0.1  # of the run that measures it
+MEASURE_MOUNTINGS = f"--mountings {SCATTER_MOUNTINGS} --tolerance '10 %' --relative-to-model"
 USUAL_POINTS = 6  # on each tooth, of palpate calibrate films
 FILM_LOADS = 1.5, 4.0  # N, least and greatest of palpate calibrate films
-PAYS = 0.98  # of the bench time or half-width: what saves less is not offered
+PAYS, PAYS_ONCE = 0.98, 0.8  # of the bench time or half-width: what saves less, or costs a run before, is not offered
 REFERENCE_OPTION = "--reference 'A: 48 kPa ± 4 %'"  # one for each
 UNITS = {VALIDATION: "reference", CALIBRATION: "film point"}
 
@@ -488,15 +491,16 @@ class Alternative:
 def alternatives(
     question: RatioQuestion, wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]
 ) -> list[Alternative]:
-    """What else pays beside a plan. Nothing is offered for an object of which only a bound is known."""
+    """What else pays beside a plan, first what makes it quicker; nothing, where only a bound of the object is known."""
     if prospect.found.sensitivity is None:
         return []
     table = table_of(target.design, prospect.found, wanted, loads)
     found = [
+        quickest(quickest_way(question, prospect.found, wanted, target.design, table), len(target.design.teeth)),
+        _mountings(wanted, prospect, target, loads),
+        _frequency(wanted, prospect, target, loads),
         _references(question, wanted, prospect, target),
         _films(wanted, prospect, target),
-        _frequency(wanted, prospect, target, loads),
-        quickest(quickest_way(question, prospect.found, wanted, target.design, table), len(target.design.teeth)),
     ]
     return [each for each in found if each is not None]
 
@@ -532,28 +536,63 @@ def _films(wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | 
     half, seconds = _with(wanted, prospect, design, films.line(points)), films.seconds(points)
     told = f"{points} points would give {plus_minus(half)}; {duration(seconds)}, once"
     if not calibrated:
-        told = f"not calibrated: no interval counts it; {points} points ({duration(seconds)}) leave {plus_minus(half)}"
+        told = (
+            f"not calibrated: {plus_minus(plan.half)} leaves their error out; with {points} points"
+            f" ({duration(seconds)}, once) it counts: {plus_minus(half)}"
+        )
     person, how = MOUNTING * len(design.teeth), command_of(CALIBRATION, points)
     return Alternative("films", {CALIBRATION: float(points)}, seconds, person, prospect.times.mean, half, how, told)
 
 
+def _mountings(wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]) -> Alternative | None:
+    """The scatter of mountings measured once, where it never was and this pays."""
+    if not wanted.mounted_by.startswith(NEVER_MEASURED) or wanted.mountings is not None:
+        return None
+    once = replace(wanted, tolerance=SCATTER_TOLERANCE, time=None, relative=True, mountings=SCATTER_MOUNTINGS)
+    known = replace(wanted, mounted_freedom=SCATTER_MOUNTINGS - 1.0)
+    try:
+        first, then = (best_of(target.design, prospect.found, each, loads) for each in (once, known))
+    except RangeError:
+        return None
+    if _gain(wanted, prospect, then) > PAYS_ONCE:
+        return None
+    seconds = first.times.mean
+    told = f"once {SCATTER_MOUNTINGS} have told their scatter ({duration(seconds)}), a run would {_gives(wanted, then)}"
+    numbers, person = {MOUNTED: float(SCATTER_MOUNTINGS)}, wanted.mounts.person * first.times.mountings
+    return Alternative(
+        "mountings", numbers, seconds, person, then.times.mean, then.allocation.half, MEASURE_MOUNTINGS, told
+    )
+
+
+def _gain(wanted: Wanted, prospect: Prospect, other: Prospect) -> float:
+    """Bench time of another plan over that of this one; the half-width, where a time is given."""
+    if wanted.tolerance is None:
+        return other.allocation.half / prospect.allocation.half
+    return other.times.mean / prospect.times.mean
+
+
+def _gives(wanted: Wanted, other: Prospect) -> str:
+    """What another plan gives, where a time is given, or takes."""
+    if wanted.tolerance is None:
+        return f"give {plus_minus(other.allocation.half)}"
+    return f"take {duration(other.times.mean)}"
+
+
 def _frequency(wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]) -> Alternative | None:
     """Another frequency, where the bench can have it and it pays; the modulus is then the one at that frequency."""
-    by_time, best, least = wanted.tolerance is None, None, PAYS
+    best, least = None, PAYS
     for frequency in FREQUENCIES:
         try:
             check_frequency(frequency, target)
             other = best_of(target.design, prospect.found, replace(wanted, frequency=frequency), loads)
         except PalpateError:
             continue
-        ratio = other.allocation.half / prospect.allocation.half if by_time else other.times.mean / prospect.times.mean
-        if ratio < least:
-            best, least = (frequency, other), ratio
+        if (gain := _gain(wanted, prospect, other)) < least:
+            best, least = (frequency, other), gain
     if best is None:
         return None
     frequency, other = best
-    gives = f"give {plus_minus(other.allocation.half)}" if by_time else f"take {duration(other.times.mean)}"
-    told = f"{show(frequency, 'Hz')} would {gives}, for the modulus at that frequency"
+    told = f"{show(frequency, 'Hz')} would {_gives(wanted, other)}, for the modulus at that frequency"
     numbers, how = {"frequency_Hz": frequency}, f"--frequency '{show(frequency, 'Hz')}'"
     return Alternative("frequency", numbers, 0.0, 0.0, other.times.mean, other.allocation.half, how, told)
 
@@ -582,7 +621,6 @@ def _with(wanted: Wanted, prospect: Prospect, design: Design, line: BudgetLine) 
 
 # --- A tolerance that cannot be reached: what binds, the best there is, and other ways there -----------
 
-NEVER_MEASURED = "scatter was never measured"
 REFERENCES = 6  # as many as pay
 LEAST_BY_COMPRESSION = 0.04
 REMEDIES = {
@@ -607,10 +645,14 @@ def refused(
         why = f"{error.binds} binds, and a run has {MOST_SETS:,} load sets and {MOST_MOUNTINGS} mountings at most"
     elif error.binds == VALIDATION:
         why = f"the model binds: {why} ({found.validation.source})"
-    best = f"--tolerance '{reachable(error.best)}'" if error.best < LARGEST_TOLERANCE else plus_minus(error.best)
-    way = quickest(
-        quickest_way(question, found, wanted, design, table_of(design, found, wanted, loads)), len(design.teeth)
-    )
+    table, best = table_of(design, found, wanted, loads), plus_minus(error.best)
+    if error.best < LARGEST_TOLERANCE:
+        least = rounded_up(error.best)
+        best = f"--tolerance '{share(least)}'"
+        times = prospect_by(design, found, replace(wanted, tolerance=least), table.for_tolerance(least)).times
+        if not times.kept:
+            best += f", which {share(times.enough)} of runs reach: a run has {MOST_SETS:,} load sets at most"
+    way = quickest(quickest_way(question, found, wanted, design, table), len(design.teeth))
     ways = []
     if way is not None and (wanted.time is None or way.run_s <= wanted.time):
         ways = [f"or        as asked with {way.told}: {way.how}"]
@@ -619,7 +661,7 @@ def refused(
     elif error.binds == MOUNTED and wanted.mountings is not None:
         ways = ["or        leave the number of mountings to the plan, without --mountings"]
     elif error.binds == MOUNTED and wanted.mounted_by.startswith(NEVER_MEASURED):
-        ways = ["or        measure how mountings scatter: palpate measure modulus --mountings 12 --tolerance '10 %'"]
+        ways = [f"or        measure how mountings scatter, once: {MEASURE_MOUNTINGS}"]
     elif error.binds in REMEDIES and (error.binds, found.model) != (CURVE, answering(replace(question, model="auto"))):
         ways = [f"or        {REMEDIES[error.binds]}"]
     if tolerance >= LEAST_BY_COMPRESSION or error.binds == VALIDATION:
@@ -627,7 +669,7 @@ def refused(
     if error.binds == VALIDATION:
         ways += _on_scale(wanted, found, design, loads)
     absolute = "" if wanted.relative else " absolute"
-    told = f"--tolerance {share(tolerance, 3)}{absolute} cannot be reached: {why}"
+    told = f"--tolerance {as_asked(tolerance, 3)[2:]}{absolute} cannot be reached: {why}"
     return RangeError("\n  ".join([told, f"best now  {best}", *ways]))
 
 
@@ -648,15 +690,22 @@ def _by_compression(wanted: Wanted) -> str:
     return f"or        ± 4 to 8 % in {COMPRESSION:.0f} s, where it can be taken off: palpate test modulus {sample}"
 
 
-def _with_references(question: RatioQuestion, found: ExpectedRatio, design: Design) -> list[str]:
-    """What as many references as pay would leave; empty: not known."""
+def references_that_pay(question: RatioQuestion, found: ExpectedRatio, design: Design) -> Alternative | None:
+    """What as many references as pay would leave of the model's error; None: not known."""
     made = references_of(question, found, design)
     if made is None:
-        return []
+        return None
     count = max(REFERENCES, made.least)
-    line, seconds = made.line(count), duration(made.seconds(count))
-    left = plus_minus(line.u * coverage_factor(line.degrees_of_freedom))
-    return [f"or        {left} with {count} references ({seconds}, once): {command_of(VALIDATION, count)}"]
+    line, seconds = made.line(count), made.seconds(count)
+    half = line.u * coverage_factor(line.degrees_of_freedom)
+    told = f"{plus_minus(half)} with {count} references ({duration(seconds)}, once)"
+    numbers, how = {VALIDATION: float(count)}, command_of(VALIDATION, count)
+    return Alternative("references", numbers, seconds, MOUNTING * count, math.nan, half, how, told)
+
+
+def _with_references(question: RatioQuestion, found: ExpectedRatio, design: Design) -> list[str]:
+    made = references_that_pay(question, found, design)
+    return [] if made is None else [f"or        {made.told}: {made.how}"]
 
 
 def _on_scale(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float]) -> list[str]:
@@ -701,14 +750,14 @@ def wanted_line(wanted: Wanted, model: str) -> str:
     if wanted.tolerance is None:
         return f"as good as {as_typed(wanted.time or 0.0, 's')} allow, {scale}"
     within = "" if wanted.time is None else f", within {as_typed(wanted.time, 's')}"
-    return f"{plus_minus(wanted.tolerance)} {scale}{within}"
+    return f"{as_asked(wanted.tolerance)} {scale}{within}"
 
 
 def missed_by(wanted: Wanted, reached: float | None) -> str:
     """What was reached instead of the tolerance, to end a sentence; empty: it was reached, or none was asked for."""
     if wanted.tolerance is None or reached is None or reached <= wanted.tolerance * (1 + ROUNDING):
         return ""
-    return f": {plus_minus(reached)} reached, {plus_minus(wanted.tolerance)} was asked for"
+    return f": {plus_minus(reached)} reached, {as_asked(wanted.tolerance)} was asked for"
 
 
 def _end(wanted: Wanted, prospect: Prospect) -> str:
@@ -755,7 +804,10 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
         told += f" ({plus_minus(prospect.scale)} on the scale)"
     cancel = found.films_cancel and not wanted.relative
     uncalibrated = "" if cancel or CALIBRATION in plan.shares else ", films not calibrated"
-    return [*lines, f"expected       {told}; u: {parts_of(plan.shares, plan.u)}{uncalibrated}"]
+    lines.append(f"expected       {told}; u: {parts_of(plan.shares, plan.u)}{uncalibrated}")
+    if wanted.tolerance is None and math.isfinite(wanted.mounted_freedom):
+        lines.append("               wider where mountings scatter more; a run for a tolerance goes on until it is met")
+    return lines
 
 
 def parts_of(shares: Mapping[str, float], u: float) -> str:

@@ -14,7 +14,7 @@ from palpate.instrument.calibration.calibration import ANY, CalibrationOwner
 from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.findings.object_modulus import ByReferences, answering
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.ratio import FIXED, RatioQuestion
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
@@ -117,6 +117,7 @@ class Measuring(DynamicLoadWork):
 # --- the procedure -------------------------------------------------------------------------------------
 
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
+THICKNESS = "sensed_thickness"  # setting of a model
 UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known
 MOST_MOUNTINGS = 100
 LARGEST_SCATTER = 0.5
@@ -248,8 +249,16 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         return tuple(load for load in LOADS if low <= load <= high) or (low,)
 
     def model_question(self, design: Design) -> RatioQuestion:
-        """The question for the model that turns the ratio into the modulus; "auto" is the model that it chooses."""
-        asked = RatioQuestion(design.name, self.model, settings={"sensed_thickness": self.object.thickness})
+        """The question for the model that turns the ratio into the modulus; "auto" is the model that it chooses.
+
+        Raises RangeError: the model takes no thickness of an object.
+        """
+        if THICKNESS in FIXED.get(self.model, ()):
+            raise RangeError(
+                f"--model {self.model}: it cannot be told how thick an object is, so that it turns no ratio into a"
+                " modulus; take another one, such as --model auto"
+            )
+        asked = RatioQuestion(design.name, self.model, settings={THICKNESS: self.object.thickness})
         return replace(asked, model=answering(asked))
 
     def plan(self, target: Target) -> Plan[Step, Course]:
