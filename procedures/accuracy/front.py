@@ -10,42 +10,32 @@ import math
 import shlex
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
 
 from palpate.instrument.allocation.lines import budget
-from palpate.instrument.allocation.table import ROUNDING, Allocation, OutOfReach, Table
+from palpate.instrument.allocation.table import ROUNDING, OutOfReach, Table
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGES
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, SCATTER
-from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.models.price_list import stored
-from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.quantity import LARGEST_TOLERANCE, counted, parse, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.engine.plan import noise_of
-from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.object_modulus.planning import (
     CURVE,
     MOUNTED,
     Alternative,
     ExpectedRatio,
+    ModulusPlans,
     Prospect,
     Wanted,
-    alternatives,
     costs_of,
-    expected,
     lines_of,
-    prospect_by,
-    quickest,
-    quickest_way,
-    references_that_pay,
-    refused,
-    table_of,
 )
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 
@@ -135,32 +125,6 @@ class FrontPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class PlanningCase:
-    """What plans are made for.
-
-    Attributes:
-        target: the bench, with its calibrated films.
-        question: the model that turns the ratio into the modulus.
-        loads: loads among which a plan chooses [N, peak to peak].
-        wanted: frequency of the load, what is known of mountings, and who mounts; each plan has its own tolerance.
-        command: the command of a measurement, without its tolerance.
-        references: calibration of the model by references; None: there is none.
-    """
-
-    target: Target
-    question: RatioQuestion
-    loads: Sequence[float]
-    wanted: Wanted
-    command: Sequence[str]
-    references: ByReferences | None = None
-
-    @property
-    def design(self) -> Design:
-        """The sensor of the bench."""
-        return self.target.design
-
-
-@dataclass(frozen=True, slots=True)
 class ModulusFront:
     """What accuracy of the modulus of one object costs on one bench.
 
@@ -200,53 +164,50 @@ class ModulusFront:
     priors: tuple[Prior, ...]
 
     @classmethod
-    def of(cls, case: PlanningCase, modulus: float, tolerance: float) -> Self:
-        """All plans for an object of a Young modulus [Pa].
+    def of(cls, plans: ModulusPlans, modulus: float, command: Sequence[str]) -> Self:
+        """All plans for an object of a Young modulus [Pa]; `command` measures it, without its tolerance.
 
         Raises:
-            RangeError: the model does not answer for this sensor, or tells no more than a bound of the object.
+            RangeError: the model tells no more than a bound of the object.
         """
-        found = expected(case.question, modulus, case.references)
+        found, tolerance = plans.found, plans.wanted.tolerance or 0.0
         if found.sensitivity is None:
             raise RangeError(
                 f"of an object of {show(modulus, 'Pa')} model {found.model!r} tells no more than a bound, whatever"
                 " the time: its ratio hardly depends on the modulus; take a sensor with a ring more like it, or"
                 " palpate test modulus"
             )
-        wanted = replace(case.wanted, tolerance=tolerance)
-        if found.validation.u is None:
-            wanted = replace(wanted, relative=True)
-        table = table_of(case.design, found, wanted, case.loads)
+        if found.validation.u is None and not plans.wanted.relative:
+            plans = plans.asking(relative=True)
         asked, why, less, more = None, "", None, None
-        offered: Sequence[Alternative | None]
+        offered: Sequence[Alternative]
         try:
-            asked = _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+            asked = _point(plans, command, tolerance)
         except OutOfReach as error:
-            why = str(refused(error, case.question, found, wanted, case.design, case.loads))
-            offered = [quickest(quickest_way(case.question, found, wanted, case.design, table), len(case.design.teeth))]
+            why, quickest = str(plans.refused(error)), plans.quickest()
+            offered = [] if quickest is None else [quickest]
         else:
-            offered = alternatives(case.question, wanted, asked.plan, case.target, case.loads)
-            mean = asked.plan.times.mean
-            less, more = (_in_time(case, found, wanted, table, mean + change) for change in (-MINUTE, MINUTE))
+            offered, mean = plans.alternatives(asked.plan), asked.plan.times.mean
+            less, more = (_in_time(plans, mean + change) for change in (-MINUTE, MINUTE))
         validation = found.validation
         factor = coverage_factor(validation.degrees_of_freedom)
         return cls(
             modulus=modulus,
             tolerance=tolerance,
-            relative=wanted.relative,
+            relative=plans.wanted.relative,
             found=found,
-            person=wanted.mounts.person,
-            points=tuple(_points(case, found, wanted, table)),
-            targets=tuple((each, _for_target(case, found, wanted, table, each)) for each in TARGETS),
+            person=plans.wanted.mounts.person,
+            points=tuple(_points(plans, command)),
+            targets=tuple((each, _reached(plans, command, each)) for each in TARGETS),
             asked=asked,
             why=why,
-            costs=() if asked is None else tuple(costs_for(case, found, wanted, asked.plan)),
+            costs=() if asked is None else tuple(costs_for(plans, asked.plan)),
             less=less,
             more=more,
             absolute=None if validation.u is None else found.sensitivity * validation.u * factor,
-            by_references=references_that_pay(case.question, found, case.design),
-            offered=tuple(each for each in offered if each is not None),
-            priors=tuple(_priors(wanted)),
+            by_references=plans.references_that_pay(),
+            offered=tuple(offered),
+            priors=tuple(_priors(plans.wanted)),
         )
 
     def summary(self) -> dict[str, Any]:
@@ -286,20 +247,24 @@ def _priors(wanted: Wanted) -> list[Prior]:
     return [Prior(MOUNTED, wanted.mounted, freedom, wanted.mounted_by)]
 
 
-def _points(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table) -> list[FrontPoint]:
+def _points(plans: ModulusPlans, command: Sequence[str]) -> list[FrontPoint]:
     """The front, thinned out to points about as far apart in time; none that takes longer and gives less is kept."""
-    rows = [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
+    rows = _front_rows(plans.table)
     if not rows:
         return []
-    times = np.log(table.mean[rows])
+    times = np.log(plans.table.mean[rows])
     numbers = np.unique([int(np.abs(times - each).argmin()) for each in np.linspace(times[0], times[-1], POINTS)])
     points: list[FrontPoint] = []
     for number in numbers:
-        tolerance = _typed(float(table.half[rows[number]]))
-        point = _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+        point = _point(plans, command, _typed(float(plans.table.half[rows[number]])))
         if not points or point.plan.times.mean > points[-1].plan.times.mean:
             points.append(point)
     return points
+
+
+def _front_rows(table: Table) -> list[int]:
+    """Numbers of the rows of the front that a tolerance can ask for."""
+    return [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
 
 
 def _typed(half: float) -> float:
@@ -308,31 +273,26 @@ def _typed(half: float) -> float:
     return math.ceil(half * digits * (1 - ROUNDING)) / digits
 
 
-def _point(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, plan: Allocation, tolerance: float) -> FrontPoint:
-    """A plan with its times as a run for a tolerance, and the command that makes it."""
-    asked = [*case.command, "--tolerance", f"{100 * tolerance:.10g} %"]
-    asked += ["--relative-to-model"] * wanted.relative
-    prospect = prospect_by(case.design, found, replace(wanted, tolerance=tolerance), plan)
-    return FrontPoint(prospect, shlex.join(asked))
+def _point(plans: ModulusPlans, command: Sequence[str], tolerance: float) -> FrontPoint:
+    """The quickest plan for a tolerance, and the command that makes it. Raises OutOfReach: there is none."""
+    words = [*command, "--tolerance", f"{100 * tolerance:.10g} %", *["--relative-to-model"] * plans.wanted.relative]
+    return FrontPoint(plans.by(plans.table.for_tolerance(tolerance), tolerance), shlex.join(words))
 
 
-def _for_target(
-    case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table, tolerance: float
-) -> FrontPoint | None:
+def _reached(plans: ModulusPlans, command: Sequence[str], tolerance: float) -> FrontPoint | None:
     try:
-        return _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+        return _point(plans, command, tolerance)
     except OutOfReach:
         return None
 
 
-def _in_time(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table, seconds: float) -> float | None:
+def _in_time(plans: ModulusPlans, seconds: float) -> float | None:
     """The least tolerance that runs reach in so much time on average [s], further mountings included; None: none."""
+    table, rows = plans.table, _front_rows(plans.table)
 
     def lasts(row: int) -> float:
-        asked = replace(wanted, tolerance=float(table.half[row]))
-        return prospect_by(case.design, found, asked, table.row(row)).times.mean
+        return plans.by(table.row(row), float(table.half[row])).times.mean
 
-    rows = [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
     quick = bisect.bisect_right(rows, seconds, key=lasts)
     return float(table.half[rows[quick - 1]]) if quick else None
 
@@ -343,9 +303,9 @@ def _in_time(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Ta
 # variance together, in equal parts; each is told the error of the ratio that this leaves it.
 
 
-def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect: Prospect) -> list[CauseCost]:
+def costs_for(plans: ModulusPlans, prospect: Prospect) -> list[CauseCost]:
     """One row for each cause; shares add up to 1, and bench times to the mean time of the plan."""
-    plan, design, ratio = prospect.allocation, case.design, found.ratio
+    plan, design, found, wanted = prospect.allocation, plans.design, plans.found, plans.wanted
     costs = costs_of(prospect.load, wanted.frequency, wanted.mounts)
     cycles = round(plan.dwell * wanted.frequency)
     lines = lines_of(design, found, prospect.load, wanted, not wanted.relative, cycles)
@@ -377,7 +337,7 @@ def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect
             told = show(needs, "s", 2)
             rows.append(CauseCost(name, u, share, told, show(dwell, "s", 2), needs, dwell))
         elif name == CURVE:
-            rows.append(_model(case, found, u, share, allowed))
+            rows.append(_model(plans, u, share, allowed))
         else:
             rows.append(CauseCost(name, u, share))
     if not any(row.cause == MOUNTED for row in rows):
@@ -385,7 +345,7 @@ def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect
                          costs.mounting * plan.mountings, costs.person * plan.mountings))  # fmt: skip
     error = abs(_fit_of(plan.dwell, wanted.frequency)() - 1)
     rows.append(CauseCost(FIT, slope * error / math.sqrt(3), 0.0, _error(allowed), _error(error), allowed, error))
-    quiet, dithered = converter_error(design, prospect.load, ratio, wanted.frequency, plan.dwell)
+    quiet, dithered = converter_error(design, prospect.load, found.ratio, wanted.frequency, plan.dwell)
     u = slope * dithered / math.sqrt(3)
     rows.append(CauseCost(CONVERTER, u, 0.0, _error(allowed), _error(dithered), allowed, dithered))
     rows.append(CauseCost(QUIET, None, None, "", _error(quiet), None, quiet))
@@ -396,12 +356,13 @@ def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect
     return rows
 
 
-def _model(case: PlanningCase, found: ExpectedRatio, u: float, share: float, allowed: float) -> CauseCost:
+def _model(plans: ModulusPlans, u: float, share: float, allowed: float) -> CauseCost:
     """The model's own error: its bound, the one that is needed, and its price."""
+    found = plans.found
     has = found.curve_u * math.sqrt(3) / found.ratio
     price = min(
         (each.answer_s for each in stored().prices
-         if each.design == case.design.name and each.model == found.model and each.answer_s is not None),
+         if each.design == plans.design.name and each.model == found.model and each.answer_s is not None),
         default=None,
     )  # fmt: skip
     return CauseCost(CURVE, u, share, _error(allowed), _error(has), allowed, has, processor_s=price)

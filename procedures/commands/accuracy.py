@@ -67,7 +67,7 @@ def front_command(
     """
     from palpate.instrument.errors import UsageError
     from palpate.instrument.sensor.sample import get_sample
-    from palpate.procedures.accuracy.front import ModulusFront, PlanningCase
+    from palpate.procedures.accuracy.front import ModulusFront
     from palpate.procedures.commands.measure import object_to_touch
     from palpate.procedures.engine.settings import made
     from palpate.procedures.lab.calibrations import with_films
@@ -88,11 +88,8 @@ def front_command(
     )
     with output.prices():
         asked.check(target)
-        question, references = asked.model_question(target.design), asked.references_on(target)
-        wanted, loads = asked.wanted(target), asked.loads_on(target)
         command = _command(asked, known, thickness, scene, bench)
-        case = PlanningCase(target, question, loads, wanted, command, references)
-        front = ModulusFront.of(case, object_.modulus, asked.tolerance or TOLERANCE)
+        front = ModulusFront.of(asked.plans_on(target), object_.modulus, command)
     plot = None
     if out is not None:
         from palpate.procedures.accuracy.report import plot_front
