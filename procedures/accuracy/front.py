@@ -30,7 +30,6 @@ from palpate.procedures.measurements.object_modulus.planning import (
     CURVE,
     MOUNTED,
     Alternative,
-    ExpectedRatio,
     ModulusPlans,
     Prospect,
     Wanted,
@@ -79,23 +78,6 @@ class CauseCost:
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
-    """Something that counts without having been measured on this bench.
-
-    Attributes:
-        name: what it is.
-        u: relative standard uncertainty.
-        freedom: its degrees of freedom; None: infinitely many.
-        evidence: where it comes from.
-    """
-
-    name: str
-    u: float
-    freedom: float | None
-    evidence: str
-
-
-@dataclass(frozen=True, slots=True)
 class FrontPoint:
     """A plan that no other beats.
 
@@ -130,27 +112,19 @@ class ModulusFront:
 
     Attributes:
         modulus: Young modulus of the object [Pa].
-        tolerance: the half-width that was asked for.
-        relative: whether all is on the model's scale, without its validation error.
-        found: what the model expects of the object.
-        person: time of a person for one mounting [s].
+        plans: all plans for the tolerance that was asked for.
         points: the front, the quickest plan first.
         targets: for each of TARGETS the quickest plan; None: none reaches it.
         asked: the quickest plan for the tolerance; None: none reaches it.
         why: why there is none, with other ways there; empty: there is one.
         costs: what the tolerance asks of each cause.
         less, more: half-widths of plans that take a minute less and more; None: there is none so quick.
-        absolute: what the model's validation error leaves, half-width; None: it is not known.
-        by_references: what references would leave in its place; None: not known.
+        by_references: what references would leave in place of the model's validation error; None: not known.
         offered: what would make the run for the tolerance quicker or surer.
-        priors: what counts without having been measured.
     """
 
     modulus: float
-    tolerance: float
-    relative: bool
-    found: ExpectedRatio
-    person: float
+    plans: ModulusPlans
     points: tuple[FrontPoint, ...]
     targets: tuple[tuple[float, FrontPoint | None], ...]
     asked: FrontPoint | None
@@ -158,10 +132,8 @@ class ModulusFront:
     costs: tuple[CauseCost, ...]
     less: float | None
     more: float | None
-    absolute: float | None
     by_references: Alternative | None
     offered: tuple[Alternative, ...]
-    priors: tuple[Prior, ...]
 
     @classmethod
     def of(cls, plans: ModulusPlans, modulus: float, command: Sequence[str]) -> Self:
@@ -170,7 +142,7 @@ class ModulusFront:
         Raises:
             RangeError: the model tells no more than a bound of the object.
         """
-        found, tolerance = plans.found, plans.wanted.tolerance or 0.0
+        found = plans.found
         if found.sensitivity is None:
             raise RangeError(
                 f"of an object of {show(modulus, 'Pa')} model {found.model!r} tells no more than a bound, whatever"
@@ -182,21 +154,16 @@ class ModulusFront:
         asked, why, less, more = None, "", None, None
         offered: Sequence[Alternative]
         try:
-            asked = _point(plans, command, tolerance)
+            asked = _point(plans, command, plans.wanted.tolerance or 0.0)
         except OutOfReach as error:
             why, quickest = str(plans.refused(error)), plans.quickest()
             offered = [] if quickest is None else [quickest]
         else:
             offered, mean = plans.alternatives(asked.plan), asked.plan.times.mean
             less, more = (_in_time(plans, mean + change) for change in (-MINUTE, MINUTE))
-        validation = found.validation
-        factor = coverage_factor(validation.degrees_of_freedom)
         return cls(
             modulus=modulus,
-            tolerance=tolerance,
-            relative=plans.wanted.relative,
-            found=found,
-            person=plans.wanted.mounts.person,
+            plans=plans,
             points=tuple(_points(plans, command)),
             targets=tuple((each, _reached(plans, command, each)) for each in TARGETS),
             asked=asked,
@@ -204,31 +171,44 @@ class ModulusFront:
             costs=() if asked is None else tuple(costs_for(plans, asked.plan)),
             less=less,
             more=more,
-            absolute=None if validation.u is None else found.sensitivity * validation.u * factor,
             by_references=plans.references_that_pay(),
             offered=tuple(offered),
-            priors=tuple(_priors(plans.wanted)),
         )
+
+    @property
+    def wanted(self) -> Wanted:
+        """What was asked for; relative, also where the validation error is not known."""
+        return self.plans.wanted
+
+    @property
+    def absolute(self) -> float | None:
+        """What the model's validation error leaves, half-width; None: it is not known."""
+        found = self.plans.found
+        if found.validation.u is None or found.sensitivity is None:
+            return None
+        return found.sensitivity * found.validation.u * coverage_factor(found.validation.degrees_of_freedom)
 
     def summary(self) -> dict[str, Any]:
         """The front as JSON has it."""
+        found, wanted, person = self.plans.found, self.wanted, self.wanted.mounts.person
         offered = {each.what: each.summary() for each in self.offered}
         references = self.by_references
+        freedom = None if math.isinf(wanted.mounted_freedom) else wanted.mounted_freedom
         return {
             "modulus_Pa": self.modulus,
-            "tolerance": self.tolerance,
+            "tolerance": wanted.tolerance,
             "tolerance_of": "U95",
-            "relative_to_model": self.relative,
-            "model": self.found.model,
-            "force_ratio": self.found.ratio,
-            "sensitivity": self.found.sensitivity,
-            "validation": self.found.validation.summary(),
-            "front": [point.summary(self.person) for point in self.points],
+            "relative_to_model": wanted.relative,
+            "model": found.model,
+            "force_ratio": found.ratio,
+            "sensitivity": found.sensitivity,
+            "validation": found.validation.summary(),
+            "front": [point.summary(person) for point in self.points],
             "targets": [
-                {"tolerance": tolerance, "plan": None if point is None else point.summary(self.person)}
+                {"tolerance": tolerance, "plan": None if point is None else point.summary(person)}
                 for tolerance, point in self.targets
             ],
-            "asked": None if self.asked is None else self.asked.summary(self.person),
+            "asked": None if self.asked is None else self.asked.summary(person),
             "why": self.why,
             "costs": [asdict(cost) for cost in self.costs],
             "minute_less_U95": self.less,
@@ -238,13 +218,8 @@ class ModulusFront:
             "references_s": None if references is None else references.once_s,
             "quickest": offered.get("quickest"),
             "alternatives": list(offered.values()),
-            "priors": [asdict(prior) for prior in self.priors],
+            "priors": [{"name": MOUNTED, "u": wanted.mounted, "freedom": freedom, "evidence": wanted.mounted_by}],
         }
-
-
-def _priors(wanted: Wanted) -> list[Prior]:
-    freedom = None if math.isinf(wanted.mounted_freedom) else wanted.mounted_freedom
-    return [Prior(MOUNTED, wanted.mounted, freedom, wanted.mounted_by)]
 
 
 def _points(plans: ModulusPlans, command: Sequence[str]) -> list[FrontPoint]:

@@ -13,7 +13,7 @@ import numpy as np
 from palpate.instrument.findings.mean_ratio import SCATTER
 from palpate.instrument.quantity import as_asked, counted, plus_minus, show
 from palpate.procedures.accuracy.front import INTEGRATION, MINUTE, QUIET, CauseCost, FrontPoint, ModulusFront
-from palpate.procedures.measurements.object_modulus.planning import MOUNTED, worth_lines
+from palpate.procedures.measurements.object_modulus.planning import MOUNTED, mounting_lines, worth_lines
 from palpate.procedures.measurements.prospects import share
 from palpate.procedures.showing.figure import save_in_new
 from palpate.procedures.showing.plan import duration
@@ -35,8 +35,8 @@ APART = 0.2  # distance of the logarithms of times whose names do not cover each
 
 
 def title_of(front: ModulusFront) -> str:
-    scale = "on its scale" if front.relative else "absolute"
-    return f"modulus of {show(front.modulus, 'Pa')} by model {front.found.model!r}, {scale}"
+    scale = "on its scale" if front.wanted.relative else "absolute"
+    return f"modulus of {show(front.modulus, 'Pa')} by model {front.plans.found.model!r}, {scale}"
 
 
 def print_front(front: ModulusFront, simulated: bool, plot: str) -> None:
@@ -58,7 +58,7 @@ def _plan_cells(front: ModulusFront, point: FrontPoint) -> tuple[str, str, str, 
     longest = duration(times.longest)
     if not times.kept:
         longest += f", {share(times.enough)} of runs"
-    return plan_text(point), duration(times.mean), duration(front.person * times.mountings), longest
+    return plan_text(point), duration(times.mean), duration(front.wanted.mounts.person * times.mountings), longest
 
 
 def plan_text(point: FrontPoint) -> str:
@@ -82,7 +82,7 @@ def _costs(front: ModulusFront) -> list[object]:
         if cost.cause not in (INTEGRATION, QUIET):
             table.add_row(*_cost_cells(cost))
     return [
-        f"{as_asked(front.tolerance)}: {_answer(front, front.asked)}; processor {show(processor, 's', 2)}",
+        f"{_answer(front, front.asked)}; processor {show(processor, 's', 2)}",
         table,
         f"converter      {has[QUIET]} in a silent record; the films' noise averages its steps",
         f"integration    {has[INTEGRATION]}",
@@ -91,9 +91,10 @@ def _costs(front: ModulusFront) -> list[object]:
 
 
 def _answer(front: ModulusFront, asked: FrontPoint) -> str:
-    """How long a plan takes."""
-    times = asked.plan.times
-    told = f"{duration(times.mean)} on average, {duration(front.person * times.mountings)} of it a person's"
+    """How long the asked tolerance takes."""
+    times, tolerance = asked.plan.times, as_asked(front.wanted.tolerance or 0.0)
+    person = duration(front.wanted.mounts.person * times.mountings)
+    told = f"{tolerance}: {duration(times.mean)} on average, {person} of it a person's"
     return told if times.kept else f"{told} ({share(times.enough)} of runs reach it)"
 
 
@@ -112,7 +113,7 @@ def _cost_cells(cost: CauseCost) -> tuple[str, ...]:
 
 def _notes(front: ModulusFront) -> list[str]:
     lines = []
-    if front.absolute is not None and front.relative:
+    if front.absolute is not None and front.wanted.relative:
         lines.append(f"absolute       {plus_minus(front.absolute)}, by the model")
         if front.by_references is not None:
             lines += [f"references     {front.by_references.told}", f"               {front.by_references.how}"]
@@ -121,9 +122,7 @@ def _notes(front: ModulusFront) -> list[str]:
         halves = {mean - MINUTE: front.less, mean + MINUTE: front.more}
         told = (f"{duration(t)} give {'no answer' if h is None else plus_minus(h)}" for t, h in halves.items() if t > 0)
         lines.append(f"a minute       {'; '.join(told)}")
-    for prior in front.priors:
-        freedom = "exact" if prior.freedom is None else f"{counted(round(prior.freedom), 'degree')} of freedom"
-        lines += [f"mountings      {prior.evidence}", f"               counted {share(prior.u)}, {freedom}"]
+    lines += mounting_lines(front.wanted)
     lines += [*worth_lines(front.offered), *(LEGEND if front.costs else LEGEND[:1])]
     return [folded(line, COLUMNS) for line in lines]
 
@@ -145,9 +144,9 @@ def plot_front(front: ModulusFront, simulated: bool, folder: Path) -> Path | Non
         title, *helps = front.why.splitlines()
         rows, below = 1, [line.removeprefix("  or").strip() for line in helps]
     else:
-        title, rows = f"{as_asked(front.tolerance)} takes {_answer(front, asked)}", 2
+        title, rows = _answer(front, asked), 2
         below = [f"{each.what}: {each.told}" for each in front.offered]
-        if front.absolute is not None and front.by_references is not None and front.relative:
+        if front.absolute is not None and front.by_references is not None and front.wanted.relative:
             below.append(f"absolute: {plus_minus(front.absolute)} by the model; {front.by_references.told}")
     helps = [wrapped for line in below for wrapped in textwrap.wrap(line, WIDTH, subsequent_indent="    ")]
     heights = [*(4.0, 2.1)[:rows], 0.14 * len(helps)]

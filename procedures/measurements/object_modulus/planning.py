@@ -758,6 +758,14 @@ def scatter_told(found: Between) -> str:
     return f"scatter no more than their sets let expect, at most {share(found.bound_u)} of the ratio (95 %)"
 
 
+def mounting_lines(wanted: Wanted) -> list[str]:
+    """What is known of the scatter of mountings, and what counts of it."""
+    told = f"the plan counts {share(wanted.mounted)}"
+    if math.isfinite(wanted.mounted_freedom):
+        told += f", {counted(round(wanted.mounted_freedom), 'degree')} of freedom"
+    return [f"mountings      {wanted.mounted_by}", f"               {told}"]
+
+
 def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     """What is planned and what is expected of it."""
     plan, found = prospect.allocation, prospect.found
@@ -770,10 +778,7 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
         f"plan           {counts}, {each} ({person})",
         f"lasts          {prospect.times.mean:.0f} s on average; {_end(wanted, prospect)}",
     ]
-    counted_as = f"the plan counts {share(wanted.mounted)}"
-    if math.isfinite(wanted.mounted_freedom):
-        counted_as += f", {counted(round(wanted.mounted_freedom), 'degree')} of freedom"
-    lines += [f"mountings      {wanted.mounted_by}", f"               {counted_as}"]
+    lines += mounting_lines(wanted)
     if found.sensitivity is None:
         return [*lines, f"expected       only a bound: model {found.model!r} cannot tell such an object from its ratio"]
     told = "not known" if expected is None else plus_minus(expected)
