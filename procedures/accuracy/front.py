@@ -10,7 +10,7 @@ import math
 import shlex
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -22,7 +22,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, SCATTER
 from palpate.instrument.models.price_list import stored
 from palpate.instrument.quantity import LARGEST_TOLERANCE, counted, parse, show
-from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.engine.plan import noise_of
@@ -36,6 +36,7 @@ from palpate.procedures.measurements.object_modulus.planning import (
     costs_of,
     lines_of,
 )
+from palpate.procedures.measurements.prospects import load_on
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 
 TARGETS = (0.2, 0.1, 0.05, 0.02, 0.01)  # half-widths of the 95 % interval, relative
@@ -289,58 +290,43 @@ def costs_for(plans: ModulusPlans, prospect: Prospect) -> list[CauseCost]:
     slope = found.sensitivity or 1.0
     systematic = {CURVE, FIT, CONVERTER}
     allowed = math.sqrt(3 * SYSTEMATIC / len(systematic)) * reached.u / slope  # a bound counts as a rectangle
-    rows = []
+    mountings, sets, dwell = plan.mountings, plan.sets, plan.sets * plan.dwell
+    times, person = counted(mountings, "time"), costs.person * mountings
+    fit, told_sets, noise = _fit_of(plan.dwell, wanted.frequency), f"{sets} sets", shares[NOISE][1]
+    fit_s, fit_u = _timed(fit)
+    needs = dwell * noise * (1 - SYSTEMATIC) / SYSTEMATIC / (1 - noise) if noise < 1 else dwell
+    paid = [
+        CauseCost(MOUNTED, None, None, times, times, mountings, mountings, costs.mounting * mountings, person),
+        CauseCost(SCATTER, None, None, told_sets, told_sets, sets, sets, (costs.set + plan.dwell) * sets, None,
+                  fit_s * sets, fit_u * sets),
+        CauseCost(NOISE, None, None, show(needs, "s", 2), show(dwell, "s", 2), needs, dwell),
+        replace(_bound(CURVE, found.curve_u * math.sqrt(3) / found.ratio, allowed), processor_s=_answer_s(plans)),
+    ]  # fmt: skip
+    rows = {row.cause: row for row in paid}
     for name, (u, share) in sorted(shares.items(), key=lambda each: -each[1][1]):
-        if name == MOUNTED:
-            person = costs.person * plan.mountings
-            times = counted(plan.mountings, "time")
-            rows.append(
-                CauseCost(name, u, share, times, times, float(plan.mountings), float(plan.mountings),
-                     costs.mounting * plan.mountings, person)
-            )  # fmt: skip
-        elif name == SCATTER:
-            bench = (costs.set + plan.dwell) * plan.sets
-            fit_s, fit_u = _timed(_fit_of(plan.dwell, wanted.frequency))
-            sets = f"{plan.sets} sets"
-            rows.append(
-                CauseCost(name, u, share, sets, sets, float(plan.sets), float(plan.sets), bench, None,
-                     fit_s * plan.sets, fit_u * plan.sets)
-            )  # fmt: skip
-        elif name == NOISE:
-            dwell = plan.sets * plan.dwell
-            needs = dwell * share * (1 - SYSTEMATIC) / SYSTEMATIC / (1 - share) if share < 1 else dwell
-            told = show(needs, "s", 2)
-            rows.append(CauseCost(name, u, share, told, show(dwell, "s", 2), needs, dwell))
-        elif name == CURVE:
-            rows.append(_model(plans, u, share, allowed))
-        else:
-            rows.append(CauseCost(name, u, share))
-    if not any(row.cause == MOUNTED for row in rows):
-        rows.append(CauseCost("mountings", None, None, "", counted(plan.mountings, "time"), None, float(plan.mountings),
-                         costs.mounting * plan.mountings, costs.person * plan.mountings))  # fmt: skip
-    error = abs(_fit_of(plan.dwell, wanted.frequency)() - 1)
-    rows.append(CauseCost(FIT, slope * error / math.sqrt(3), 0.0, _error(allowed), _error(error), allowed, error))
-    quiet, dithered = converter_error(design, prospect.load, found.ratio, wanted.frequency, plan.dwell)
-    u = slope * dithered / math.sqrt(3)
-    rows.append(CauseCost(CONVERTER, u, 0.0, _error(allowed), _error(dithered), allowed, dithered))
-    rows.append(CauseCost(QUIET, None, None, "", _error(quiet), None, quiet))
-    rows.append(CauseCost(INTEGRATION, None, None, "", "not in the path: the bench steps nothing"))
-    rows.append(CauseCost(SETUP, None, None, bench_s=costs.start))
-    further, person = prospect.times.mean - plan.seconds, costs.person * (prospect.times.mountings - plan.mountings)
-    rows.append(CauseCost(FURTHER, None, None, bench_s=further, person_s=person))
-    return rows
+        rows[name] = replace(rows.pop(name, CauseCost(name, None, None)), u=u, share=share)
+    quiet, dithered = converter_error(design, plan.load, found.ratio, wanted.frequency, plan.dwell)
+    for name, error in ((FIT, abs(fit() - 1)), (CONVERTER, dithered)):
+        rows[name] = replace(_bound(name, error, allowed), u=slope * error / math.sqrt(3), share=0.0)
+    further, persons = prospect.times.mean - plan.seconds, costs.person * (prospect.times.mountings - mountings)
+    return [
+        *rows.values(),
+        CauseCost(QUIET, None, None, "", _error(quiet), None, quiet),
+        CauseCost(INTEGRATION, None, None, "", "not in the path: the bench steps nothing"),
+        CauseCost(SETUP, None, None, bench_s=costs.start),
+        CauseCost(FURTHER, None, None, bench_s=further, person_s=persons),
+    ]
 
 
-def _model(plans: ModulusPlans, u: float, share: float, allowed: float) -> CauseCost:
-    """The model's own error: its bound, the one that is needed, and its price."""
-    found = plans.found
-    has = found.curve_u * math.sqrt(3) / found.ratio
-    price = min(
-        (each.answer_s for each in stored().prices
-         if each.design == plans.design.name and each.model == found.model and each.answer_s is not None),
-        default=None,
-    )  # fmt: skip
-    return CauseCost(CURVE, u, share, _error(allowed), _error(has), allowed, has, processor_s=price)
+def _bound(cause: str, error: float, allowed: float) -> CauseCost:
+    """A cause that is not random: the bound of its relative error, and the one that is allowed."""
+    return CauseCost(cause, None, None, _error(allowed), _error(error), allowed, error)
+
+
+def _answer_s(plans: ModulusPlans) -> float | None:
+    """Processor time of an answer of the model [s]; None: not priced."""
+    own = [price for price in stored().prices if (price.design, price.model) == (plans.design.name, plans.found.model)]
+    return min((price.answer_s for price in own if price.answer_s is not None), default=None)
 
 
 def _error(error: float) -> str:
@@ -378,8 +364,7 @@ def converter_error(design: Design, load: float, ratio: float, frequency: float,
     ranges = sorted(parse(name, "V") for name in RANGES)
     sigma, quiet, dithered = noise_of(design) * math.sqrt(rate / 2), 0.0, 0.0
     for film in design.films:
-        share = ratio if film.kind == FILM_KINDS[0] else 1.0
-        volts = film.sensitivity * share * load * len(film.teeth) / len(design.teeth)
+        volts = film.sensitivity * load_on(design, film, ratio, load)
         step = next((each for each in ranges if HEADROOM * volts <= each), ranges[-1]) / FULL_SCALE_COUNTS
         amplitude = volts / 2
         clean = amplitude * NEAR[:, np.newaxis] * np.cos(2 * np.pi * frequency * at + 0.3)
