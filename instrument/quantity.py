@@ -207,6 +207,12 @@ def plus_minus(half: float, digits: int = 2, factor: float | None = None) -> str
     return f"× {told:.{digits if told < 99.5 else 3}g}"
 
 
+def as_asked(tolerance: float, digits: int = 2) -> str:
+    """Text of a tolerance as it is typed, above ± 20 % with what `plus_minus` makes of it: "± 50 % (× 1.6)"."""
+    typed, told = f"± {100 * tolerance:.{digits}g} %", plus_minus(tolerance)
+    return f"{typed} ({told})" if told.startswith("×") else typed
+
+
 def _exponent(value: float, unit: str) -> int | None:
     """Power of ten of the prefix with which a value is shown; None: it is shown without one."""
     if value == 0 or not math.isfinite(value) or unit in ("", "%", "mV"):

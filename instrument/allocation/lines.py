@@ -124,9 +124,7 @@ def budget(lines: Sequence[BudgetLine], mountings: float, sets: float, dwell: fl
     return Budget("relative deviation", 0.0, "1", inputs, shared, prior)
 
 
-def half_widths(
-    lines: Sequence[BudgetLine], mountings: Floats, each: Floats, dwell: float, of_sets: Floats, *, pooled: bool = True
-) -> Floats:
+def half_widths(lines: Sequence[BudgetLine], mountings: Floats, each: Floats, dwell: float, of_sets: Floats) -> Floats:
     """Half-widths of the 95 % interval of the answer, relative, of many plans at once.
 
     Args:
@@ -136,23 +134,33 @@ def half_widths(
         each: number of sets in each mounting, of the same shape.
         dwell: dwell of one set [s].
         of_sets: degrees of freedom of the scatter of sets, of the same shape.
-        pooled: whether each mounting but the first adds a degree of freedom to that of a prior of their scatter.
     """
 
     def variance(unit: RepeatUnit) -> float:
         return math.fsum(line.u**2 for line in lines if line.per is unit)
 
-    mounted = variance(RepeatUnit.MOUNTING) / mountings
     sets = (variance(RepeatUnit.SET) + variance(RepeatUnit.SECOND) / dwell) / (mountings * each)
+    known = min((line.degrees_of_freedom for line in lines if line.per is RepeatUnit.MOUNTING), default=math.inf)
+    return halves_of(lines, variance(RepeatUnit.MOUNTING) / mountings, known + mountings - 1, sets, of_sets)
+
+
+def halves_of(
+    lines: Sequence[BudgetLine], mounted: Floats, prior: Floats, sets: Floats, of_sets: Floats | float
+) -> Floats:
+    """Half-widths of the 95 % interval by the variances of an answer, each with its degrees of freedom.
+
+    Args:
+        lines: those of them count that nothing lowers.
+        mounted, prior: variance by mountings.
+        sets, of_sets: variance by sets and their dwell.
+    """
     fixed = [line for line in lines if line.per is RepeatUnit.NOTHING]
-    rest = sets + variance(RepeatUnit.NOTHING)
+    rest = sets + math.fsum(line.u**2 for line in fixed)
     spent = sets**2 / np.minimum(of_sets, MOST_FREEDOM)
     spent = spent + math.fsum(line.u**4 / line.degrees_of_freedom for line in fixed)
-    known = min((line.degrees_of_freedom for line in lines if line.per is RepeatUnit.MOUNTING), default=math.inf)
     total = mounted + rest
-    if math.isfinite(known):
+    if np.isfinite(prior).all():
         freedom = np.divide(rest**2, spent, out=np.full(rest.shape, MOST_FREEDOM), where=spent > 0)
-        prior = known + (mountings - 1 if pooled else 0.0)
         factor = mixture_factors(mounted / np.where(total > 0, total, 1.0), prior + 0.0 * total, freedom)
     else:
         from scipy.special import stdtrit

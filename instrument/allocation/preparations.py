@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.instrument.allocation.lines import MOST_FREEDOM, BudgetLine, RepeatUnit, half_widths
-from palpate.instrument.allocation.table import ROUNDING, Allocation, Table, allocation, first_of, known_freedom
+from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit, half_widths
+from palpate.instrument.allocation.table import ROUNDING, Allocation, Table, allocation, freedom_of_sets, known_freedom
 
 STEP, MOST = 1.1, 500  # ratio of neighbouring numbers of units, and the most of them
 RUNS_STEP = 1.15  # ratio of neighbouring numbers of mountings
@@ -90,7 +90,7 @@ def prepared(table: Table, tolerance: float, preparations: Sequence[Preparation]
     rows = np.flatnonzero(some & np.array([each is way for each in table.ways])[table.way])
     k, n = table.mountings[rows].astype(np.float64), table.each[rows].astype(np.float64)
     known = known_freedom(way.lines, way.dwell)
-    of_sets = np.full(k.shape, known) if known >= MOST_FREEDOM else first_of(table.each[rows]).astype(np.float64) - 1.0
+    of_sets = freedom_of_sets(table.mountings[rows], table.each[rows], known, by_time=False)
     best: Prepared | None = None
     for units in _worth_making(preparations):
         made = {each.name: each.line(number) for each, number in units}

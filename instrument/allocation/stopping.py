@@ -1,6 +1,6 @@
 """When a run has measured enough, and what its answer is worth: Stein's two stages.
 
-    plan = allocate(lines, costs, 0.02, fewest=FIRST)
+    plan = allocate(lines, costs, 0.02)
     while not (verdict := enough(lines, costs, 0.02, plan, sensitivity, ratios)).why: ...  # one more set
     answer(lines, plan, sensitivity, ratios).u
 
@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, half_widths
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, half_widths, halves_of
 from palpate.instrument.allocation.table import (
     FIRST,
     MOST_MOUNTINGS,
@@ -35,7 +35,7 @@ from palpate.instrument.allocation.table import (
     scatter_factors,
 )
 from palpate.instrument.errors import RangeError
-from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Floats, mixture_factors
+from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Floats
 
 REFUTED = 0.01  # probability with which a prior that is true is called refuted
 SETS, MOUNTINGS = "sets", "mountings"  # names of the estimates of how much they scatter
@@ -327,12 +327,19 @@ class RunTimes:
     Attributes:
         mean: their mean.
         longest: the bound, at which a run ends whether or not it has reached its tolerance.
+        mountings: their mean number of mountings.
         enough: share of runs that reach it within the bound, where no other limit of time ends them.
     """
 
     mean: float
     longest: float
+    mountings: float
     enough: float = COVERAGE
+
+    @property
+    def kept(self) -> bool:
+        """Whether as many runs reach it as the bound is made for."""
+        return round(self.enough, 2) >= COVERAGE
 
 
 def run_times(
@@ -363,23 +370,17 @@ def run_times(
     prior = budget(of_mountings, 1, 1, 1) if of_mountings else None
     count = np.full(RUNS, float(plan.mountings))
     if prior is not None and prior.u > 0 and math.isfinite(freedom := prior.degrees_of_freedom):
-        numbers = np.arange(1, plan.mountings * MORE[0] + MORE[1])
-        kept = [line for line in lines if line.per is not RepeatUnit.MOUNTING]
-        falling = [line for line in kept if line.per is not RepeatUnit.NOTHING]
-        fixed = budget([line for line in kept if line.per is RepeatUnit.NOTHING] or falling, 1, 1, plan.dwell)
-        floor = fixed.u**2 if len(falling) < len(kept) else 0.0
-        of_mean = budget(falling, 1, 1, plan.dwell).u ** 2 * factors / each
+        numbers = np.arange(1, plan.mountings * MORE[0] + MORE[1], dtype=np.float64)
+        of_sets = [line for line in lines if line.per in (RepeatUnit.SET, RepeatUnit.SECOND)]
+        of_mean = budget(of_sets, 1, 1, plan.dwell).u ** 2 * factors / each
         true = freedom * prior.u**2 / chance.chisquare(freedom, RUNS)
         shape = (RUNS, numbers.size)
         means = chance.standard_normal(shape) * np.sqrt(true + of_mean)[:, None]
         squares = np.cumsum(means**2, axis=1) - np.cumsum(means, axis=1) ** 2 / numbers
         pooled = freedom * prior.u**2 + np.maximum(0.0, squares - (numbers - 1) * of_mean[:, None])
-        mounted = pooled / (freedom + numbers - 1) / numbers
-        rest = of_mean[:, None] / numbers + floor
-        whole = mounted + rest
-        spent = (of_mean[:, None] / numbers) ** 2 / (first - 1) + floor**2 / fixed.degrees_of_freedom
-        factor = mixture_factors(mounted / whole, np.broadcast_to(freedom + numbers - 1.0, shape), rest**2 / spent)
-        good = (factor * np.sqrt(whole) <= tolerance * (1 + ROUNDING)) & (numbers >= plan.mountings)
+        known = freedom + numbers - 1
+        halves = halves_of(lines, pooled / known / numbers, known, of_mean[:, None] / numbers, first - 1)
+        good = (halves <= tolerance * (1 + ROUNDING)) & (numbers >= plan.mountings)
         count = np.where(good.any(axis=1), numbers[good.argmax(axis=1)], numbers[-1]).astype(np.float64)
     sets = count * each
     seconds = costs.start + costs.mounting * count + (costs.set + plan.dwell) * np.minimum(sets, most)
@@ -387,4 +388,6 @@ def run_times(
     end = bound if limit is None else limit
     reached = float(np.mean((sets <= most) & (seconds <= bound)))
     enough_of = COVERAGE if reached >= COVERAGE * (1 - 2 / RUNS) else reached
-    return RunTimes(float(np.minimum(seconds, end).mean()), min(bound, end), enough_of)
+    spent = np.minimum(seconds, end)
+    begun = np.ceil(count * (spent - costs.start) / (seconds - costs.start) - ROUNDING)
+    return RunTimes(float(spent.mean()), min(bound, end), float(begun.mean()), enough_of)

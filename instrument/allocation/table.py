@@ -1,7 +1,7 @@
 """Every plan of repeated load sets, and the best of them: for a tolerance, in a time, and all that no other one beats.
 
     table = Table.of([RunOption(lines, Costs(start=4, mounting=93, set=1.6), dwell=0.1)], mountings=range(1, 61))
-    table.for_tolerance(0.05), table.for_time(240.0), table.front()
+    table.for_tolerance(0.05), table.for_time(240.0), table.front_rows()
 
 A plan is a way of the run (its load and dwell), k mountings, and n sets in each. All plans of a grid are rows of one
 table, with the half-width of the 95 % interval of their answers and their bench times. What is planned for a
@@ -155,7 +155,7 @@ class Table:
         for number, way in enumerate(ways):
             freedom = known_freedom(way.lines, way.dwell)
             expected = n.astype(np.float64) if by_time else _expected(sets, freedom)[np.searchsorted(sets, n)]
-            of_sets = _of_sets(k, n, freedom, by_time)
+            of_sets = freedom_of_sets(k, n, freedom, by_time)
             half = half_widths(way.lines, k.astype(np.float64), n.astype(np.float64), way.dwell, of_sets)
             seconds, mean = (way.costs.start + way.costs.mounting * k + (way.costs.set + way.dwell) * k * each
                              for each in (n, expected))  # fmt: skip
@@ -195,12 +195,11 @@ class Table:
         best = good[halves <= halves.min() * (1 + ROUNDING)]
         return self.row(int(best[np.argmin(self.seconds[best])]))
 
-    def front(self) -> list[Allocation]:
-        """The plans that no other plan beats: none is quicker on average and has as small a half-width."""
-        return [self.row(number) for number in self.front_rows()]
-
     def front_rows(self) -> list[int]:
-        """Numbers of the rows of these plans, the quickest first."""
+        """Numbers of the rows that no other beats: none is quicker on average and has as small a half-width.
+
+        The quickest one is the first.
+        """
         order = np.lexsort((self.half, self._preferring(self.mean)))
         least = np.minimum.accumulate(self.half[order])
         better = np.concatenate(([True], least[1:] < least[:-1]))
@@ -248,7 +247,7 @@ def allocation(
 def half_of(lines: Sequence[BudgetLine], plan: Allocation, *, by_time: bool) -> float:
     """Half-width of the 95 % interval that some lines leave of a plan. `by_time`: as for `Table.of`."""
     k, n = np.array([plan.mountings]), np.array([plan.sets // plan.mountings])
-    of_sets = _of_sets(k, n, known_freedom(lines, plan.dwell), by_time)
+    of_sets = freedom_of_sets(k, n, known_freedom(lines, plan.dwell), by_time)
     return float(half_widths(lines, k.astype(np.float64), n.astype(np.float64), plan.dwell, of_sets)[0])
 
 
@@ -319,7 +318,7 @@ def _expected(sets: Numbers, freedom: float) -> Floats:
     return np.asarray(drawn.mean(axis=1), dtype=np.float64)
 
 
-def _of_sets(mountings: Numbers, each: Numbers, freedom: float, by_time: bool) -> Floats:
+def freedom_of_sets(mountings: Numbers, each: Numbers, freedom: float, by_time: bool) -> Floats:
     """Degrees of freedom of the scatter of sets in the answer's interval."""
     if freedom >= MOST_FREEDOM:
         return np.full(mountings.shape, MOST_FREEDOM)

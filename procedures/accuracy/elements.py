@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import Parameters, RoundParameters
-from palpate.instrument.models.price_list import Price
+from palpate.instrument.models.price_list import Price, ReferenceRatios
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.accuracy.meshes import (
@@ -25,27 +25,23 @@ from palpate.procedures.accuracy.meshes import (
     Values,
     refinements,
 )
-from palpate.procedures.accuracy.references import Truth
 
 Array = NDArray[np.float64]
 Intervals = tuple[float | None, ...]
 
 
 def element_prices(
-    design: Design, truth: Truth, between: Callable[[Array], Array], surface_errors: Sequence[float], solved: Results
+    design: Design, truth: ReferenceRatios, middles: Values, surface_errors: Values, solved: Results
 ) -> Iterator[Price]:
     """Prices of every refinement of the axisymmetric and of the solid model.
 
     Args:
         design: the sensor.
         truth: the reference.
-        between: force ratios by the design's surface at moduli of the object [Pa], where there is no finer mesh.
+        middles: force ratios at MIDDLES by the design's surface.
         surface_errors: errors of the surface, in each interval.
         solved: solutions on all meshes.
     """
-    middles, uncertain = truth.middles, truth.middle_uncertainties
-    if not middles:
-        middles, uncertain = between(np.array(MIDDLES)).tolist(), surface_errors
     for name, family in refinements(design, PHYSICAL.load(TIMED)).items():
         spent = 0.0
         own: list[MeshedProblem] = []
@@ -53,7 +49,7 @@ def element_prices(
             found = solved[mesh]
             errors = by_interval(errors_of(_ratios(mesh, solved, MODULI), truth))
             if name == "axisymmetric":
-                inside = _apart(_ratios(mesh, solved, MIDDLES), middles, uncertain)
+                inside = _apart(_ratios(mesh, solved, MIDDLES), middles, surface_errors)
                 errors = tuple(_greater(*pair) for pair in zip(errors, inside, strict=True))
             own.append(mesh)
             spent += sum(found.seconds)
@@ -73,9 +69,9 @@ def element_prices(
             )
 
 
-def errors_of(ratios: Values, truth: Truth) -> Values:
+def errors_of(ratios: Values, truth: ReferenceRatios) -> Values:
     """Errors of force ratios at MODULI, with the reference's uncertainty added."""
-    return _apart(ratios, truth.reference.force_ratios, truth.reference.uncertainties)
+    return _apart(ratios, truth.force_ratios, truth.uncertainties)
 
 
 def by_interval(values: Values) -> Intervals:

@@ -15,16 +15,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from palpate.instrument.allocation.lines import BudgetLine, budget
-from palpate.instrument.allocation.table import ROUNDING, Allocation, OutOfReach, Table
+from palpate.instrument.allocation.lines import budget
+from palpate.instrument.allocation.table import ROUNDING, OutOfReach, Table
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGES
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, SCATTER
-from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.models.price_list import stored
-from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.quantity import LARGEST_TOLERANCE, counted, parse, show
-from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.engine.plan import noise_of
@@ -32,29 +30,22 @@ from palpate.procedures.measurements.object_modulus.planning import (
     CURVE,
     MOUNTED,
     Alternative,
-    ExpectedRatio,
+    ModulusPlans,
     Prospect,
     Wanted,
     costs_of,
-    expected,
     lines_of,
-    prospect_by,
-    quickest,
-    quickest_way,
-    references_of,
-    refused,
-    table_of,
 )
+from palpate.procedures.measurements.prospects import load_on
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 
 TARGETS = (0.2, 0.1, 0.05, 0.02, 0.01)  # half-widths of the 95 % interval, relative
 POINTS = 24  # of the front, at most
 SYSTEMATIC = 0.05  # share of the variance that all together may have that is not random
 MINUTE = 60.0  # s: what one minute less and one more would give
-REFERENCES = 6  # as many as pay
 FIT, CONVERTER, INTEGRATION = "fit", "converter", "integration"
 QUIET = "converter, without noise"
-SETUP, FURTHER = "start and end", "further"
+SETUP, FURTHER = "start and end", "more, if needed"
 LATE, OFFSET = 86_400.0, 1000.0  # s, a day on the bench, and amplitudes: a hard case for the fit
 NEAR = np.linspace(0.95, 1.05, 41)  # sizes near the nominal one, because rounding depends on the size
 ROUNDS = 15  # of timing
@@ -88,23 +79,6 @@ class CauseCost:
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
-    """Something that counts without having been measured on this bench.
-
-    Attributes:
-        name: what it is.
-        u: relative standard uncertainty.
-        freedom: its degrees of freedom; None: infinitely many.
-        evidence: where it comes from.
-    """
-
-    name: str
-    u: float
-    freedom: float | None
-    evidence: str
-
-
-@dataclass(frozen=True, slots=True)
 class FrontPoint:
     """A plan that no other beats.
 
@@ -122,7 +96,8 @@ class FrontPoint:
         return {
             "seconds": self.plan.times.mean,
             "longest_s": self.plan.times.longest,
-            "person_s": person * plan.mountings,
+            "person_s": person * self.plan.times.mountings,
+            "reached_by": self.plan.times.enough,
             "U95": plan.half,
             "load_N": self.plan.load,
             "mountings": plan.mountings,
@@ -133,54 +108,24 @@ class FrontPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class PlanningCase:
-    """What plans are made for.
-
-    Attributes:
-        design: the sensor of the bench, with its calibrated films.
-        question: the model that turns the ratio into the modulus.
-        loads: loads among which a plan chooses [N, peak to peak].
-        wanted: frequency of the load, what is known of mountings, and who mounts; each plan has its own tolerance.
-        command: the command of a measurement, without its tolerance.
-        references: calibration of the model by references; None: there is none.
-    """
-
-    design: Design
-    question: RatioQuestion
-    loads: Sequence[float]
-    wanted: Wanted
-    command: Sequence[str]
-    references: ByReferences | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class ModulusFront:
     """What accuracy of the modulus of one object costs on one bench.
 
     Attributes:
         modulus: Young modulus of the object [Pa].
-        tolerance: the half-width that was asked for.
-        relative: whether all is on the model's scale, without its validation error.
-        found: what the model expects of the object.
-        person: time of a person for one mounting [s].
+        plans: all plans for the tolerance that was asked for.
         points: the front, the quickest plan first.
         targets: for each of TARGETS the quickest plan; None: none reaches it.
         asked: the quickest plan for the tolerance; None: none reaches it.
         why: why there is none, with other ways there; empty: there is one.
         costs: what the tolerance asks of each cause.
         less, more: half-widths of plans that take a minute less and more; None: there is none so quick.
-        absolute: what the model's validation error leaves, half-width; None: it is not known.
-        by_references, references_s: what REFERENCES of them would leave in its place, and their time [s]; None: not
-            known.
-        quicker: what is made once before a run that makes the whole quicker; None: nothing does.
-        priors: what counts without having been measured.
+        by_references: what references would leave in place of the model's validation error; None: not known.
+        offered: what would make the run for the tolerance quicker or surer.
     """
 
     modulus: float
-    tolerance: float
-    relative: bool
-    found: ExpectedRatio
-    person: float
+    plans: ModulusPlans
     points: tuple[FrontPoint, ...]
     targets: tuple[tuple[float, FrontPoint | None], ...]
     asked: FrontPoint | None
@@ -188,115 +133,114 @@ class ModulusFront:
     costs: tuple[CauseCost, ...]
     less: float | None
     more: float | None
-    absolute: float | None
-    by_references: float | None
-    references_s: float | None
-    quicker: Alternative | None
-    priors: tuple[Prior, ...]
+    by_references: Alternative | None
+    offered: tuple[Alternative, ...]
 
     @classmethod
-    def of(cls, case: PlanningCase, modulus: float, tolerance: float) -> Self:
-        """All plans for an object of a Young modulus [Pa].
+    def of(cls, plans: ModulusPlans, modulus: float, command: Sequence[str]) -> Self:
+        """All plans for an object of a Young modulus [Pa]; `command` measures it, without its tolerance.
 
         Raises:
-            RangeError: the model does not answer for this sensor, or tells no more than a bound of the object.
+            RangeError: the model tells no more than a bound of the object.
         """
-        found = expected(case.question, modulus, case.references)
+        found = plans.found
         if found.sensitivity is None:
             raise RangeError(
                 f"of an object of {show(modulus, 'Pa')} model {found.model!r} tells no more than a bound, whatever"
                 " the time: its ratio hardly depends on the modulus; take a sensor with a ring more like it, or"
                 " palpate test modulus"
             )
-        wanted = replace(case.wanted, tolerance=tolerance)
-        if found.validation.u is None:
-            wanted = replace(wanted, relative=True)
-        table = table_of(case.design, found, wanted, case.loads)
-        asked, why = None, ""
+        if found.validation.u is None and not plans.wanted.relative:
+            plans = plans.asking(relative=True)
+        asked, why, less, more = None, "", None, None
+        offered: Sequence[Alternative]
         try:
-            asked = _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+            asked = _point(plans, command, plans.wanted.tolerance or 0.0)
         except OutOfReach as error:
-            why = str(refused(error, case.question, found, wanted, case.design, case.loads))
-        less, more = None, None
-        if asked is not None:
-            mean = asked.plan.times.mean
-            less, more = (_in_time(case, found, wanted, table, mean + change) for change in (-MINUTE, MINUTE))
-        made = references_of(case.question, found, case.design)
-        count = REFERENCES if made is None else max(REFERENCES, made.least)
-        validation = found.validation
-        factor = coverage_factor(validation.degrees_of_freedom)
+            why, quickest = str(plans.refused(error)), plans.quickest()
+            offered = [] if quickest is None else [quickest]
+        else:
+            offered, mean = plans.alternatives(asked.plan), asked.plan.times.mean
+            less, more = (_in_time(plans, mean + change) for change in (-MINUTE, MINUTE))
         return cls(
             modulus=modulus,
-            tolerance=tolerance,
-            relative=wanted.relative,
-            found=found,
-            person=wanted.mounts.person,
-            points=tuple(_points(case, found, wanted, table)),
-            targets=tuple((each, _for_target(case, found, wanted, table, each)) for each in TARGETS),
+            plans=plans,
+            points=tuple(_points(plans, command)),
+            targets=tuple((each, _reached(plans, command, each)) for each in TARGETS),
             asked=asked,
             why=why,
-            costs=() if asked is None else tuple(costs_for(case, found, wanted, asked.plan)),
+            costs=() if asked is None else tuple(costs_for(plans, asked.plan)),
             less=less,
             more=more,
-            absolute=None if validation.u is None else found.sensitivity * validation.u * factor,
-            by_references=None if made is None else _half(made.line(count)),
-            references_s=None if made is None else made.seconds(count),
-            quicker=quickest(quickest_way(case.question, found, wanted, case.design, table), len(case.design.teeth)),
-            priors=tuple(_priors(wanted)),
+            by_references=plans.references_that_pay(),
+            offered=tuple(offered),
         )
+
+    @property
+    def wanted(self) -> Wanted:
+        """What was asked for; relative, also where the validation error is not known."""
+        return self.plans.wanted
+
+    @property
+    def absolute(self) -> float | None:
+        """What the model's validation error leaves, half-width; None: it is not known."""
+        found = self.plans.found
+        if found.validation.u is None or found.sensitivity is None:
+            return None
+        return found.sensitivity * found.validation.u * coverage_factor(found.validation.degrees_of_freedom)
 
     def summary(self) -> dict[str, Any]:
         """The front as JSON has it."""
+        found, wanted, person = self.plans.found, self.wanted, self.wanted.mounts.person
+        offered = {each.what: each.summary() for each in self.offered}
+        references = self.by_references
+        freedom = None if math.isinf(wanted.mounted_freedom) else wanted.mounted_freedom
         return {
             "modulus_Pa": self.modulus,
-            "tolerance": self.tolerance,
+            "tolerance": wanted.tolerance,
             "tolerance_of": "U95",
-            "relative_to_model": self.relative,
-            "model": self.found.model,
-            "force_ratio": self.found.ratio,
-            "sensitivity": self.found.sensitivity,
-            "validation": self.found.validation.summary(),
-            "front": [point.summary(self.person) for point in self.points],
+            "relative_to_model": wanted.relative,
+            "model": found.model,
+            "force_ratio": found.ratio,
+            "sensitivity": found.sensitivity,
+            "validation": found.validation.summary(),
+            "front": [point.summary(person) for point in self.points],
             "targets": [
-                {"tolerance": tolerance, "plan": None if point is None else point.summary(self.person)}
+                {"tolerance": tolerance, "plan": None if point is None else point.summary(person)}
                 for tolerance, point in self.targets
             ],
-            "asked": None if self.asked is None else self.asked.summary(self.person),
+            "asked": None if self.asked is None else self.asked.summary(person),
             "why": self.why,
             "costs": [asdict(cost) for cost in self.costs],
             "minute_less_U95": self.less,
             "minute_more_U95": self.more,
             "absolute_U95": self.absolute,
-            "references_U95": self.by_references,
-            "references_s": self.references_s,
-            "quickest": None if self.quicker is None else self.quicker.summary(),
-            "priors": [asdict(prior) for prior in self.priors],
+            "references_U95": None if references is None else references.U95,
+            "references_s": None if references is None else references.once_s,
+            "quickest": offered.get("quickest"),
+            "alternatives": list(offered.values()),
+            "priors": [{"name": MOUNTED, "u": wanted.mounted, "freedom": freedom, "evidence": wanted.mounted_by}],
         }
 
 
-def _half(line: BudgetLine) -> float:
-    return line.u * coverage_factor(line.degrees_of_freedom)
-
-
-def _priors(wanted: Wanted) -> list[Prior]:
-    freedom = None if math.isinf(wanted.mounted_freedom) else wanted.mounted_freedom
-    return [Prior(MOUNTED, wanted.mounted, freedom, wanted.mounted_by)]
-
-
-def _points(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table) -> list[FrontPoint]:
+def _points(plans: ModulusPlans, command: Sequence[str]) -> list[FrontPoint]:
     """The front, thinned out to points about as far apart in time; none that takes longer and gives less is kept."""
-    rows = [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
+    rows = _front_rows(plans.table)
     if not rows:
         return []
-    times = np.log(table.mean[rows])
+    times = np.log(plans.table.mean[rows])
     numbers = np.unique([int(np.abs(times - each).argmin()) for each in np.linspace(times[0], times[-1], POINTS)])
     points: list[FrontPoint] = []
     for number in numbers:
-        tolerance = _typed(float(table.half[rows[number]]))
-        point = _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+        point = _point(plans, command, _typed(float(plans.table.half[rows[number]])))
         if not points or point.plan.times.mean > points[-1].plan.times.mean:
             points.append(point)
     return points
+
+
+def _front_rows(table: Table) -> list[int]:
+    """Numbers of the rows of the front that a tolerance can ask for."""
+    return [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
 
 
 def _typed(half: float) -> float:
@@ -305,31 +249,26 @@ def _typed(half: float) -> float:
     return math.ceil(half * digits * (1 - ROUNDING)) / digits
 
 
-def _point(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, plan: Allocation, tolerance: float) -> FrontPoint:
-    """A plan with its times as a run for a tolerance, and the command that makes it."""
-    asked = [*case.command, "--tolerance", f"{100 * tolerance:.10g} %"]
-    asked += ["--relative-to-model"] * wanted.relative
-    prospect = prospect_by(case.design, found, replace(wanted, tolerance=tolerance), plan)
-    return FrontPoint(prospect, shlex.join(asked))
+def _point(plans: ModulusPlans, command: Sequence[str], tolerance: float) -> FrontPoint:
+    """The quickest plan for a tolerance, and the command that makes it. Raises OutOfReach: there is none."""
+    words = [*command, "--tolerance", f"{100 * tolerance:.10g} %", *["--relative-to-model"] * plans.wanted.relative]
+    return FrontPoint(plans.by(plans.table.for_tolerance(tolerance), tolerance), shlex.join(words))
 
 
-def _for_target(
-    case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table, tolerance: float
-) -> FrontPoint | None:
+def _reached(plans: ModulusPlans, command: Sequence[str], tolerance: float) -> FrontPoint | None:
     try:
-        return _point(case, found, wanted, table.for_tolerance(tolerance), tolerance)
+        return _point(plans, command, tolerance)
     except OutOfReach:
         return None
 
 
-def _in_time(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Table, seconds: float) -> float | None:
+def _in_time(plans: ModulusPlans, seconds: float) -> float | None:
     """The least tolerance that runs reach in so much time on average [s], further mountings included; None: none."""
+    table, rows = plans.table, _front_rows(plans.table)
 
     def lasts(row: int) -> float:
-        asked = replace(wanted, tolerance=float(table.half[row]))
-        return prospect_by(case.design, found, asked, table.row(row)).times.mean
+        return plans.by(table.row(row), float(table.half[row])).times.mean
 
-    rows = [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
     quick = bisect.bisect_right(rows, seconds, key=lasts)
     return float(table.half[rows[quick - 1]]) if quick else None
 
@@ -340,9 +279,9 @@ def _in_time(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, table: Ta
 # variance together, in equal parts; each is told the error of the ratio that this leaves it.
 
 
-def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect: Prospect) -> list[CauseCost]:
+def costs_for(plans: ModulusPlans, prospect: Prospect) -> list[CauseCost]:
     """One row for each cause; shares add up to 1, and bench times to the mean time of the plan."""
-    plan, design, ratio = prospect.allocation, case.design, found.ratio
+    plan, design, found, wanted = prospect.allocation, plans.design, plans.found, plans.wanted
     costs = costs_of(prospect.load, wanted.frequency, wanted.mounts)
     cycles = round(plan.dwell * wanted.frequency)
     lines = lines_of(design, found, prospect.load, wanted, not wanted.relative, cycles)
@@ -351,55 +290,43 @@ def costs_for(case: PlanningCase, found: ExpectedRatio, wanted: Wanted, prospect
     slope = found.sensitivity or 1.0
     systematic = {CURVE, FIT, CONVERTER}
     allowed = math.sqrt(3 * SYSTEMATIC / len(systematic)) * reached.u / slope  # a bound counts as a rectangle
-    rows = []
+    mountings, sets, dwell = plan.mountings, plan.sets, plan.sets * plan.dwell
+    times, person = counted(mountings, "time"), costs.person * mountings
+    fit, told_sets, noise = _fit_of(plan.dwell, wanted.frequency), f"{sets} sets", shares[NOISE][1]
+    fit_s, fit_u = _timed(fit)
+    needs = dwell * noise * (1 - SYSTEMATIC) / SYSTEMATIC / (1 - noise) if noise < 1 else dwell
+    paid = [
+        CauseCost(MOUNTED, None, None, times, times, mountings, mountings, costs.mounting * mountings, person),
+        CauseCost(SCATTER, None, None, told_sets, told_sets, sets, sets, (costs.set + plan.dwell) * sets, None,
+                  fit_s * sets, fit_u * sets),
+        CauseCost(NOISE, None, None, show(needs, "s", 2), show(dwell, "s", 2), needs, dwell),
+        replace(_bound(CURVE, found.curve_u * math.sqrt(3) / found.ratio, allowed), processor_s=_answer_s(plans)),
+    ]  # fmt: skip
+    rows = {row.cause: row for row in paid}
     for name, (u, share) in sorted(shares.items(), key=lambda each: -each[1][1]):
-        if name == MOUNTED:
-            person = costs.person * plan.mountings
-            rows.append(
-                CauseCost(name, u, share, "", counted(plan.mountings, "time"), None, float(plan.mountings),
-                     costs.mounting * plan.mountings, person)
-            )  # fmt: skip
-        elif name == SCATTER:
-            bench = (costs.set + plan.dwell) * plan.sets
-            fit_s, fit_u = _timed(_fit_of(plan.dwell, wanted.frequency))
-            rows.append(
-                CauseCost(name, u, share, "", f"{plan.sets} sets", None, float(plan.sets), bench, None,
-                     fit_s * plan.sets, fit_u * plan.sets)
-            )  # fmt: skip
-        elif name == NOISE:
-            dwell = plan.sets * plan.dwell
-            needs = dwell * share * (1 - SYSTEMATIC) / SYSTEMATIC / (1 - share) if share < 1 else dwell
-            told = show(needs, "s", 2)
-            rows.append(CauseCost(name, u, share, told, show(dwell, "s", 2), needs, dwell))
-        elif name == CURVE:
-            rows.append(_model(case, found, u, share, allowed))
-        else:
-            rows.append(CauseCost(name, u, share))
-    if not any(row.cause == MOUNTED for row in rows):
-        rows.append(CauseCost("mountings", None, None, "", counted(plan.mountings, "time"), None, float(plan.mountings),
-                         costs.mounting * plan.mountings, costs.person * plan.mountings))  # fmt: skip
-    error = abs(_fit_of(plan.dwell, wanted.frequency)() - 1)
-    rows.append(CauseCost(FIT, slope * error / math.sqrt(3), 0.0, _error(allowed), _error(error), allowed, error))
-    quiet, dithered = converter_error(design, prospect.load, ratio, wanted.frequency, plan.dwell)
-    u = slope * dithered / math.sqrt(3)
-    rows.append(CauseCost(CONVERTER, u, 0.0, _error(allowed), _error(dithered), allowed, dithered))
-    rows.append(CauseCost(QUIET, None, None, "", _error(quiet), None, quiet))
-    rows.append(CauseCost(INTEGRATION, None, None, "", "not in the path: the bench steps nothing"))
-    rows.append(CauseCost(SETUP, None, None, bench_s=costs.start))
-    further = prospect.times.mean - plan.seconds
-    rows.append(CauseCost(FURTHER, None, None, bench_s=further))
-    return rows
+        rows[name] = replace(rows.pop(name, CauseCost(name, None, None)), u=u, share=share)
+    quiet, dithered = converter_error(design, plan.load, found.ratio, wanted.frequency, plan.dwell)
+    for name, error in ((FIT, abs(fit() - 1)), (CONVERTER, dithered)):
+        rows[name] = replace(_bound(name, error, allowed), u=slope * error / math.sqrt(3), share=0.0)
+    further, persons = prospect.times.mean - plan.seconds, costs.person * (prospect.times.mountings - mountings)
+    return [
+        *rows.values(),
+        CauseCost(QUIET, None, None, "", _error(quiet), None, quiet),
+        CauseCost(INTEGRATION, None, None, "", "not in the path: the bench steps nothing"),
+        CauseCost(SETUP, None, None, bench_s=costs.start),
+        CauseCost(FURTHER, None, None, bench_s=further, person_s=persons),
+    ]
 
 
-def _model(case: PlanningCase, found: ExpectedRatio, u: float, share: float, allowed: float) -> CauseCost:
-    """The model's own error: its bound, the one that is needed, and its price."""
-    has = found.curve_u * math.sqrt(3) / found.ratio
-    price = min(
-        (each.answer_s for each in stored().prices
-         if each.design == case.design.name and each.model == found.model and each.answer_s is not None),
-        default=None,
-    )  # fmt: skip
-    return CauseCost(CURVE, u, share, _error(allowed), _error(has), allowed, has, processor_s=price)
+def _bound(cause: str, error: float, allowed: float) -> CauseCost:
+    """A cause that is not random: the bound of its relative error, and the one that is allowed."""
+    return CauseCost(cause, None, None, _error(allowed), _error(error), allowed, error)
+
+
+def _answer_s(plans: ModulusPlans) -> float | None:
+    """Processor time of an answer of the model [s]; None: not priced."""
+    own = [price for price in stored().prices if (price.design, price.model) == (plans.design.name, plans.found.model)]
+    return min((price.answer_s for price in own if price.answer_s is not None), default=None)
 
 
 def _error(error: float) -> str:
@@ -437,8 +364,7 @@ def converter_error(design: Design, load: float, ratio: float, frequency: float,
     ranges = sorted(parse(name, "V") for name in RANGES)
     sigma, quiet, dithered = noise_of(design) * math.sqrt(rate / 2), 0.0, 0.0
     for film in design.films:
-        share = ratio if film.kind == FILM_KINDS[0] else 1.0
-        volts = film.sensitivity * share * load * len(film.teeth) / len(design.teeth)
+        volts = film.sensitivity * load_on(design, film, ratio, load)
         step = next((each for each in ranges if HEADROOM * volts <= each), ranges[-1]) / FULL_SCALE_COUNTS
         amplitude = volts / 2
         clean = amplitude * NEAR[:, np.newaxis] * np.cos(2 * np.pi * frequency * at + 0.3)

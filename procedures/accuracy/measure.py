@@ -30,7 +30,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import by_interval, element_prices, errors_of
 from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, solve_all
-from palpate.procedures.accuracy.references import truth_of
+from palpate.procedures.accuracy.references import reference_of
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.run import storing
 
@@ -111,13 +111,13 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
     prices: list[Price] = []
     found = []
     for design, known in zip(chosen, surfaces, strict=True):
-        truth = truth_of(design, solved)
+        truth = reference_of(design, solved)
         at_moduli = known.force_ratios(np.array(MODULI))
         errors = np.array(by_interval(errors_of(at_moduli.tolist(), truth)), dtype=np.float64)
         case = DesignCase(design, known, errors)
-        found.append(truth.reference)
+        found.append(truth)
         prices += _closed_forms(case)
-        prices += element_prices(design, truth, case.surface.force_ratios, errors.tolist(), solved)
+        prices += element_prices(design, truth, known.force_ratios(np.array(MIDDLES)).tolist(), errors.tolist(), solved)
         prices += _surfaces(case)
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +13,10 @@ from palpate.instrument.models.price_list import ReferenceRatios, fingerprint
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.accuracy.meshes import (
-    MIDDLES,
     MODULI,
     TIMED,
     MeshedProblem,
     Results,
-    Values,
     references,
     refinements,
 )
@@ -31,22 +28,7 @@ Array = NDArray[np.float64]
 UNSEEN = {2: 1e-3, 3: 5e-5}
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Reference of a design's force ratios.
-
-    Attributes:
-        reference: force ratios at MODULI.
-        middles, middle_uncertainties: force ratios and uncertainties at MIDDLES, for the round design alone, whose
-            finest mesh is cheap.
-    """
-
-    reference: ReferenceRatios
-    middles: Values
-    middle_uncertainties: Values
-
-
-def truth_of(design: Design, solved: Results) -> Truth:
+def reference_of(design: Design, solved: Results) -> ReferenceRatios:
     """Reference by a round design's finest mesh, or by the limit of the solid model's refinements."""
     if design.outline == "round":
         return _round(design, solved)
@@ -62,29 +44,26 @@ def truth_of(design: Design, solved: Results) -> Truth:
         checked = f"{way} by {apart:.0e} at {show(TIMED, 'Pa', 3)}"
     unseen = UNSEEN[count]
     how = f"solid, limit of its refinements up to {count - 1}: the last differs by {left.max():.0e} at most, {checked}"
-    return Truth(_reference(design, solved, limit, np.maximum(left, max(apart, unseen)), how), (), ())
+    return _reference(design, solved, limit, np.maximum(left, max(apart, unseen)), how)
 
 
-def _round(design: Design, solved: Results) -> Truth:
+def _round(design: Design, solved: Results) -> ReferenceRatios:
     load = PHYSICAL.load(TIMED)
     mesh, second_way = references(design, load)
     coarser_mesh = refinements(design, load)["axisymmetric"][-1]
 
-    def at(of: MeshedProblem, moduli: tuple[float, ...]) -> Array:
-        return np.array([solved[of.at(modulus)].force_ratio for modulus in moduli], dtype=np.float64)
+    def at(of: MeshedProblem) -> Array:
+        return np.array([solved[of.at(modulus)].force_ratio for modulus in MODULI], dtype=np.float64)
 
-    ratios, second = at(mesh, MODULI), at(second_way, MODULI)
-    coarser = np.abs(ratios - at(coarser_mesh, MODULI))
+    ratios, second = at(mesh), at(second_way)
+    coarser = np.abs(ratios - at(coarser_mesh))
     limit, _, _ = _limit(design, solved)
     how = (
         f"axisymmetric, refinement {mesh.refinement}: the plain displacement form differs by"
         f" {np.abs(ratios - second).max():.0e} at most, refinement {axisymmetric.REFINEMENTS[-1]} by"
         f" {coarser.max():.0e}, the limit of the solid model by {np.abs(ratios - limit).max():.0e}"
     )
-    middles = at(mesh, MIDDLES)
-    uncertain = np.abs(middles - at(coarser_mesh, MIDDLES))
-    reference = _reference(design, solved, ratios, np.maximum(np.abs(ratios - second), coarser), how)
-    return Truth(reference, tuple(middles.tolist()), tuple(uncertain.tolist()))
+    return _reference(design, solved, ratios, np.maximum(np.abs(ratios - second), coarser), how)
 
 
 def _reference(design: Design, solved: Results, ratios: Array, uncertainties: Array, how: str) -> ReferenceRatios:

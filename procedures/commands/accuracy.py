@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,15 +58,16 @@ def front_command(
     out: Path | None,
     as_json: bool,
     quiet: bool,
-) -> None:
+) -> int:
     """Show how well a modulus is known after which time, and what a tolerance costs.
 
     The quickest plans of `palpate measure modulus`, and for one tolerance (5 % by default) what it asks of each cause
-    of uncertainty, and who pays: the bench, a person, or the processor. Nothing is measured.
+    of uncertainty, and who pays: the bench, a person, or the processor. Nothing is measured. Exit status 1: no plan
+    reaches the tolerance.
     """
     from palpate.instrument.errors import UsageError
     from palpate.instrument.sensor.sample import get_sample
-    from palpate.procedures.accuracy.front import ModulusFront, PlanningCase
+    from palpate.procedures.accuracy.front import ModulusFront
     from palpate.procedures.commands.measure import object_to_touch
     from palpate.procedures.engine.settings import made
     from palpate.procedures.lab.calibrations import with_films
@@ -78,9 +78,7 @@ def front_command(
     if absolute and settings.get("relative_to_model"):
         raise UsageError("--absolute and --relative-to-model: they are each other's contrary; give one of them")
     make_folder(out)
-    target = replace(
-        with_films(choose(bench, scene).target), model=None
-    )  # nothing is simulated: no model must answer for a truth
+    target = with_films(choose(bench, scene).target)
     known = "4" if sample is None and modulus is None else sample
     touched = None if known is None else get_sample(known)
     object_ = object_to_touch(target.design, touched, modulus, thickness, real=False)
@@ -90,11 +88,8 @@ def front_command(
     )
     with output.prices():
         asked.check(target)
-        question, references = asked.model_question(target.design), asked.references_on(target)
-        wanted, loads = asked.wanted(target), asked.loads_on(target)
         command = _command(asked, known, thickness, scene, bench)
-        case = PlanningCase(target.design, question, loads, wanted, command, references)
-        front = ModulusFront.of(case, object_.modulus, asked.tolerance or TOLERANCE)
+        front = ModulusFront.of(asked.plans_on(target), object_.modulus, command)
     plot = None
     if out is not None:
         from palpate.procedures.accuracy.report import plot_front
@@ -104,10 +99,11 @@ def front_command(
     def show() -> None:
         from palpate.procedures.accuracy.report import print_front
 
-        print_front(front, bench is None, plot)
+        print_front(front, bench is None, "" if out is None else str(plot or "none: no plan reaches ± 50 %"))
 
     head = {"simulated": bench is None, "design": target.design.name, "sample": known}
     output.result(lambda: {**head, **front.summary(), "plot": None if plot is None else str(plot)}, show)
+    return 1 if front.asked is None else 0
 
 
 def _command(

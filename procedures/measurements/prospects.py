@@ -176,6 +176,11 @@ def share(u: float, digits: int = 2) -> str:
 
 
 def reachable(least: float) -> str:
-    """A share, rounded up to two digits in percent: one that may be asked for where `least` is the least."""
+    """A share in percent that may be asked for where `least` is the least."""
+    return share(rounded_up(least))
+
+
+def rounded_up(least: float) -> float:
+    """A share, rounded up to two digits in percent."""
     step = 10.0 ** (math.floor(math.log10(least)) - 1)
-    return share(step * math.ceil(least / step * (1 - 1e-9)))
+    return step * math.ceil(least / step * (1 - 1e-9))

@@ -11,13 +11,15 @@ import json
 import math
 import os
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from random import Random
 from typing import Any
 
 import numpy as np
 from click.testing import CliRunner
+from rich.console import Console
+from rich.progress import track
 from scipy.special import fdtri, stdtrit
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
@@ -83,6 +85,11 @@ def measure() -> Iterator[Row]:
         yield from stopped(truth, runs)
 
 
+def shown(count: int, what: str) -> Iterable[int]:
+    """Numbers from 0 on, with a bar in the terminal: each row of this benchmark takes minutes."""
+    return track(range(count), what, console=Console(stderr=True))
+
+
 def setting(random: Random) -> tuple[list[RunOption], float]:
     """A random problem of a bench with three loads and two dwells, and a tolerance that some plan reaches."""
     scatter, noise = 10 ** random.uniform(-2.5, -0.7), 10 ** random.uniform(-4, -2)
@@ -142,7 +149,7 @@ def quickest(ways: list[RunOption], tolerance: float, most: int = 61) -> float:
 def settings(count: int) -> Iterator[Row]:
     """Random settings of a bench, each by the table and by trying every plan."""
     random, worst = Random(20), 0.0
-    for _ in range(count):
+    for _ in shown(count, "settings"):
         ways, tolerance = setting(random)
         # Preferring the greater load costs 2 % at most by design; here all loads count alike.
         table = Table.of([replace(way, load=0.0) for way in ways], range(1, 61))
@@ -153,7 +160,7 @@ def settings(count: int) -> Iterator[Row]:
 def advertised(count: int) -> Iterator[Row]:
     """Random objects, tolerances and scenes: is a plan of the front what its command plans, and is none refused?"""
     random, other = Random(21), []
-    for _ in range(count):
+    for _ in shown(count, "commands"):
         asked = ["--modulus", f"{random.uniform(25, 110):.3g} kPa", "--scene", random.choice(SCENES)]
         asked += random.choice([[], ["--load", f"{random.choice((2, 3, 4))} N"]])
         asked += random.choice([[], [], ["--mounting-scatter", f"{random.choice((0, 0.5, 2))} %"]])
@@ -222,7 +229,10 @@ def ended_runs(truth: Truth, tolerance: float, runs: int) -> list[Ended]:
     except OutOfReach:
         return []
     longest = run_times(lines, BENCH, tolerance, plan).longest
-    return [run(lines, tolerance, plan, truth.drawn(rng), longest, rng) for _ in range(runs)]
+    return [
+        run(lines, tolerance, plan, truth.drawn(rng), longest, rng)
+        for _ in shown(runs, f"{truth.name}, ± {100 * tolerance:g} %")
+    ]
 
 
 def stopped(truth: Truth, runs: int) -> Iterator[Row]:

@@ -86,7 +86,7 @@ def test_many_half_widths_at_once_are_those_of_budgets(mountings: int) -> None:
 
 def test_tolerance_time_and_front_are_looked_up_in_the_same_rows() -> None:
     rows = table(SCATTER, NOISE, MOUNTING)
-    front = rows.front()
+    front = [rows.row(number) for number in rows.front_rows()]
     assert all(a.mean < b.mean and a.half > b.half for a, b in pairwise(front))
     for point in front[:: len(front) // 7]:
         assert rows.for_tolerance(point.half) == point

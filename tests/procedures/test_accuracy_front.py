@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 import shlex
 from itertools import pairwise
 from pathlib import Path
@@ -16,8 +18,6 @@ from tests.procedures.conftest import Palpate
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The front of sample 4, as JSON."""
-    import json
-
     from click.testing import CliRunner
 
     from palpate.procedures.commands.root import palpate as command
@@ -40,7 +40,8 @@ def test_shares_add_up_and_the_bench_times_are_the_plans(found: dict[str, Any]) 
     costs = found["costs"]
     assert math.fsum(cost["share"] or 0.0 for cost in costs) == pytest.approx(1)
     assert math.fsum(cost["bench_s"] or 0.0 for cost in costs) == pytest.approx(found["asked"]["seconds"], abs=1e-6)
-    assert math.fsum(cost["person_s"] or 0.0 for cost in costs) == found["asked"]["person_s"]
+    assert math.fsum(cost["person_s"] or 0.0 for cost in costs) == pytest.approx(found["asked"]["person_s"])
+    assert 60 * found["asked"]["mountings"] < found["asked"]["person_s"] < found["asked"]["seconds"]
 
 
 def test_what_is_not_random_needs_little_and_doubling_it_would_hardly_show(found: dict[str, Any]) -> None:
@@ -83,14 +84,27 @@ def test_no_plan_that_is_advertised_is_refused(palpate: Palpate) -> None:
         assert (planned["mountings"], planned["sets"]) == (point["mountings"], point["sets"])
 
 
+def test_a_plan_that_fewer_than_95_in_100_runs_finish_is_marked(palpate: Palpate) -> None:
+    fine = palpate("accuracy", "--tolerance", "0.6 %", "--json").object["asked"]
+    assert 0.1 < fine["reached_by"] < 0.9
+    assert f"({100 * fine['reached_by']:.0f} % of runs reach it)" in palpate("accuracy", "--tolerance", "0.6 %").out
+    assert re.search(r"best now  --tolerance '0\.56 %', which \d+ % of runs reach",
+                     palpate("accuracy", "--tolerance", "0.1 %").out)  # fmt: skip
+
+
+def test_a_tolerance_above_20_percent_is_told_as_the_factor_that_it_is(palpate: Palpate) -> None:
+    assert "± 50 % (× 1.6): 1 min" in palpate("accuracy", "--tolerance", "50 %").out
+
+
 def test_people_read_plans_causes_and_who_pays(palpate: Palpate) -> None:
     said = palpate("accuracy", "--tolerance", "10 %", "--out", "prices")
     assert said.status == 0
     for text in (
-        "± 5 %", "± 10 %: 1 min", "of them a person's", "gain", "converter",
+        "± 5 %", "± 10 %: 1 min", "of it a person's", "gain scatter", "converter",
         "a minute       29 s give no answer; 2 min 29 s give ± 8",
         "integration    not in the path: the bench steps nothing", "palpate measure modulus --sample 4 --tolerance",
-        "scatter was never measured; --mountings 12 does so",
+        "scatter was never measured; --mountings 12 does so", "× 1.3 with 6 references (40 min 00 s, once)",
+        "not calibrated: ± 9.9 % leaves their error out; with 6 points",
     ):  # fmt: skip
         assert text in said.out, said.out
     assert max(map(len, said.out.splitlines())) <= 80
@@ -102,7 +116,9 @@ def test_people_read_plans_causes_and_who_pays(palpate: Palpate) -> None:
     [
         (("--tolerance", "200 %"), "above the 50 % that are allowed"),
         (("--sample", "99"), "99"),
-        (("--modulus", "100 GPa"), "tells no more than a bound"),
+        (("--modulus", "100 GPa", "--scene", "poor_seating"), "tells no more than a bound"),
+        (("--modulus", "5 MPa"), "modulus 5 MPa of sample '5 MPa' is outside the measured"),
+        (("--model", "beam_printed"), "it cannot be told how thick an object is"),
         (("--mounting-scatter", "-1 %"), "--mounting-scatter -1 % is outside 0 to 50 %"),
         (("--mounting-scatter", "1 %", "--mounting-freedom", "0"), "--mounting-freedom 0 is below 1"),
         (("--sample", "4", "--modulus", "50 kPa"), "--sample and --modulus: give either"),
@@ -114,7 +130,8 @@ def test_what_has_no_front_is_refused(palpate: Palpate, options: tuple[str, ...]
 
 
 def test_a_tolerance_that_nothing_reaches_is_told_with_what_binds_and_other_ways(palpate: Palpate) -> None:
-    front = palpate("accuracy", "--absolute", "--json").object
-    assert (front["asked"], front["costs"]) == (None, [])
+    said = palpate("accuracy", "--absolute", "--json", "--out", "prices")
+    front = json.loads(said.out)
+    assert (said.status, front["asked"], front["costs"], front["plot"]) == (1, None, [], None)
     assert "cannot be reached: the model binds: validation leaves × 3.3" in front["why"]
     assert "--relative-to-model" in front["why"]

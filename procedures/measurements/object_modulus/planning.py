@@ -1,6 +1,6 @@
 """The plan for the modulus of an object: the best load, mountings, load sets and dwell, or why there is none.
 
-    prospect_of(question, 48e3, design, loads=(2.0, 3.0, 4.0), references=None, wanted=wanted).allocation
+    ModulusPlans(question, expected(question, 48e3), wanted, target, loads=(2.0, 3.0, 4.0)).prospect().allocation
 
 All plans are rows of one table (`instrument.allocation.table`): what is planned, offered beside it and refused is
 looked up there.
@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.allocation.preparations import Preparation, Prepared, prepared
+from palpate.instrument.allocation.preparations import Preparation, prepared
 from palpate.instrument.allocation.stopping import RunTimes, run_times
 from palpate.instrument.allocation.table import (
     MOST_MOUNTINGS,
@@ -46,13 +46,13 @@ from palpate.instrument.findings.object_modulus import (
 from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import Validation, ValidationLine, validate
-from palpate.instrument.quantity import LARGEST_TOLERANCE, as_typed, counted, plus_minus, show
+from palpate.instrument.quantity import LARGEST_TOLERANCE, as_asked, as_typed, counted, plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target
-from palpate.procedures.measurements.prospects import reachable, share
+from palpate.procedures.measurements.prospects import rounded_up, share
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_frequency, preload_for
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, settling_length
@@ -286,67 +286,6 @@ class Prospect:
         }
 
 
-def table_of(
-    design: Design, found: ExpectedRatio, wanted: Wanted, loads: Sequence[float], *, by_time: bool = False
-) -> Table:
-    """All plans for what is wanted: loads, dwells, mountings and sets. Arguments as for `best_of` and `Table.of`."""
-    ways = []
-    for load in loads:
-        costs, lines = costs_of(load, wanted.frequency, wanted.mounts), _lines(design, found, wanted, load)
-        for dwell in dwells(lines(LONG), shortest(wanted.frequency)):
-            ways.append(RunOption(lines(round(dwell * wanted.frequency)), costs, dwell, load))
-    mountings = range(1, MOST_MOUNTINGS + 1) if wanted.mounted else (1,)
-    return Table.of(ways, mountings if wanted.mountings is None else (wanted.mountings,), by_time=by_time)
-
-
-def _lines(
-    design: Design, found: ExpectedRatio, wanted: Wanted, load: float
-) -> Callable[[int], tuple[BudgetLine, ...]]:
-    """Lines of what is wanted under a load, by the number of cycles in a dwell."""
-    return partial(lines_of, design, found, load, wanted, not wanted.relative)
-
-
-def best_of(design: Design, found: ExpectedRatio, wanted: Wanted, loads: Sequence[float]) -> Prospect:
-    """The quickest plan for a tolerance, or the most accurate one in a time; with both, not longer than the time.
-
-    Raises:
-        OutOfReach: no plan reaches the tolerance.
-        RangeError: no plan fits into the time.
-    """
-    plan = None
-    if wanted.tolerance is not None:
-        plan = table_of(design, found, wanted, loads).for_tolerance(wanted.tolerance)
-    if plan is None or (wanted.time is not None and plan.seconds > wanted.time):
-        assert wanted.time is not None
-        plan = table_of(design, found, wanted, loads, by_time=True).for_time(wanted.time)
-    return prospect_by(design, found, wanted, plan)
-
-
-def prospect_by(design: Design, found: ExpectedRatio, wanted: Wanted, plan: Allocation) -> Prospect:
-    """What is expected of a plan of what is wanted."""
-    cycles = round(plan.dwell * wanted.frequency)
-    costs, by_time = costs_of(plan.load, wanted.frequency, wanted.mounts), wanted.tolerance is None
-    both = [lines_of(design, found, plan.load, wanted, absolute, cycles) for absolute in (False, True)]
-    scale, whole = (half_of(each, plan, by_time=by_time) for each in both)
-    scale_u, whole_u = (budget(each, plan.mountings, plan.sets, plan.dwell).u for each in both)
-    if wanted.tolerance is None or plan.half > wanted.tolerance * (1 + ROUNDING):  # the time ends the run
-        times = RunTimes(plan.seconds, plan.seconds if wanted.time is None else wanted.time)
-    else:
-        times = run_times(both[not wanted.relative], costs, wanted.tolerance, plan, MOST_SETS, wanted.time)
-    absolute, absolute_u = (None, None) if found.validation.u is None else (whole, whole_u)
-    return Prospect(plan.load, found, plan, scale, absolute, scale_u, absolute_u, times)
-
-
-def for_bound(found: ExpectedRatio, wanted: Wanted, load: float) -> Prospect:
-    """The plan for an object of which a model expects no more than a bound: a few sets tell it."""
-    costs, dwell = costs_of(load, wanted.frequency, wanted.mounts), shortest(wanted.frequency)
-    mountings = wanted.mountings or 1
-    sets = BOUND_SETS * mountings
-    seconds = costs.seconds(mountings, sets, dwell)
-    plan = Allocation(mountings, sets, dwell, seconds, math.inf, math.inf, {}, "", seconds, load)
-    return Prospect(load, found, plan, None, None, None, None, RunTimes(seconds, seconds))
-
-
 def has_most_sets(plan: Allocation) -> bool:
     """Whether a run has no more load sets than those of a plan."""
     return plan.sets + plan.mountings > MOST_SETS
@@ -363,88 +302,32 @@ def most_sets(prospect: Prospect, wanted: Wanted) -> int:
     return min(max(MOST[0] * plan.sets + MOST[1], in_time), MOST_SETS)
 
 
-# -------------------------------------------------------------------------------------------------------
-# What other sessions can do for the modulus of an object before its run: calibrate the films, and the model
+# --- What is not done by the run itself, with its price ------------------------------------------------
 #
-# Both are sessions of their own, as a person stands a pin on the teeth or mounts references, and as what they store
-# holds for all later runs.
+# Calibrations of films and model are sessions of their own, as a person stands a pin on the teeth or mounts references,
+# and as what they store holds for all later runs.
 
 COMPRESSION = 272.0  # s, of the test that tells the modulus of a reference [M]
 REFERENCE = 400.0  # s, with that test and the mounting on the sensor [M]
 REFERENCE_U = 0.02  # relative standard uncertainty of the modulus of a reference [A]
 REFERENCE_SETS = 6  # load sets of each in palpate calibrate model
-FILM_DWELL = 1.0  # s, in palpate calibrate films
-
-
-def references_of(question: RatioQuestion, found: ExpectedRatio, design: Design) -> Preparation | None:
-    """References of the model, with those that there are; None: nothing tells how objects spread about a constant."""
-    slope, made_before = found.sensitivity, found.references
-    if slope is None:
-        return None
-    if made_before is not None:
-        made, calibration = len(made_before.calibration.references), made_before.calibration
-        one, more = calibration.with_more(1), calibration.with_more(10**9)
-        if one is None or more is None or one.u is None or more.u is None:
-            return None
-        u = slope * math.sqrt(max(one.u**2 - more.u**2, 0.0))
-        freedom = one.degrees_of_freedom
-        return Preparation(VALIDATION, u, -COMPRESSION * made, REFERENCE, made + 1, slope * more.u, freedom)
-    known = _validation(question.design, question.parameters, found.model)
-    if known is None or known.ln_spread is None:
-        return None
-    own, spread = slope * design.ratio_scatter / math.sqrt(REFERENCE_SETS), slope * known.ln_spread
-    freedom = len(known.percent) - 1.0
-    return Preparation(VALIDATION, math.hypot(spread, REFERENCE_U, own), 0.0, REFERENCE, 1, spread, freedom)
-
-
-@functools.lru_cache(maxsize=16)
-def _validation(design: str, parameters: str, model: str) -> Validation | None:
-    """A model against the thesis' samples; None: these do not tell of it."""
-    try:
-        return validate(design, parameters, model)
-    except PalpateError:
-        return None
-
-
-def films_of(design: Design, found: ExpectedRatio, frequency: float) -> Preparation | None:
-    """A calibration of the films, by points on each tooth; None: the ratio only tells a bound of the modulus."""
-    if found.sensitivity is None:
-        return None
-    shared = np.array([[len({*a.teeth} & {*b.teeth}) for b in design.films] for a in design.films])
-    count = np.array([len(film.teeth) for film in design.films])
-    covariance = np.asarray(design.scatter_covariance) * shared / np.outer(count, count)
-    u = calibration_u(replace(design, film_covariance=tuple(map(tuple, covariance.tolist()))))
-    teeth, point = len(design.teeth), point_seconds(frequency, FILM_DWELL, first=False)
-    return Preparation(CALIBRATION, found.sensitivity * u, teeth * (MOUNTING + APPROACH), teeth * point, FEWEST)
-
-
-def preparations(question: RatioQuestion, found: ExpectedRatio, wanted: Wanted, design: Design) -> list[Preparation]:
-    """Those that replace a line of what is wanted."""
-    films = None
-    if design.film_covariance is not None and not (found.films_cancel and not wanted.relative):
-        films = films_of(design, found, wanted.frequency)
-    references = None if wanted.relative else references_of(question, found, design)
-    return [each for each in (films, references) if each is not None]
-
-
-def quickest_way(
-    question: RatioQuestion, found: ExpectedRatio, wanted: Wanted, design: Design, table: Table
-) -> Prepared | None:
-    """The quickest way to the tolerance in all; None: nothing reaches it, or a time alone is given."""
-    if wanted.tolerance is None or found.sensitivity is None:
-        return None
-    return prepared(table, wanted.tolerance, preparations(question, found, wanted, design))
-
-
-# -------------------------------------------------------------------------------------------------------
-# What makes the measurement of a modulus shorter or surer, and is not done by the run itself, with its price
-
-FREQUENCIES = (20.0, 40.0)  # Hz
-USUAL_POINTS = 6  # on each tooth, of palpate calibrate films
-FILM_LOADS = 1.5, 4.0  # N, least and greatest of palpate calibrate films
-PAYS = 0.98  # of the bench time or half-width: what saves less is not offered
+REFERENCES = 6  # as many as pay
 REFERENCE_OPTION = "--reference 'A: 48 kPa ± 4 %'"  # one for each
+FILM_DWELL = 1.0  # s, in palpate calibrate films
+FILM_LOADS = 1.5, 4.0  # N, least and greatest of palpate calibrate films
+USUAL_POINTS = 6  # on each tooth, of palpate calibrate films
+FREQUENCIES = (20.0, 40.0)  # Hz
+NEVER_MEASURED = "scatter was never measured"
+SCATTER_MOUNTINGS, SCATTER_TOLERANCE = 12, 0.1  # of the run that measures it
+MEASURE_MOUNTINGS = f"--mountings {SCATTER_MOUNTINGS} --tolerance '10 %' --relative-to-model"
+PAYS, PAYS_ONCE = 0.98, 0.8  # of the bench time or half-width: what saves less, or costs a run before, is not offered
 UNITS = {VALIDATION: "reference", CALIBRATION: "film point"}
+LEAST_BY_COMPRESSION = 0.04
+REMEDIES = {
+    CALIBRATION: "calibrate the films at more points: palpate calibrate films",
+    PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
+    CURVE: "ask a finer model, such as --model auto",
+}
 
 
 def command_of(name: str, number: int) -> str:
@@ -456,13 +339,22 @@ def command_of(name: str, number: int) -> str:
     return f"palpate calibrate films --loads '{least:g} N:{greatest:g} N:{step:g} N'"
 
 
+@functools.lru_cache(maxsize=16)
+def _validation(design: str, parameters: str, model: str) -> Validation | None:
+    """A model against the thesis' samples; None: these do not tell of it."""
+    try:
+        return validate(design, parameters, model)
+    except PalpateError:
+        return None
+
+
 @dataclass(frozen=True, slots=True)
 class Alternative:
     """Something that a run does not do by itself.
 
     Attributes:
-        what: "references", "films", "frequency", or "quickest": all that makes the whole quickest.
-        numbers: how many references, points on each tooth, or hertz; by name.
+        what: "references", "films", "mountings", "frequency", or "quickest": all that makes the whole quickest.
+        numbers: how many references, points on each tooth, mountings, or hertz; by name.
         once_s: bench time of it, once, for all later runs [s].
         person_s: the part of it that a person takes [s].
         run_s: mean bench time of the run then [s].
@@ -485,211 +377,345 @@ class Alternative:
         return asdict(self)
 
 
-def alternatives(
-    question: RatioQuestion, wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]
-) -> list[Alternative]:
-    """What else pays beside a plan. Nothing is offered for an object of which only a bound is known."""
-    if prospect.found.sensitivity is None:
-        return []
-    table = table_of(target.design, prospect.found, wanted, loads)
-    found = [
-        _references(question, wanted, prospect, target),
-        _films(wanted, prospect, target),
-        _frequency(wanted, prospect, target, loads),
-        quickest(quickest_way(question, prospect.found, wanted, target.design, table), len(target.design.teeth)),
-    ]
-    return [each for each in found if each is not None]
-
-
 def worth_lines(offered: Sequence[Alternative]) -> list[str]:
     """Alternatives for people, two lines each."""
     return [line for each in offered for line in (f"{each.what:<14} {each.told}", f"{'':<14} {each.how}")]
 
 
-def _references(question: RatioQuestion, wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | None:
-    """One more reference."""
-    more = references_of(question, prospect.found, target.design)
-    if more is None or wanted.relative or VALIDATION not in prospect.allocation.shares:
-        return None
-    half, seconds = _with(wanted, prospect, target.design, more.line(more.least)), more.seconds(more.least)
-    count = "one" if more.least == 1 else f"{more.least} in all"
-    told = f"{count} would give {plus_minus(half)}; {duration(seconds)}, once"
-    numbers, how = {VALIDATION: float(more.least)}, command_of(VALIDATION, more.least)
-    return Alternative("references", numbers, seconds, MOUNTING * more.least, prospect.times.mean, half, how, told)
+# --- the plans -----------------------------------------------------------------------------------------
 
 
-def _films(wanted: Wanted, prospect: Prospect, target: Target) -> Alternative | None:
-    """Films calibrated at twice as many points; where they are not calibrated, what that would add."""
-    plan, found, design = prospect.allocation, prospect.found, target.design
-    films, points = films_of(design, found, wanted.frequency), USUAL_POINTS
-    calibrated = design.film_covariance is not None
-    if films is None or (not calibrated and found.references is not None):  # these hold the films' error
-        return None
-    if calibrated:
-        if plan.shares.get(CALIBRATION, 0.0) < LEAST_SHARE:
-            return None
-        points = max(films.least, math.ceil(2 * films.u**2 / (plan.shares[CALIBRATION] * plan.u**2)))
-    half, seconds = _with(wanted, prospect, design, films.line(points)), films.seconds(points)
-    told = f"{points} points would give {plus_minus(half)}; {duration(seconds)}, once"
-    if not calibrated:
-        told = f"not calibrated: no interval counts it; {points} points ({duration(seconds)}) leave {plus_minus(half)}"
-    person, how = MOUNTING * len(design.teeth), command_of(CALIBRATION, points)
-    return Alternative("films", {CALIBRATION: float(points)}, seconds, person, prospect.times.mean, half, how, told)
+@dataclass(frozen=True)
+class ModulusPlans:
+    """All plans for what is wanted of one object on one bench.
 
+    Attributes:
+        question: the model that turns the ratio into the modulus.
+        found: what it expects of the object.
+        wanted: what is asked for.
+        target: the bench, with its calibrated films.
+        loads: loads among which a plan chooses [N, peak to peak].
+    """
 
-def _frequency(wanted: Wanted, prospect: Prospect, target: Target, loads: Sequence[float]) -> Alternative | None:
-    """Another frequency, where the bench can have it and it pays; the modulus is then the one at that frequency."""
-    by_time, best, least = wanted.tolerance is None, None, PAYS
-    for frequency in FREQUENCIES:
+    question: RatioQuestion
+    found: ExpectedRatio
+    wanted: Wanted
+    target: Target
+    loads: Sequence[float]
+
+    @property
+    def design(self) -> Design:
+        """The sensor."""
+        return self.target.design
+
+    def asking(self, **changes: Any) -> ModulusPlans:
+        """The plans for something else that is wanted."""
+        return replace(self, wanted=replace(self.wanted, **changes))
+
+    def prospect(self) -> Prospect:
+        """The quickest plan for the tolerance, or the most accurate one in the time, or one for a bound.
+
+        Raises RangeError: no plan reaches the tolerance, or fits into the time.
+        """
+        if self.found.sensitivity is None:
+            return self._for_bound()
+        if self.wanted.tolerance is not None and self.found.validation.u is None and not self.wanted.relative:
+            raise self._not_known()
         try:
-            check_frequency(frequency, target)
-            other = best_of(target.design, prospect.found, replace(wanted, frequency=frequency), loads)
-        except PalpateError:
-            continue
-        ratio = other.allocation.half / prospect.allocation.half if by_time else other.times.mean / prospect.times.mean
-        if ratio < least:
-            best, least = (frequency, other), ratio
-    if best is None:
-        return None
-    frequency, other = best
-    gives = f"give {plus_minus(other.allocation.half)}" if by_time else f"take {duration(other.times.mean)}"
-    told = f"{show(frequency, 'Hz')} would {gives}, for the modulus at that frequency"
-    numbers, how = {"frequency_Hz": frequency}, f"--frequency '{show(frequency, 'Hz')}'"
-    return Alternative("frequency", numbers, 0.0, 0.0, other.times.mean, other.allocation.half, how, told)
+            return self.best()
+        except OutOfReach as error:
+            raise self.refused(error) from None
 
+    @cached_property
+    def table(self) -> Table:
+        """All plans for a tolerance: loads, dwells, mountings and sets."""
+        return self._table(by_time=False)
 
-def quickest(found: Prepared | None, teeth: int) -> Alternative | None:
-    """The preparations that make the whole quickest; None: there are none, or nothing reaches the tolerance."""
-    if found is None or not found.numbers:
-        return None
-    each = {VALIDATION: MOUNTING, CALIBRATION: 0.0}
-    person = math.fsum(each[name] * number for name, number in found.numbers.items())
-    person += MOUNTING * teeth * (CALIBRATION in found.numbers)
-    what = " and ".join(counted(number, UNITS[name]) for name, number in found.numbers.items())
-    told = f"{what} ({duration(found.once)}, once), then {duration(found.run.mean)}"
-    how = "; ".join(command_of(name, number) for name, number in found.numbers.items())
-    numbers = {name: float(number) for name, number in found.numbers.items()}
-    return Alternative("quickest", numbers, found.once, person, found.run.mean, None, how, told)
+    def _table(self, *, by_time: bool) -> Table:
+        wanted, ways = self.wanted, []
+        for load in self.loads:
+            for dwell in dwells(self._lines(load), shortest(wanted.frequency)):
+                costs = costs_of(load, wanted.frequency, wanted.mounts)
+                ways.append(RunOption(self._lines(load, dwell), costs, dwell, load))
+        mountings = range(1, MOST_MOUNTINGS + 1) if wanted.mounted else (1,)
+        return Table.of(ways, mountings if wanted.mountings is None else (wanted.mountings,), by_time=by_time)
 
+    def _lines(self, load: float, dwell: float = math.inf) -> tuple[BudgetLine, ...]:
+        """Lines of what is wanted under a load [N], with a dwell [s]."""
+        wanted = self.wanted
+        cycles = round(min(dwell * wanted.frequency, LONG))
+        return lines_of(self.design, self.found, load, wanted, not wanted.relative, cycles)
 
-def _with(wanted: Wanted, prospect: Prospect, design: Design, line: BudgetLine) -> float:
-    """Half-width of a plan with a line in place of the one of its name, or beside the others."""
-    plan = prospect.allocation
-    lines = _lines(design, prospect.found, wanted, prospect.load)(round(plan.dwell * wanted.frequency))
-    kept = [each for each in lines if each.name != line.name]
-    return half_of([*kept, line], plan, by_time=wanted.tolerance is None)
+    def best(self) -> Prospect:
+        """The quickest plan for the tolerance, or the most accurate one in the time; with both, within the time.
 
+        Raises:
+            OutOfReach: no plan reaches the tolerance.
+            RangeError: no plan fits into the time.
+        """
+        plan, wanted = None, self.wanted
+        if wanted.tolerance is not None:
+            plan = self.table.for_tolerance(wanted.tolerance)
+        if plan is None or (wanted.time is not None and plan.seconds > wanted.time):
+            assert wanted.time is not None
+            plan = self._table(by_time=True).for_time(wanted.time)
+        return self.by(plan, wanted.tolerance)
 
-# --- A tolerance that cannot be reached: what binds, the best there is, and other ways there -----------
+    def by(self, plan: Allocation, tolerance: float | None) -> Prospect:
+        """What is expected of a plan of the table for a tolerance; None: the time alone is given."""
+        wanted, found, by_time = self.wanted, self.found, tolerance is None
+        cycles = round(plan.dwell * wanted.frequency)
+        both = [lines_of(self.design, found, plan.load, wanted, absolute, cycles) for absolute in (False, True)]
+        scale, whole = (half_of(each, plan, by_time=by_time) for each in both)
+        scale_u, whole_u = (budget(each, plan.mountings, plan.sets, plan.dwell).u for each in both)
+        if tolerance is None or plan.half > tolerance * (1 + ROUNDING):  # the time ends the run
+            times = RunTimes(plan.seconds, plan.seconds if wanted.time is None else wanted.time, plan.mountings)
+        else:
+            costs = costs_of(plan.load, wanted.frequency, wanted.mounts)
+            times = run_times(both[not wanted.relative], costs, tolerance, plan, MOST_SETS, wanted.time)
+        absolute, absolute_u = (None, None) if found.validation.u is None else (whole, whole_u)
+        return Prospect(plan.load, found, plan, scale, absolute, scale_u, absolute_u, times)
 
-NEVER_MEASURED = "scatter was never measured"
-REFERENCES = 6  # as many as pay
-LEAST_BY_COMPRESSION = 0.04
-REMEDIES = {
-    CALIBRATION: "calibrate the films at more points: palpate calibrate films",
-    PICKUP: "tie the films' cables down, and give the smaller pick-up in the bench file",
-    CURVE: "ask a finer model, such as --model auto",
-}
+    def _for_bound(self) -> Prospect:
+        """The plan for an object of which the model expects no more than a bound: a few sets tell it."""
+        wanted, load = self.wanted, self.loads[0]
+        costs, dwell = costs_of(load, wanted.frequency, wanted.mounts), shortest(wanted.frequency)
+        mountings = wanted.mountings or 1
+        sets = BOUND_SETS * mountings
+        seconds = costs.seconds(mountings, sets, dwell)
+        plan = Allocation(mountings, sets, dwell, seconds, math.inf, math.inf, {}, "", seconds, load)
+        return Prospect(load, self.found, plan, None, None, None, None, RunTimes(seconds, seconds, mountings))
 
+    # --- what is calibrated before a run ---------------------------------------------------------------
 
-def refused(
-    error: OutOfReach,
-    question: RatioQuestion,
-    found: ExpectedRatio,
-    wanted: Wanted,
-    design: Design,
-    loads: Sequence[float],
-) -> RangeError:
-    """The refusal of a tolerance that no plan reaches."""
-    tolerance = wanted.tolerance or 0.0
-    why = f"{error.binds} leaves {plus_minus(error.floor)}, which no longer run lowers"
-    if error.floor < tolerance:
-        why = f"{error.binds} binds, and a run has {MOST_SETS:,} load sets and {MOST_MOUNTINGS} mountings at most"
-    elif error.binds == VALIDATION:
-        why = f"the model binds: {why} ({found.validation.source})"
-    best = f"--tolerance '{reachable(error.best)}'" if error.best < LARGEST_TOLERANCE else plus_minus(error.best)
-    way = quickest(
-        quickest_way(question, found, wanted, design, table_of(design, found, wanted, loads)), len(design.teeth)
-    )
-    ways = []
-    if way is not None and (wanted.time is None or way.run_s <= wanted.time):
-        ways = [f"or        as asked with {way.told}: {way.how}"]
-    elif error.binds == VALIDATION:
-        ways = _with_references(question, found, design)
-    elif error.binds == MOUNTED and wanted.mountings is not None:
-        ways = ["or        leave the number of mountings to the plan, without --mountings"]
-    elif error.binds == MOUNTED and wanted.mounted_by.startswith(NEVER_MEASURED):
-        ways = ["or        measure how mountings scatter: palpate measure modulus --mountings 12 --tolerance '10 %'"]
-    elif error.binds in REMEDIES and (error.binds, found.model) != (CURVE, answering(replace(question, model="auto"))):
-        ways = [f"or        {REMEDIES[error.binds]}"]
-    if tolerance >= LEAST_BY_COMPRESSION or error.binds == VALIDATION:
-        ways.append(_by_compression(wanted))
-    if error.binds == VALIDATION:
-        ways += _on_scale(wanted, found, design, loads)
-    absolute = "" if wanted.relative else " absolute"
-    told = f"--tolerance {share(tolerance, 3)}{absolute} cannot be reached: {why}"
-    return RangeError("\n  ".join([told, f"best now  {best}", *ways]))
+    def _more_references(self) -> Preparation | None:
+        """References of the model, with those that there are; None: nothing tells how objects spread."""
+        slope, made_before = self.found.sensitivity, self.found.references
+        if slope is None:
+            return None
+        if made_before is not None:
+            made, calibration = len(made_before.calibration.references), made_before.calibration
+            one, more = calibration.with_more(1), calibration.with_more(10**9)
+            if one is None or more is None or one.u is None or more.u is None:
+                return None
+            u = slope * math.sqrt(max(one.u**2 - more.u**2, 0.0))
+            freedom = one.degrees_of_freedom
+            return Preparation(VALIDATION, u, -COMPRESSION * made, REFERENCE, made + 1, slope * more.u, freedom)
+        known = _validation(self.question.design, self.question.parameters, self.found.model)
+        if known is None or known.ln_spread is None:
+            return None
+        own, spread = slope * self.design.ratio_scatter / math.sqrt(REFERENCE_SETS), slope * known.ln_spread
+        freedom = len(known.percent) - 1.0
+        return Preparation(VALIDATION, math.hypot(spread, REFERENCE_U, own), 0.0, REFERENCE, 1, spread, freedom)
 
+    def _film_points(self) -> Preparation:
+        """A calibration of the films, by points on each tooth."""
+        design = self.design
+        shared = np.array([[len({*a.teeth} & {*b.teeth}) for b in design.films] for a in design.films])
+        count = np.array([len(film.teeth) for film in design.films])
+        covariance = np.asarray(design.scatter_covariance) * shared / np.outer(count, count)
+        u = calibration_u(replace(design, film_covariance=tuple(map(tuple, covariance.tolist()))))
+        teeth, point = len(design.teeth), point_seconds(self.wanted.frequency, FILM_DWELL, first=False)
+        slope = self.found.sensitivity or MOST_SENSITIVE
+        return Preparation(CALIBRATION, slope * u, teeth * (MOUNTING + APPROACH), teeth * point, FEWEST)
 
-def not_known(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float]) -> RangeError:
-    """The refusal of an absolute tolerance where the model's validation error is not known."""
-    lines = [
-        f"--tolerance {share(wanted.tolerance or 0.0, 3)} absolute cannot be promised: the validation error of"
-        f" {found.model!r} is {found.validation.source}",
-        _by_compression(wanted),
-        *_on_scale(wanted, found, design, loads),
-    ]
-    return RangeError("\n  ".join(lines))
+    def _person(self, name: str, number: int) -> float:
+        """Time of a person for so many references, or points on each tooth [s]."""
+        return MOUNTING * (number if name == VALIDATION else len(self.design.teeth))
 
+    def quickest(self) -> Alternative | None:
+        """The preparations that make the whole quickest.
 
-def _by_compression(wanted: Wanted) -> str:
-    """The compression test of this bench [M]; of an object that is no rubber sample, by the name of one of its size."""
-    sample = f"--sample {wanted.sample}" if wanted.sample else "with --sample for one of its size"
-    return f"or        ± 4 to 8 % in {COMPRESSION:.0f} s, where it can be taken off: palpate test modulus {sample}"
+        None: there are none, nothing reaches the tolerance, or a time alone is given.
+        """
+        wanted, found, made = self.wanted, self.found, []
+        if wanted.tolerance is None or found.sensitivity is None:
+            return None
+        if self.design.film_covariance is not None and not (found.films_cancel and not wanted.relative):
+            made.append(self._film_points())
+        if not wanted.relative and (references := self._more_references()) is not None:
+            made.append(references)
+        best = prepared(self.table, wanted.tolerance, made)
+        if best is None or not best.numbers:
+            return None
+        person = math.fsum(self._person(name, number) for name, number in best.numbers.items())
+        what = " and ".join(counted(number, UNITS[name]) for name, number in best.numbers.items())
+        told = f"{what} ({duration(best.once)}, once), then {duration(best.run.mean)}"
+        how = "; ".join(command_of(name, number) for name, number in best.numbers.items())
+        numbers = {name: float(number) for name, number in best.numbers.items()}
+        return Alternative("quickest", numbers, best.once, person, best.run.mean, None, how, told)
 
+    def references_that_pay(self) -> Alternative | None:
+        """What as many references as pay would leave of the model's error; None: not known."""
+        if (made := self._more_references()) is None:
+            return None
+        count = max(REFERENCES, made.least)
+        line = made.line(count)
+        half = line.u * coverage_factor(line.degrees_of_freedom)
+        told = f"{plus_minus(half)} with {count} references ({duration(made.seconds(count))}, once)"
+        return self._made("references", made, count, half, math.nan, told)
 
-def _with_references(question: RatioQuestion, found: ExpectedRatio, design: Design) -> list[str]:
-    """What as many references as pay would leave; empty: not known."""
-    made = references_of(question, found, design)
-    if made is None:
-        return []
-    count = max(REFERENCES, made.least)
-    line, seconds = made.line(count), duration(made.seconds(count))
-    left = plus_minus(line.u * coverage_factor(line.degrees_of_freedom))
-    return [f"or        {left} with {count} references ({seconds}, once): {command_of(VALIDATION, count)}"]
+    def _made(self, what: str, made: Preparation, count: int, half: float, run: float, told: str) -> Alternative:
+        """So many units of a preparation, with the half-width and the mean bench time of the run then."""
+        numbers, person, how = {made.name: float(count)}, self._person(made.name, count), command_of(made.name, count)
+        return Alternative(what, numbers, made.seconds(count), person, run, half, how, told)
 
+    # --- what else pays --------------------------------------------------------------------------------
 
-def _on_scale(wanted: Wanted, found: ExpectedRatio, design: Design, loads: Sequence[float]) -> list[str]:
-    """What the tolerance costs on the model's scale; empty: it is not reached there either."""
-    try:
-        plan = best_of(design, found, replace(wanted, time=None, relative=True), loads)
-    except RangeError:
-        return []
-    asked = f"{share(wanted.tolerance or 0.0, 3)} on the scale of {found.model!r}"
-    return [f"or        {asked}, about {duration(plan.times.mean)}: --relative-to-model"]
+    def alternatives(self, prospect: Prospect) -> list[Alternative]:
+        """What else pays beside a plan, first what makes it quicker; nothing, where only a bound is expected."""
+        if self.found.sensitivity is None:
+            return []
+        found = [
+            self.quickest(),
+            self._measured_mountings(prospect),
+            self._frequency(prospect),
+            self._references(prospect),
+            self._films(prospect),
+        ]
+        return [each for each in found if each is not None]
 
+    def _references(self, prospect: Prospect) -> Alternative | None:
+        """One more reference."""
+        more = self._more_references()
+        if more is None or self.wanted.relative or VALIDATION not in prospect.allocation.shares:
+            return None
+        half = self._with(prospect, more.line(more.least))
+        count = "one" if more.least == 1 else f"{more.least} in all"
+        told = f"{count} would give {plus_minus(half)}; {duration(more.seconds(more.least))}, once"
+        return self._made("references", more, more.least, half, prospect.times.mean, told)
 
-# --- the plan ------------------------------------------------------------------------------------------
+    def _films(self, prospect: Prospect) -> Alternative | None:
+        """Films calibrated at twice as many points; where they are not calibrated, what that would add."""
+        plan, films, points = prospect.allocation, self._film_points(), USUAL_POINTS
+        calibrated = self.design.film_covariance is not None
+        if not calibrated and self.found.references is not None:  # these hold the films' error
+            return None
+        if calibrated:
+            if plan.shares.get(CALIBRATION, 0.0) < LEAST_SHARE:
+                return None
+            points = max(films.least, math.ceil(2 * films.u**2 / (plan.shares[CALIBRATION] * plan.u**2)))
+        half, seconds = self._with(prospect, films.line(points)), duration(films.seconds(points))
+        told = f"{points} points would give {plus_minus(half)}; {seconds}, once"
+        if not calibrated:
+            told = (
+                f"not calibrated: {plus_minus(plan.half)} leaves their error out; with {points} points ({seconds},"
+                f" once) it counts: {plus_minus(half)}"
+            )
+        return self._made("films", films, points, half, prospect.times.mean, told)
 
+    def _with(self, prospect: Prospect, line: BudgetLine) -> float:
+        """Half-width of a plan with a line in place of the one of its name, or beside the others."""
+        plan = prospect.allocation
+        kept = [each for each in self._lines(plan.load, plan.dwell) if each.name != line.name]
+        return half_of([*kept, line], plan, by_time=self.wanted.tolerance is None)
 
-def prospect_of(
-    question: RatioQuestion,
-    modulus: float,
-    design: Design,
-    loads: tuple[float, ...],
-    references: ByReferences | None,
-    wanted: Wanted,
-) -> Prospect:
-    """The plan for an object of which a Young modulus [Pa] is expected, under one of some loads [N]."""
-    found = expected(question, modulus, references)
-    if found.sensitivity is None:
-        return for_bound(found, wanted, loads[0])
-    if wanted.tolerance is not None and found.validation.u is None and not wanted.relative:
-        raise not_known(wanted, found, design, loads)
-    try:
-        return best_of(design, found, wanted, loads)
-    except OutOfReach as error:
-        raise refused(error, question, found, wanted, design, loads) from None
+    def _measured_mountings(self, prospect: Prospect) -> Alternative | None:
+        """The scatter of mountings measured once, where it never was and this pays."""
+        if not self.wanted.mounted_by.startswith(NEVER_MEASURED) or self.wanted.mountings is not None:
+            return None
+        once = self.asking(tolerance=SCATTER_TOLERANCE, time=None, relative=True, mountings=SCATTER_MOUNTINGS)
+        try:
+            first, then = once.best(), self.asking(mounted_freedom=SCATTER_MOUNTINGS - 1.0).best()
+        except RangeError:
+            return None
+        if self._gain(prospect, then) > PAYS_ONCE:
+            return None
+        seconds, count = first.times.mean, SCATTER_MOUNTINGS
+        told = f"once {count} have told their scatter ({duration(seconds)}), a run would {self._gives(then)}"
+        numbers, half = {MOUNTED: float(count)}, then.allocation.half
+        person = self.wanted.mounts.person * first.times.mountings
+        return Alternative("mountings", numbers, seconds, person, then.times.mean, half, MEASURE_MOUNTINGS, told)
+
+    def _frequency(self, prospect: Prospect) -> Alternative | None:
+        """Another frequency, where the bench can have it and it pays; the modulus is then the one at that frequency."""
+        best, least = None, PAYS
+        for frequency in FREQUENCIES:
+            try:
+                check_frequency(frequency, self.target)
+                other = self.asking(frequency=frequency).best()
+            except PalpateError:
+                continue
+            if (gain := self._gain(prospect, other)) < least:
+                best, least = (frequency, other), gain
+        if best is None:
+            return None
+        frequency, other = best
+        told = f"{show(frequency, 'Hz')} would {self._gives(other)}, for the modulus at that frequency"
+        numbers, how = {"frequency_Hz": frequency}, f"--frequency '{show(frequency, 'Hz')}'"
+        return Alternative("frequency", numbers, 0.0, 0.0, other.times.mean, other.allocation.half, how, told)
+
+    def _gain(self, prospect: Prospect, other: Prospect) -> float:
+        """Bench time of another plan over that of this one; the half-width, where a time is given."""
+        if self.wanted.tolerance is None:
+            return other.allocation.half / prospect.allocation.half
+        return other.times.mean / prospect.times.mean
+
+    def _gives(self, other: Prospect) -> str:
+        """What another plan gives, where a time is given, or takes."""
+        if self.wanted.tolerance is None:
+            return f"give {plus_minus(other.allocation.half)}"
+        return f"take {duration(other.times.mean)}"
+
+    # --- a tolerance that cannot be reached: what binds, the best there is, and other ways there --------
+
+    def refused(self, error: OutOfReach) -> RangeError:
+        """The refusal of a tolerance that no plan reaches."""
+        wanted, found, tolerance = self.wanted, self.found, self.wanted.tolerance or 0.0
+        why = f"{error.binds} leaves {plus_minus(error.floor)}, which no longer run lowers"
+        if error.floor < tolerance:
+            why = f"{error.binds} binds, and a run has {MOST_SETS:,} load sets and {MOST_MOUNTINGS} mountings at most"
+        elif error.binds == VALIDATION:
+            why = f"the model binds: {why} ({found.validation.source})"
+        best = plus_minus(error.best)
+        if error.best < LARGEST_TOLERANCE:
+            least = rounded_up(error.best)
+            best, times = f"--tolerance '{share(least)}'", self.by(self.table.for_tolerance(least), least).times
+            if not times.kept:
+                best += f", which {share(times.enough)} of runs reach: a run has {MOST_SETS:,} load sets at most"
+        ways, way = [], self.quickest()
+        if way is not None and (wanted.time is None or way.run_s <= wanted.time):
+            ways = [f"or        as asked with {way.told}: {way.how}"]
+        elif error.binds == VALIDATION:
+            made = self.references_that_pay()
+            ways = [] if made is None else [f"or        {made.told}: {made.how}"]
+        elif error.binds == MOUNTED and wanted.mountings is not None:
+            ways = ["or        leave the number of mountings to the plan, without --mountings"]
+        elif error.binds == MOUNTED and wanted.mounted_by.startswith(NEVER_MEASURED):
+            ways = [f"or        measure how mountings scatter, once: {MEASURE_MOUNTINGS}"]
+        elif error.binds == CURVE and found.model == answering(replace(self.question, model="auto")):
+            pass  # there is no finer model
+        elif error.binds in REMEDIES:
+            ways = [f"or        {REMEDIES[error.binds]}"]
+        if tolerance >= LEAST_BY_COMPRESSION or error.binds == VALIDATION:
+            ways.append(self._by_compression())
+        if error.binds == VALIDATION:
+            ways += self._on_scale()
+        absolute = "" if wanted.relative else " absolute"
+        told = f"--tolerance {as_asked(tolerance, 3)[2:]}{absolute} cannot be reached: {why}"
+        return RangeError("\n  ".join([told, f"best now  {best}", *ways]))
+
+    def _not_known(self) -> RangeError:
+        """The refusal of an absolute tolerance where the model's validation error is not known."""
+        told = (
+            f"--tolerance {share(self.wanted.tolerance or 0.0, 3)} absolute cannot be promised: the validation error of"
+            f" {self.found.model!r} is {self.found.validation.source}"
+        )
+        return RangeError("\n  ".join([told, self._by_compression(), *self._on_scale()]))
+
+    def _by_compression(self) -> str:
+        """The compression test of this bench [M]; of an object that is no rubber sample, by one of its size."""
+        sample = f"--sample {self.wanted.sample}" if self.wanted.sample else "with --sample for one of its size"
+        return f"or        ± 4 to 8 % in {COMPRESSION:.0f} s, where it can be taken off: palpate test modulus {sample}"
+
+    def _on_scale(self) -> list[str]:
+        """What the tolerance costs on the model's scale; empty: it is not reached there either."""
+        try:
+            plan = self.asking(time=None, relative=True).best()
+        except RangeError:
+            return []
+        asked = f"{share(self.wanted.tolerance or 0.0, 3)} on the scale of {self.found.model!r}"
+        return [f"or        {asked}, about {duration(plan.times.mean)}: --relative-to-model"]
 
 
 # --- Words for what is wanted, what is planned, and what is expected of it -----------------------------
@@ -701,14 +727,14 @@ def wanted_line(wanted: Wanted, model: str) -> str:
     if wanted.tolerance is None:
         return f"as good as {as_typed(wanted.time or 0.0, 's')} allow, {scale}"
     within = "" if wanted.time is None else f", within {as_typed(wanted.time, 's')}"
-    return f"{plus_minus(wanted.tolerance)} {scale}{within}"
+    return f"{as_asked(wanted.tolerance)} {scale}{within}"
 
 
 def missed_by(wanted: Wanted, reached: float | None) -> str:
     """What was reached instead of the tolerance, to end a sentence; empty: it was reached, or none was asked for."""
     if wanted.tolerance is None or reached is None or reached <= wanted.tolerance * (1 + ROUNDING):
         return ""
-    return f": {plus_minus(reached)} reached, {plus_minus(wanted.tolerance)} was asked for"
+    return f": {plus_minus(reached)} reached, {as_asked(wanted.tolerance)} was asked for"
 
 
 def _end(wanted: Wanted, prospect: Prospect) -> str:
@@ -732,6 +758,14 @@ def scatter_told(found: Between) -> str:
     return f"scatter no more than their sets let expect, at most {share(found.bound_u)} of the ratio (95 %)"
 
 
+def mounting_lines(wanted: Wanted) -> list[str]:
+    """What is known of the scatter of mountings, and what counts of it."""
+    told = f"the plan counts {share(wanted.mounted)}"
+    if math.isfinite(wanted.mounted_freedom):
+        told += f", {counted(round(wanted.mounted_freedom), 'degree')} of freedom"
+    return [f"mountings      {wanted.mounted_by}", f"               {told}"]
+
+
 def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     """What is planned and what is expected of it."""
     plan, found = prospect.allocation, prospect.found
@@ -744,10 +778,7 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
         f"plan           {counts}, {each} ({person})",
         f"lasts          {prospect.times.mean:.0f} s on average; {_end(wanted, prospect)}",
     ]
-    counted_as = f"the plan counts {share(wanted.mounted)}"
-    if math.isfinite(wanted.mounted_freedom):
-        counted_as += f", {counted(round(wanted.mounted_freedom), 'degree')} of freedom"
-    lines += [f"mountings      {wanted.mounted_by}", f"               {counted_as}"]
+    lines += mounting_lines(wanted)
     if found.sensitivity is None:
         return [*lines, f"expected       only a bound: model {found.model!r} cannot tell such an object from its ratio"]
     told = "not known" if expected is None else plus_minus(expected)
@@ -755,7 +786,10 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
         told += f" ({plus_minus(prospect.scale)} on the scale)"
     cancel = found.films_cancel and not wanted.relative
     uncalibrated = "" if cancel or CALIBRATION in plan.shares else ", films not calibrated"
-    return [*lines, f"expected       {told}; u: {parts_of(plan.shares, plan.u)}{uncalibrated}"]
+    lines.append(f"expected       {told}; u: {parts_of(plan.shares, plan.u)}{uncalibrated}")
+    if wanted.tolerance is None and math.isfinite(wanted.mounted_freedom):
+        lines.append("               wider where mountings scatter more; a run for a tolerance goes on until it is met")
+    return lines
 
 
 def parts_of(shares: Mapping[str, float], u: float) -> str:

@@ -13,8 +13,8 @@ from palpate.drivers.roles import SampleChanger, SensorNode
 from palpate.instrument.calibration.calibration import ANY, CalibrationOwner
 from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.errors import RangeError, UsageError
-from palpate.instrument.findings.object_modulus import ByReferences, answering
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.findings.object_modulus import answering
+from palpate.instrument.models.ratio import FIXED, RatioQuestion
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
@@ -34,14 +34,14 @@ from palpate.procedures.measurements.object_modulus.course import (
 )
 from palpate.procedures.measurements.object_modulus.planning import (
     NEVER_MEASURED,
+    ModulusPlans,
     Wanted,
-    alternatives,
     costs_of,
     curve_of,
+    expected,
     missed_by,
     most_sets,
     planned_lines,
-    prospect_of,
     scatter_told,
     shortest,
     worth_lines,
@@ -117,6 +117,7 @@ class Measuring(DynamicLoadWork):
 # --- the procedure -------------------------------------------------------------------------------------
 
 LOADS = (2.0, 3.0, 4.0)  # N, among which the plan chooses
+THICKNESS = "sensed_thickness"  # setting of a model
 UNKNOWN = 50e3  # Pa, expected of an object of which nothing is known
 MOST_MOUNTINGS = 100
 LARGEST_SCATTER = 0.5
@@ -224,6 +225,15 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         whose = CalibrationOwner(ANY, target.scene, target.scene is not None, (target.design.name,))
         return mountings_of(whose, datetime.now(UTC).date())
 
+    def plans_on(self, target: Target) -> ModulusPlans:
+        """All plans; before the bench is open, with the calibration by references that it probably has.
+
+        Raises RangeError: the model does not answer for this sensor.
+        """
+        question = self.model_question(target.design)
+        found = expected(question, self.object.modulus, references_on(target, question))
+        return ModulusPlans(question, found, self.wanted(target), target, self.loads_on(target))
+
     def course_on(self, target: Target) -> Course:
         """The course of the measurement by its plan.
 
@@ -231,14 +241,11 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
             RangeError: not one set fits into the time, or no time on the bench reaches the tolerance; the message names
                 the line that binds, and other ways.
         """
-        design, loads = target.design, self.loads_on(target)
-        question, references, wanted = self.model_question(design), self.references_on(target), self.wanted(target)
-        prospect = prospect_of(question, self.object.modulus, design, loads, references, wanted)
-        return Course(design, question, curve_of(question, references), wanted, prospect)
+        return self._course(self.plans_on(target))
 
-    def references_on(self, target: Target) -> ByReferences | None:
-        """The model's calibration by references; before the bench is open, the one that it probably has."""
-        return references_on(target, self.model_question(target.design))
+    def _course(self, plans: ModulusPlans) -> Course:
+        curve = curve_of(plans.question, plans.found.references)
+        return Course(plans.design, plans.question, curve, plans.wanted, plans.prospect())
 
     def loads_on(self, target: Target) -> tuple[float, ...]:
         """The loads among which the plan chooses: the given one, or all that the load cell is calibrated for."""
@@ -248,14 +255,23 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         return tuple(load for load in LOADS if low <= load <= high) or (low,)
 
     def model_question(self, design: Design) -> RatioQuestion:
-        """The question for the model that turns the ratio into the modulus; "auto" is the model that it chooses."""
-        asked = RatioQuestion(design.name, self.model, settings={"sensed_thickness": self.object.thickness})
+        """The question for the model that turns the ratio into the modulus; "auto" is the model that it chooses.
+
+        Raises RangeError: the model takes no thickness of an object.
+        """
+        if THICKNESS in FIXED.get(self.model, ()):
+            raise RangeError(
+                f"--model {self.model}: it cannot be told how thick an object is, so that it turns no ratio into a"
+                " modulus; take another one, such as --model auto"
+            )
+        asked = RatioQuestion(design.name, self.model, settings={THICKNESS: self.object.thickness})
         return replace(asked, model=answering(asked))
 
     def plan(self, target: Target) -> Plan[Step, Course]:
         """The most load sets that there can be, and what is predicted. Raises as `course_on`."""
         target = with_films(target)
-        course = self.course_on(target)
+        plans = self.plans_on(target)
+        course = self._course(plans)
         prospect, wanted = course.prospect, course.wanted
         plan, costs = prospect.allocation, costs_of(prospect.load, self.frequency, target.mounts)
         group = f"mount {self.object.name}"
@@ -273,7 +289,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         known = {"modulus, scale": prospect.scale_u, "modulus, absolute": prospect.absolute_u}
         results = [Expected(name, each) for name, each in known.items() if each is not None]
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
-        offered = alternatives(course.question, wanted, prospect, target, self.loads_on(target))
+        offered = plans.alternatives(prospect)
         told = {
             RESULTS: [asdict(each) for each in results],
             "planned": prospect.summary(),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import counted, plus_minus, show
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.object_modulus.course import (
     ObjectModulusAnswer,
@@ -55,7 +56,15 @@ def _measured(result: ObjectModulusResult) -> list[str]:
     else:
         modulus = f"{show(row['modulus_Pa'], 'Pa', 3)} {_half(result.answer, absolute=False)}"
         scale = f"{scale} (95 %, scale)"
-    return [f"measured       {modulus}{scale}", _absolute(result.answer, row, line)]
+    told = [f"measured       {modulus}{scale}", _absolute(result.answer, row, line)]
+    if row["modulus_Pa"] is not None and result.wanted.sample:
+        known = get_sample(result.wanted.sample).modulus
+        apart = f"{share(abs(known / row['modulus_Pa'] - 1))} {'above' if known > row['modulus_Pa'] else 'below'}"
+        told.append(
+            f"thesis         {show(known, 'Pa', 3)}, {apart} what is measured; the interval on the scale leaves out how"
+            " far the model is off"
+        )
+    return told
 
 
 def _half(answer: ObjectModulusAnswer, *, absolute: bool) -> str:
