@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,8 @@ from palpate.procedures.lab.about import completed, given
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.session import places
 from palpate.procedures.lab.store import store
-from palpate.procedures.showing.points import print_points
+from palpate.procedures.showing.points import show_result
+from palpate.procedures.showing.text import print_all, where
 from palpate.procedures.steps.pause import NOBODY
 
 if TYPE_CHECKING:
@@ -137,13 +137,15 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output, limit
         if "beside" in outcome:
             for row, stored in zip(rows, done.run.points(), strict=True):
                 row |= {name: value for name, value in stored.items() if name.startswith(COLUMNS)}
+        found: dict[str, object] = {**outcome, "points": rows, **summary}
         report = procedure.report(done.result, done.session.lab)
-        found = {**outcome, "points": rows, **summary}
-        show = partial(print_points, done.result.points, summary, outcome)
-        if report is not None:
-            plot = report.draw(done.folder)
+        plot = None if report is None else report.draw(done.folder)
+        if plot is not None:
             found["plot"] = str(plot)
-            show = partial(report.show, outcome, plot)
+
+        def show() -> list[object]:
+            return [*show_result(report, done.result, outcome), *where(outcome, plot)]
+
         if limits is None:
             tell_result(output, found, show, done.result.budgets)
             procedure.check_result(done.result)
@@ -162,9 +164,9 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output, limit
 def tell_verdicts(judged: Judgement, run: Run, output: Output) -> int:
     """Show verdicts to people, and write them for other programs. Returns the exit status. Raises RecordError."""
     if output.for_people:
-        from palpate.procedures.showing.verdicts import print_verdicts
+        from palpate.procedures.showing.verdicts import show_verdicts
 
-        print_verdicts(judged, run.simulated)
+        print_all(*show_verdicts(judged, run.simulated))
     if output.junit is not None:
         from palpate.procedures.showing.junit import write_junit
 
@@ -188,19 +190,18 @@ def after(folder: Path) -> Iterator[None]:
 
 
 def tell_result(
-    output: Output, found: Mapping[str, object], show: Callable[[], None], budgets: Sequence[Budget | Propagated] = ()
+    output: Output,
+    found: Mapping[str, object],
+    show: Callable[[], Sequence[object]],
+    budgets: Sequence[Budget | Propagated] = (),
 ) -> None:
     """Show the result of a run, as JSON or by `show` for people, with its budgets if they are asked for."""
+    told = [each.summary() for each in budgets] if output.budgets else []
     if output.as_json:
-        output.json({**found, "budgets": [each.summary() for each in budgets]} if output.budgets else found)
+        output.json({**found, "budgets": told} if output.budgets else found)
     elif output.for_people:
-        from palpate.instrument.uncertainty.budget import Budget
-        from palpate.procedures.showing.budget import print_budgets
+        from palpate.procedures.showing.budget import show_budgets
 
-        show()
-        if output.budgets:
-            print_budgets(
-                (each if isinstance(each, Budget) else each.budget for each in budgets), bool(found["simulated"])
-            )
-            if not budgets:
-                say("this procedure gives no uncertainty budget; its points and results have their uncertainties")
+        print_all(*show(), *show_budgets(told, bool(found["simulated"])))
+        if output.budgets and not budgets:
+            say("this procedure gives no uncertainty budget; its points and results have their uncertainties")

@@ -1,4 +1,4 @@
-"""The commands palpate runs list, show, export, check, repair, install and resume."""
+"""The commands palpate runs list, show, report, export, check, repair, install and resume."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def resume(
 
 @click.group(cls=StrictGroup)
 def runs() -> None:
-    """Look at recorded runs, resume them, repair them, install their calibrations."""
+    """Look at recorded runs, report and compare them, resume them, repair them, install their calibrations."""
 
 
 for command in (resume, check, repair, install):
@@ -206,6 +206,42 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     opened = Run.open(find_run(run, out or store()))
     told = opened.digest(), opened.signal_digest(), unfinished(opened)
     output.result(lambda: run_object(opened, *told), lambda: print_run(opened, *told))
+
+
+@runs.command(
+    epilog="Examples:\n\n  palpate runs report first-day\n\n  palpate runs report first-day second-day --out both.html"
+    "\n\n  palpate runs report first-day --limits limits.toml --json"
+)
+@click.argument("run", nargs=-1, required=True)
+@option("--out", type=FILE_NAME, metavar="FILE", help="New file (default: report.html in the folder of the first run).")
+@option("--limits", type=FILE_NAME, metavar="FILE", help="Add verdicts by the limits in FILE.")
+@output_options
+def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json: bool, quiet: bool) -> None:
+    """Write a report of a run as one page of HTML, which prints on A4. RUN is a folder or a name in runs/.
+
+    The page needs no other file, no script and no network. Several runs of one procedure are compared: their results,
+    with the uncertainty of each difference, then each run. A damaged run is shown as far as it is whole. No file is
+    overwritten.
+    """
+    from palpate.procedures.engine.limits import read_limits
+    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.showing.run_report import check_page, compared, report_page, reported, write_page
+
+    output = Output(as_json, quiet)
+    check_page(out)
+    asked, folders = None if limits is None else read_limits(limits), [find_run(name, store()) for name in run]
+    with reported(folders, asked) as found:
+        file = write_page(report_page(found), out, folders[0])
+    if as_json:
+        told = [
+            {"run": str(each.folder), "damaged": bool(each.faults), "warning": each.warning or None} for each in found
+        ]
+        gaps = [[each.summary() for each in one] for one in compared(found)]
+        simulated = any(each.run.simulated for each in found)
+        output.json({"report": str(file), "simulated": simulated, "runs": told, "differences": gaps})
+    warnings = [f"{each.folder}: {each.warning}" for each in found if each.warning]
+    for line in (*warnings, str(file)):
+        output.line(line)
 
 
 @runs.command(

@@ -5,7 +5,7 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
 1. `result.py`: the point, a frozen dataclass whose fields are the names in the record, each with a `Column`
    (`records/columns.py`) that says what it is and how it is printed; the result, which has `points`, `budgets` and
    `summary()`; and `evaluate`, a function of the points.
-2. `report.py`: a function that prints the result, and one that draws it into a folder.
+2. `report.py`: a function that gives tables and lines of the result, and one that draws it into a folder.
 3. `procedure.py`:
    - the procedure, a frozen dataclass whose fields are the settings, in the order of the record. A `Setting`
      (`engine/settings.py`) gives the unit and the description of each;
@@ -109,11 +109,11 @@ class Report:
     """How a result is shown.
 
     Attributes:
-        show: prints the result, given its outcome and the path of its plot.
+        show: gives the tables (of rich) and lines of text that show the result, by its outcome.
         draw: draws a plot into a folder; returns its path.
     """
 
-    show: Callable[[Outcome, Path], None]
+    show: Callable[[Outcome], Sequence[object]]
     draw: Callable[[Path], Path]
 
 

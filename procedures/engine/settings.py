@@ -224,7 +224,7 @@ def _asked(field: Field[object], hint: object, who: str) -> SettingField:
         setting.metavar or (f"{one},..." if listed and not setting.repeated else one),
         choices,
         setting,
-        "" if required else setting.default or _shown(default, setting.unit),
+        "" if required else setting.default or shown(default, setting.unit),
         required,
     )
 
@@ -247,7 +247,8 @@ def _unwrapped(hint: object) -> tuple[object, Setting | None]:
     return hint, None
 
 
-def _shown(value: object, unit: str) -> str:
+def shown(value: object, unit: str) -> str:
+    """A setting for people; empty: it is not given."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -255,7 +256,7 @@ def _shown(value: object, unit: str) -> str:
     if isinstance(value, tuple):
         if unit and len(value) > 2 and _evenly(value):
             return ":".join(f"{each:.9g} {unit}" for each in (value[0], value[-1], value[1] - value[0]))
-        texts = [_shown(each, unit) for each in value]
+        texts = [shown(each, unit) for each in value]
         return ", ".join(texts if len(texts) <= SHOWN else [*texts[: SHOWN - 2], "...", texts[-1]])
     return show(value, unit) if isinstance(value, float) or (unit and isinstance(value, int)) else str(value)
 

@@ -71,8 +71,7 @@ class LoggedRun:
             started = datetime.fromisoformat(header["started"]).astimezone(UTC)
             self.run = Run(self.wire.path, header["procedure"], header["simulated"], started, "running", header, {})
             self.used = Used.of(header, where)
-            scene = header["scene"]
-            self.scene = None if scene is None else _scene(scene["toml"], self.wire.path)
+            self.scene = scene_in(header, self.wire.path)
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(
                 f"{where}: the run in this log was recorded by another version of palpate ({error}); replay it with "
@@ -82,9 +81,7 @@ class LoggedRun:
     @property
     def mounting(self) -> Mounting:
         """How the run knew what was mounted."""
-        said = self.run.header.get("mounting")
-        unsaid: Mounting = "assumed" if self.scene is None else "simulated"
-        return next((known for known in get_args(Mounting) if known == said), unsaid)
+        return mounting_in(self.run.header)
 
     @property
     def header(self) -> dict[str, Any]:
@@ -96,8 +93,16 @@ class LoggedRun:
         }
 
 
-def _scene(toml: str, path: Path) -> Scene:
-    return scene_of(parse(toml.encode(), SceneFile, str(path)), path)
+def scene_in(header: Mapping[str, Any], path: Path) -> Scene | None:
+    """The scene of a run, from its header in a file; None: it ran on a real bench. Raises ConfigError: it is wrong."""
+    scene = header["scene"]
+    return None if scene is None else scene_of(parse(scene["toml"].encode(), SceneFile, str(path)), path)
+
+
+def mounting_in(header: Mapping[str, Any]) -> Mounting:
+    """How a run knew what was mounted, from its header."""
+    unsaid: Mounting = "assumed" if header["scene"] is None else "simulated"
+    return next((known for known in get_args(Mounting) if known == header.get("mounting")), unsaid)
 
 
 def load_cell_in(header: Mapping[str, Any], where: str) -> LoadCellCalibration:

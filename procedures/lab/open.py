@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from palpate.drivers.logs.bus_log import BusLog
     from palpate.instrument.bench.description import BenchDescription
     from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.sensor.design import Design
     from palpate.simulators.bench import SimulatedBench
     from palpate.simulators.clock import VirtualClock
 
@@ -117,20 +118,28 @@ class OpenBench:
             used = self.chosen.logged.used
         if calibrating and used is None:
             check_nameable(self.bench, "load_indicator" if calibrating == "load cell" else "sensor_node")
-        design = get_design(description.design).with_pickup(description.pickup).with_noise(description.noise)
-        references, mountings = None, None
-        if used is not None:
-            calibration, films, references = used.calibration, used.films, used.references
-            mountings = used.mountings
-        else:
+        if used is None:
+            design, references, mountings = designed(description), None, None
             weighing = calibrating == "load cell"
             calibration = known_load_cell(self.bench) if weighing else load_cell_of(self.bench, self.today)
             films = None if calibrating else films_of(self.bench, design, self.today)
             if question is not None:
                 references = model_of(self.bench, question, films, self.today)
                 mountings = mountings_of(owner(self.bench, SensorNode, design.name), self.today)
-        calibrated = films.apply(design) if films else design
-        return Lab(self.bench, calibrated, calibration, films, run, started, references, mountings)
+            used = Used(calibration, films, references, mountings)
+        return lab_with(self.bench, used, run, started)
+
+
+def designed(description: BenchDescription) -> Design:
+    """The design of a bench's sensor, with what the bench adds to its signals."""
+    return get_design(description.design).with_pickup(description.pickup).with_noise(description.noise)
+
+
+def lab_with(bench: Bench, used: Used, run: str, started: datetime) -> Lab:
+    """A bench with these calibrations, for the run of a name that began at a time."""
+    design, films = designed(bench.description), used.films
+    calibrated = films.apply(design) if films else design
+    return Lab(bench, calibrated, used.calibration, films, run, started, used.references, used.mountings)
 
 
 @contextmanager

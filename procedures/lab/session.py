@@ -149,45 +149,69 @@ class Session:
 
     def outcome(self) -> Outcome:
         """The keys that the run's result has in JSON."""
-        scene, lab = self.opened.scene, self.lab
-        films = None if lab.films is None else self._told(lab.films, "film_calibration", SensorNode, lab.design.name)
-        found: Outcome = {
-            "simulated": lab.bench.simulated,
-            "run": str(self.record.folder),
-            "design": lab.design.name,
-            "scene": scene.name if scene else None,
-            "model": self.model,
-            "parameter_set": scene.file.parameters if scene else None,
-            "evidence": None if self.model is None else of_experiment("force_ratio", ratio_by(self.model)).value,
-            "seed": scene.seed if scene else None,
-            "calibration": self._told(lab.calibration, "calibration", LoadIndicator),
-            "film_calibration": films,
-            "calibration_files": _calibration_files(lab),
-            "mounting": self.mounting,
-            "bench_seconds": lab.bench.clock.now_ns() / 1e9,
-            "wall_seconds": time.monotonic() - self.opened.wall_start,
-            "predicted_seconds": None,
-            "predicted_u": None,
-            "achieved_seconds": None,
-            "achieved_u": None,
-            "predicted_results": [],
-            "achieved_results": [],
-        }
-        if about := self.begun.get("about", self.opened.chosen.about):
-            found["about"] = dict(about)
-        if asked := lab.bench.description.beside:
-            found["beside"] = summed_up(asked, Run.open(self.record.folder).points())
-        return {**found, **_reduced(scene)}
+        wall, scene = time.monotonic() - self.opened.wall_start, self.opened.scene
+        begun = self.begun if self.begun else {"about": self.opened.chosen.about}
+        return outcome_of(self.lab, self.folder, scene, self.mounting, begun, self.bench.clock.now_ns() / 1e9, wall)
 
-    def _told(self, calibration: Calibration, key: str, role: type[Any], *of: str) -> str:
-        """A calibration of the run for people, with what speaks against it; `key` names it in the header."""
-        whose = owner(self.bench, role, *of)
-        doubts = [] if calibration == THESIS_LOAD_CELL else calibration.doubts(whose, self.lab.started)
-        begun = self.begun.get(key)
-        if isinstance(begun, dict) and begun.get("source") != calibration.source:
-            doubts.append(f"the run began with {begun.get('source')}")
-        told = f"{calibration.source}{calibration.marks()}"
-        return f"{told} ({'; '.join(doubts)})" if doubts else told
+
+def outcome_of(
+    lab: Lab,
+    folder: Path,
+    scene: Scene | None,
+    mounting: Mounting,
+    begun: Mapping[str, Any],
+    bench_seconds: float,
+    wall_seconds: float,
+) -> Outcome:
+    """The keys that the result of a run has in JSON.
+
+    Args:
+        lab: the bench with the calibrations of the run.
+        folder: folder of the run.
+        scene: the scene that was simulated; None: nothing was simulated in this process.
+        mounting: how it is known what is mounted.
+        begun: the header with which the run began; of a new run only what it says about itself.
+        bench_seconds, wall_seconds: how long it took.
+    """
+    model = scene.model if scene else None
+    films = None if lab.films is None else _told(lab, begun, lab.films, "film_calibration", SensorNode, lab.design.name)
+    found: Outcome = {
+        "simulated": lab.bench.simulated,
+        "run": str(folder),
+        "design": lab.design.name,
+        "scene": scene.name if scene else None,
+        "model": model,
+        "parameter_set": scene.file.parameters if scene else None,
+        "evidence": None if model is None else of_experiment("force_ratio", ratio_by(model)).value,
+        "seed": scene.seed if scene else None,
+        "calibration": _told(lab, begun, lab.calibration, "calibration", LoadIndicator),
+        "film_calibration": films,
+        "calibration_files": _calibration_files(lab),
+        "mounting": mounting,
+        "bench_seconds": bench_seconds,
+        "wall_seconds": wall_seconds,
+        "predicted_seconds": None,
+        "predicted_u": None,
+        "achieved_seconds": None,
+        "achieved_u": None,
+        "predicted_results": [],
+        "achieved_results": [],
+    }
+    if about := begun.get("about"):
+        found["about"] = dict(about)
+    if asked := lab.bench.description.beside:
+        found["beside"] = summed_up(asked, Run.open(folder).points())
+    return {**found, **_reduced(scene)}
+
+
+def _told(lab: Lab, begun: Mapping[str, Any], calibration: Calibration, key: str, role: type[Any], *of: str) -> str:
+    """A calibration of a run for people, with what speaks against it; `key` names it in the header."""
+    doubts = [] if calibration == THESIS_LOAD_CELL else calibration.doubts(owner(lab.bench, role, *of), lab.started)
+    before = begun.get(key)
+    if isinstance(before, dict) and before.get("source") != calibration.source:
+        doubts.append(f"the run began with {before.get('source')}")
+    told = f"{calibration.source}{calibration.marks()}"
+    return f"{told} ({'; '.join(doubts)})" if doubts else told
 
 
 def _reduced(scene: Scene | None) -> Reduced:

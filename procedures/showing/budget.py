@@ -1,24 +1,26 @@
-"""Prints uncertainty budgets, one table for each result."""
+"""Shows uncertainty budgets, one table for each result."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from typing import Any
 
-from palpate.procedures.showing.text import new_table, number, print_all, stamped
-
-if TYPE_CHECKING:
-    from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.showing.text import new_table, number, stamped
 
 
-def print_budgets(budgets: Iterable[Budget], simulated: bool) -> None:
-    """Print each component with its uncertainty, sensitivity, contribution and share of the variance."""
-    for budget in budgets:
-        known = budget.summary()
-        unit = f" {budget.unit}" if budget.unit else ""
+def show_budgets(budgets: Iterable[Mapping[str, Any]], simulated: bool) -> list[object]:
+    """Tables with each component's uncertainty, sensitivity, contribution and share of the variance.
+
+    `budgets` are as `Budget.summary` and the record have them.
+    """
+    shown: list[object] = []
+    for told in budgets:
+        known = told.get("budget", told)
+        unit = f" {known['unit']}" if known["unit"] else ""
+        adds = f"adds ({known['unit']})" if unit else "adds"
         table = new_table(
-            stamped(simulated, f"Uncertainty of {budget.quantity} = {budget.value:.5g}{unit}"),
-            "component", "kind", "u", "sensitivity", f"adds{unit and f' ({budget.unit})'}", "share",
+            stamped(simulated, f"Uncertainty of {known['quantity']} = {known['value']:.5g}{unit}"),
+            "component", "kind", "u", "sensitivity", adds, "share",
             "degrees of freedom",
         )  # fmt: skip
         table.columns[0].justify = "left"
@@ -32,9 +34,6 @@ def print_budgets(budgets: Iterable[Budget], simulated: bool) -> None:
         ]
         dof = known["degrees_of_freedom"]
         freedom = "" if dof is None else f" with {dof:.3g} degrees of freedom"
-        print_all(
-            table,
-            *related,
-            f"combined {budget.u:.2g}{unit}{freedom}; {known['coverage']:.0%} interval ± {known['expanded']:.2g}{unit}",
-            "",
-        )
+        combined = f"combined {known['u']:.2g}{unit}{freedom}"
+        shown += [table, *related, f"{combined}; {known['coverage']:.0%} interval ± {known['expanded']:.2g}{unit}", ""]
+    return shown

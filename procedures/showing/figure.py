@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Protocol
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP*X"
+_as_svg = ContextVar("as_svg", default=False)
 STAMP_ABOVE = 4  # above all bars, bands and curves (3 at most), which would cover it; below legends (5)
 
 
@@ -77,8 +80,20 @@ def plot_over_loads(axes: Axes, number: int, label: str, sets: Sequence[PlottedL
 def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
     """Save a figure as PNG; returns its path. Raises RecordError: the file cannot be written."""
     path = folder / name
+    if _as_svg.get():
+        path = path.with_suffix(".svg")
     write(figure, path)
     return path
+
+
+@contextmanager
+def saved_as_svg() -> Iterator[None]:
+    """Inside, `save` writes SVG in the place of PNG."""
+    token = _as_svg.set(True)
+    try:
+        yield
+    finally:
+        _as_svg.reset(token)
 
 
 def save_in_new(figure: Figure, folder: Path, name: str) -> Path:
@@ -90,6 +105,10 @@ def save_in_new(figure: Figure, folder: Path, name: str) -> Path:
 
 def write(figure: Figure, path: Path, dpi: int = 120) -> None:
     """Write a figure into a file. Raises RecordError: the file cannot be written."""
+    from matplotlib import rc_context
+
     with storing(path), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Creating legend with loc", UserWarning)  # comes on a busy machine
-        figure.savefig(path, dpi=dpi, metadata={"Software": None})
+        vectors = path.suffix == ".svg"
+        with rc_context({"svg.hashsalt": ""}):  # else the names in it are random
+            figure.savefig(path, dpi=dpi, metadata={"Date": None} if vectors else {"Software": None})

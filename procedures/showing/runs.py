@@ -21,6 +21,8 @@ from palpate.procedures.showing.text import (
 from palpate.procedures.steps.flags import FLAGS
 
 if TYPE_CHECKING:  # the list of runs needs no record to be read
+    from rich.table import Table
+
     from palpate.procedures.records.damage import DamageReport, Repaired
     from palpate.procedures.records.run import Run
     from palpate.procedures.records.run_list import RunSummary
@@ -80,11 +82,41 @@ def _unfinished(what: str) -> dict[str, str]:
 
 def print_run(run: Run, digest: str, signal_digest: str, unfinished: str) -> None:
     """Print header, points and events of a run."""
+    line, table = shown_points(run)
+    print_all(
+        stamped(run.simulated, str(run.folder)),
+        *(f"{name:<12} {text}" for name, text in facts(run, digest, signal_digest).items()),
+        line,
+        *blocks(table),
+        *legend(table, marks=FLAGS),
+        *(f"event at {event['bench_ns'] / 1e9:z.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
+        *(f"unfinished: {what}" for what in _unfinished(unfinished).values()),
+    )
+
+
+def facts(run: Run, digest: str, signal_digest: str) -> dict[str, str]:
+    """What a run says of itself, for people, by names."""
     calibration = run.header.get("calibration")
     source = calibration.get("source") if isinstance(calibration, dict) else None
     mounting = run.header.get("mounting")
     arithmetic = run.header.get("arithmetic")
     kernels = arithmetic.get("blas") if isinstance(arithmetic, dict) else None
+    return {
+        "status": run.status,
+        **({"procedure": f"{run.procedure}, from {_origin(run)}"} if "procedure_from" in run.header else {}),
+        "started": f"{run.started:{TIME}} UTC",
+        **({"about": about_itself(run.about)} if run.about else {}),
+        "seed": number(run.header.get("seed")),
+        "calibration": source or "-",
+        "mounting": MOUNTING.get(str(mounting), str(mounting or "-")),
+        "digest": digest,
+        "of signals": signal_digest,
+        "arithmetic": kernels or "-",
+    }
+
+
+def shown_points(run: Run) -> tuple[str, Table]:
+    """A line with what is the same at all points of a run, and a table of their other values."""
     points = [_flagged(point) for point in run.points()]
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
     same = [k for k in columns if len(points) > 1 and len({number(point[k]) for point in points}) == 1]
@@ -93,24 +125,8 @@ def print_run(run: Run, digest: str, signal_digest: str, unfinished: str) -> Non
     table = new_table(stamped(run.simulated, f"{run.procedure}: {counted(len(points), 'point')}"), *columns)
     for point in points:
         table.add_row(*(number(point[column]) for column in columns))
-    print_all(
-        stamped(run.simulated, str(run.folder)),
-        f"status       {run.status}",
-        *([f"procedure    {run.procedure}, from {_origin(run)}"] if "procedure_from" in run.header else []),
-        f"started      {run.started:{TIME}} UTC",
-        *([f"about        {about_itself(run.about)}"] if run.about else []),
-        f"seed         {number(run.header.get('seed'))}",
-        f"calibration  {source or '-'}",
-        f"mounting     {MOUNTING.get(str(mounting), mounting or '-')}",
-        f"digest       {digest}",
-        f"of signals   {signal_digest}",
-        f"arithmetic   {kernels or '-'}",
-        f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
-        *blocks(table),
-        *legend(table, marks=FLAGS),
-        *(f"event at {event['bench_ns'] / 1e9:z.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
-        *(f"unfinished: {what}" for what in _unfinished(unfinished).values()),
-    )
+    told = ", ".join(f"{k} {number(points[0][k])}" for k in same) or "-"
+    return f"each point   {told}", table
 
 
 def _origin(run: Run) -> str:

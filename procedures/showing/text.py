@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 STAMP = "SIMULATED"
 PIPE_WIDTH = 160  # columns if the output is no terminal
 WIDEST = 100_000  # columns, more than any table has
-_LABEL = re.compile(r" *\S+(?: \S+)*  +")
+LABEL = re.compile(r" *\S+(?: \S+)*  +")
 
 
 def print_all(*things: object) -> None:
@@ -55,7 +55,7 @@ def folded(line: str, width: int) -> str:
     """
     if len(line) <= width:
         return line
-    label = _LABEL.match(line)
+    label = LABEL.match(line)
     at = label.end() if label and label.end() < width // 2 else 0
     lines = textwrap.wrap(line[at:], width - at, break_long_words=False, break_on_hyphens=False)
     return line[:at] + ("\n" + " " * at).join(lines)
@@ -72,22 +72,26 @@ def new_table(title: Text | None, *columns: str) -> Table:
     return table
 
 
-def blocks(table: Table) -> list[Table]:
-    """The table; in a terminal that is too narrow for it, several tables that share its first column."""
+def blocks(table: Table, width: int | None = None) -> list[Table]:
+    """The table; where it is wider than `width`, several tables that share its first column.
+
+    Without a width it is that of the terminal; what is no terminal has room for any table.
+    """
     out = console()
-    if not out.is_terminal:
+    width = out.width if width is None and out.is_terminal else width
+    if width is None:
         return [table]
     cells = [list(column.cells) for column in table.columns]
     wide = out.options.update(width=WIDEST)
     key, *widths = (out.measure(_part(table, cells, [i]), options=wide).maximum for i in range(len(cells)))
     parts: list[list[int]] = []
     left = 0
-    for number, width in enumerate(widths, 1):
-        if not parts or width > left:
+    for number, own in enumerate(widths, 1):
+        if not parts or own > left:
             parts.append([])
-            left = out.width - key
+            left = width - key
         parts[-1].append(number)
-        left -= width
+        left -= own
     if len(parts) < 2:
         return [table]
     found = [_part(table, cells, [0, *part]) for part in parts]
@@ -122,11 +126,15 @@ def about_itself(about: Mapping[str, str]) -> str:
 
 
 def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
-    """Lines about a run: its calibrations, its time, its folder and its plot."""
+    """Lines about a run: the calibrations on which it rests, its time, its folder and its plot.
+
+    A run that calibrates tells itself of what it has calibrated; one that calibrates a model, of its films, too.
+    """
+    own_films = outcome.keys() & {"film_calibration_file", "model_calibration_file"}
     named = {
         "about": about_itself(outcome.get("about", {})),
-        "calibration": outcome["calibration"],
-        "films": outcome.get("film_calibration"),
+        "calibration": None if "calibration_file" in outcome else outcome["calibration"],
+        "films": None if own_films else outcome.get("film_calibration"),
         "mounting": MOUNTING.get(outcome["mounting"]),
     }
     lines = [f"{name:<14} {source}" for name, source in named.items() if source]

@@ -1,4 +1,4 @@
-"""Prints the verdicts of limits, one row for each."""
+"""Shows the verdicts of limits, one row for each."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 from palpate.instrument.quantity import show, show_with_u
 from palpate.instrument.uncertainty.decision import PASS
 from palpate.procedures.engine.verdict import percent
-from palpate.procedures.showing.text import new_table, print_all, stamped
+from palpate.procedures.showing.text import new_table, stamped
 
 if TYPE_CHECKING:
     from palpate.procedures.engine.verdict import Judgement, LimitVerdict
 
 
-def print_verdicts(judged: Judgement, simulated: bool) -> None:
-    """Print each limit with its value and what was known beforehand, and below the table why one does not pass."""
+def show_verdicts(judged: Judgement, simulated: bool) -> list[object]:
+    """Each limit with its value and what was known beforehand, and below the table why one does not pass."""
     table = new_table(
         stamped(simulated, "Verdicts"), "limit", "value", "u", "low", "high", "risk", "prior", "outside", "verdict"
     )
@@ -24,7 +24,7 @@ def print_verdicts(judged: Judgement, simulated: bool) -> None:
         outside = "-" if each.outside is None else percent(each.outside)
         table.add_row(each.quantity, *_value(each), *ends, percent(each.risk), _prior(each), outside, each.outcome)
     others = (each for each in judged.verdicts if each.outcome != PASS)
-    print_all(table, *(f"{each.outcome:<14} {each.quantity}: {each.reason}" for each in others))
+    return [table, *(f"{each.outcome:<14} {each.quantity}: {each.reason}" for each in others)]
 
 
 def _value(verdict: LimitVerdict) -> tuple[str, str]:

@@ -50,14 +50,14 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize(("at", "there"), [(2, 0), (5, 3)])
+@pytest.mark.parametrize(("at", "there"), [(2, 0), (6, 4)])
 def test_a_run_that_is_stopped_before_its_calibration_is_stored_is_not_complete_and_resuming_stores_it(
     palpate: Palpate, strike: Strike, at: int, there: int
 ) -> None:
     strike(at, KeyboardInterrupt())
     assert palpate(*CELL, "--out", "day").status == 130
     assert Run.open(Path("day")).status == "stopped"
-    files = {"certificate.md", "certificate.html", "calibration.toml"}
+    files = {"certificate.md", "certificate.html", "certificate.xml", "calibration.toml"}
     assert (len(names(Path("day")) & files), STORE.exists() and any(STORE.iterdir())) == (there, False)
     assert palpate("runs", "resume", "day", "--quiet").status == 0
     assert Run.open(Path("day")).status == "complete"
@@ -70,7 +70,7 @@ def test_a_run_that_is_stopped_before_its_calibration_is_stored_is_not_complete_
 def test_a_store_that_cannot_be_written_to_is_told_with_the_remedy_which_works(
     palpate: Palpate, strike: Strike, code: int
 ) -> None:
-    strike(5, OSError(code, os.strerror(code)))
+    strike(6, OSError(code, os.strerror(code)))
     said = palpate(*CELL, "--out", "day")
     assert said.status == 1
     assert "the calibration is kept in " in said.complaint

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -51,6 +52,31 @@ def test_nothing_in_a_certificate_is_taken_for_markup(palpate: Palpate) -> None:
     assert "<b>" not in page
     assert "&lt;b&gt;&amp;|day" in page
     assert "&lt;b&gt;&amp;&#124;day |" in Path(result["certificate"]).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("about", [(), ("laboratory = Soft & Co", "country = DE", "operator = <b>", "customer = C")])
+def test_a_certificate_is_a_digital_calibration_certificate_by_schema_and_rules_of_the_ptb(
+    palpate: Palpate, about: tuple[str, ...]
+) -> None:
+    validation = pytest.importorskip("dcclib.validation", reason="dcclib needs a Python below 3.14")
+    told = [word for text in about for word in ("--about", text)]
+    result = palpate(*SHORT, "--json", *told).object
+    text = (Path(result["run"]) / "certificate.xml").read_text(encoding="utf-8")
+    assert validation.XsdValidator.from_auto_detection().validate_str(text).errors == []
+    rules = validation.SchematronValidator.for_dcc().validate_str(text)
+    unknown = [] if about else ["The given country code is invalid according to ISO3166-1."]  # which the run must say
+    assert [each.text for each in rules.failed_assertions] == unknown
+    root = ElementTree.fromstring(text)
+    names = {name: f"{{https://ptb.de/{name}}}" for name in ("dcc", "si")}
+    values = [float(each.text or "") for each in root.iterfind(f".//{names['si']}real/{names['si']}value")]
+    expanded = [float(each.text or "") for each in root.iter(f"{names['si']}valueExpandedMU")]
+    factors = [float(each.text or "") for each in root.iter(f"{names['si']}coverageFactor")]
+    assert values[0] == result["sensitivity_mV_per_N"]
+    assert expanded[0] / factors[0] == pytest.approx(result["sensitivity_u"])
+    contents = [each.text for each in root.iter(f"{names['dcc']}content")]
+    assert "SIMULATED" in contents
+    assert contents[2:5] == (["Soft & Co", "<b>", "C"] if about else ["not recorded"] * 3)
+    assert root.findtext(f".//{names['dcc']}countryCodeISO3166_1") == ("DE" if about else "ZZ")
 
 
 # --- from the command line to the next sweep -----------------------------------------------------------

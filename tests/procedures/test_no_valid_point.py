@@ -105,7 +105,7 @@ def test_a_mark_is_explained_below_the_table_in_which_it_stands_and_no_other(mar
 def test_a_result_without_a_budget_says_so_where_one_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     said = []
     for asked in (True, False):
-        tell_result(Output(as_json=False, quiet=False, budgets=asked), {"simulated": True}, lambda: None)
+        tell_result(Output(as_json=False, quiet=False, budgets=asked), {"simulated": True}, list)
         said.append(capsys.readouterr().out)
     assert said == ["this procedure gives no uncertainty budget; its points and results have their uncertainties\n", ""]
 

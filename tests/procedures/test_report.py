@@ -17,16 +17,16 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
+from palpate.procedures.measurements.load_cell.report import plot_load_cell, show_load_cell
 from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
-from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
+from palpate.procedures.measurements.loads.report import plot_sweep, show_sweep
 from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import RunSummary
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.runs import print_run, print_runs
-from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all, stamped
+from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all, stamped, where
 from tests.procedures.conftest import HEADER, Palpate
 from tests.shares import first_of
 
@@ -113,7 +113,7 @@ def test_a_sweep_without_a_valid_point_can_be_plotted_and_printed(
 ) -> None:
     nothing = evaluate([point("1", 2.0, 0.3, valid=False)], DESIGN)
     plot_sweep(nothing, DESIGN, True, tmp_path)
-    print_sweep(nothing, DESIGN, OUTCOME, tmp_path)
+    print_all(*show_sweep(nothing, DESIGN, OUTCOME))
     assert " NO" in capsys.readouterr().out
 
 
@@ -156,7 +156,7 @@ def test_a_plot_that_cannot_be_written_is_a_record_error(tmp_path: Path) -> None
 def test_the_means_beside_the_thesis_say_what_their_agreement_is_worth(
     capsys: pytest.CaptureFixture[str], design: Design, model: str | None, evidence: str | None, said: str
 ) -> None:
-    print_sweep(SWEEP, design, {**OUTCOME, "model": model, "evidence": evidence}, Path("plot.png"))
+    print_all(*show_sweep(SWEEP, design, {**OUTCOME, "model": model, "evidence": evidence}))
     means = capsys.readouterr().out.partition("Mean force ratio")[2].partition("softness order")[0]
     assert ("evidence" in means, said in means) == (bool(said), True)
     assert means.count(f" {evidence} ") == 2 * bool(said)
@@ -166,7 +166,7 @@ def test_the_order_stands_beside_that_of_the_thesis_means_and_of_its_figure(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     found = evaluate([point("3", 2.0, 0.2), point("5", 2.0, 0.1)], get_design("common_base"))
-    print_sweep(found, get_design("common_base"), OUTCOME, Path("plot.png"))
+    print_all(*show_sweep(found, get_design("common_base"), OUTCOME))
     assert "hard to soft: 3 > 5   (thesis: 3 > 5; its figure at 3 N: 5 > 3)" in capsys.readouterr().out
 
 
@@ -175,9 +175,9 @@ def test_a_table_is_stamped_if_and_only_if_it_is_simulated(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, simulated: bool
 ) -> None:
     outcome: dict[str, Any] = {**OUTCOME, "simulated": simulated}
-    print_sweep(SWEEP, DESIGN, outcome, Path("plot.png"))
+    print_all(*show_sweep(SWEEP, DESIGN, outcome))
     assert capsys.readouterr().out.count("SIMULATED ") == 2 * simulated
-    print_load_cell(CALIBRATION, None, outcome, Path("plot.png"))
+    print_all(*show_load_cell(CALIBRATION, None, outcome))
     assert capsys.readouterr().out.count("SIMULATED ") == simulated
     print_runs([RunSummary(tmp_path, datetime(2025, 3, 14, tzinfo=UTC), "sweep", simulated)], tmp_path)
     assert capsys.readouterr().out.count("SIMULATED") == simulated
@@ -196,7 +196,8 @@ def test_names_and_messages_are_shown_as_they_are(capsys: pytest.CaptureFixture[
     text = capsys.readouterr().out
     assert str(folder) in text
     assert text.count(MARKUP) == 2
-    print_sweep(SWEEP, DESIGN, OUTCOME, Path(f"/{MARKUP}/plot.png"))
+    of_a_sweep = {name: value for name, value in OUTCOME.items() if name != "calibration_file"}
+    print_all(*show_sweep(SWEEP, DESIGN, of_a_sweep), *where(of_a_sweep, Path(f"/{MARKUP}/plot.png")))
     assert capsys.readouterr().out.count(MARKUP) == 3
     damaged = RunSummary(folder, datetime(2025, 3, 14, tzinfo=UTC), fault=MARKUP)
     print_runs([damaged], folder)
@@ -255,5 +256,5 @@ def test_a_terminal_narrower_than_the_table_does_not_break_paths(monkeypatch: py
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setattr(sys, "stdout", terminal)
     path = "/" + 30 * "folder/" + "plot.png"
-    print_sweep(replace(SWEEP), DESIGN, {**OUTCOME, "run": path}, Path(path))
+    print_all(*show_sweep(replace(SWEEP), DESIGN, OUTCOME), *where({**OUTCOME, "run": path}, Path(path)))
     assert terminal.getvalue().count(path) == 2

@@ -207,10 +207,10 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         return replace(found, stopped=repeats.stopped(found.sensitivities))
 
     def report(self, result: CharacteriseResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.characterise.report import plot_characteristics, print_characteristics
+        from palpate.procedures.measurements.characterise.report import plot_characteristics, show_characteristics
 
         simulated = lab.bench.simulated
-        return Report(partial(print_characteristics, result), partial(plot_characteristics, result, simulated))
+        return Report(partial(show_characteristics, result), partial(plot_characteristics, result, simulated))
 
 
 class Characterising(DynamicLoadWork):

@@ -1,4 +1,4 @@
-"""Prints and plots the result of a characterisation."""
+"""Shows and plots the result of a characterisation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from palpate.procedures.measurements.characterise.result import (
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import new_table, percent, print_all, stamped, taken, where
+from palpate.procedures.showing.text import new_table, percent, stamped, taken
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 MOST_NAMED = 6  # films that a legend has room for
 
 
-def print_characteristics(result: CharacteriseResult, outcome: Outcome, plot: Path) -> None:
-    """Print each figure of merit with its uncertainty and how it was measured, then the definitions."""
+def show_characteristics(result: CharacteriseResult, outcome: Outcome) -> list[object]:
+    """Each figure of merit with its uncertainty and how it was measured, then the definitions."""
     table = table_of(
         stamped(outcome["simulated"], f"Sensor {outcome['design']}"), result.rows, columns_of(Characteristic)
     )
@@ -44,7 +44,7 @@ def print_characteristics(result: CharacteriseResult, outcome: Outcome, plot: Pa
             f" u {percent(achieved)} %{'' if predicted is None else f' (predicted {percent(predicted)} %)'}",
             f"stopped        {result.stopped}; {sets} up, {taken(outcome)}",
         ]
-    print_all(table, _definitions(result), *said, *where(outcome, plot))
+    return [table, _definitions(result), *said]
 
 
 def _definitions(result: CharacteriseResult) -> Table:

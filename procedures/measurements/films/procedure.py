@@ -312,9 +312,9 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
         return {"film_calibration": found.source, "film_calibration_file": str(path)}
 
     def report(self, result: FilmResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.films.report import plot_films, print_films
+        from palpate.procedures.measurements.films.report import plot_films, show_films
 
-        return Report(partial(print_films, result, lab.design), partial(plot_films, result, lab.design))
+        return Report(partial(show_films, result, lab.design), partial(plot_films, result, lab.design))
 
 
 class Pressing(DynamicLoadWork):

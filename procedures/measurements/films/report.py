@@ -1,4 +1,4 @@
-"""Prints and plots the result of a film calibration."""
+"""Shows and plots the result of a film calibration."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.films.result import FilmResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
-from palpate.procedures.showing.text import new_table, percent, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, percent, stamped
 
 
-def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path) -> None:
-    """Print each film's results, the crosstalk between several teeth, and the gain over several frequencies."""
+def show_films(result: FilmResult, design: Design, outcome: Outcome) -> list[object]:
+    """Each film's results, the crosstalk between several teeth, and the gain over several frequencies."""
     c = result.calibration
     table = new_table(
         stamped(c.simulated, f"Film calibration, design {c.design}"),
@@ -43,15 +43,14 @@ def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path
             gain.add_row(film.name, *(f"{value:z.4f}" for value in row))
         tables.append(gain)
     outside = sum(point.extrapolated for point in result.points)
-    print_all(
+    return [
         *tables,
         *([f"extrapolated   {counted(outside, 'point')} outside the load cell's calibrated range"] if outside else []),
         f"uncertainty    {plus_minus(result.reached)} of a sensitivity at most; u {percent(result.achieved_u)} %"
         f"{_predicted(outcome)}",
         f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
         f"stored in      {outcome['film_calibration_file']}",
-        *where({**outcome, "film_calibration": None}, plot),
-    )
+    ]
 
 
 def _predicted(outcome: Outcome) -> str:

@@ -157,10 +157,10 @@ class FrequencySweep(Sweep[FrequencyStep, FrequencyPoint, FrequencyResult]):
         return evaluate(points, lab.design, lab.calibration)
 
     def report(self, result: FrequencyResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.frequency.report import plot_sweep, print_sweep
+        from palpate.procedures.measurements.frequency.report import plot_sweep, show_sweep
 
         simulated = lab.bench.simulated
-        return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
+        return Report(partial(show_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
 class FrequencySweepWork(SweepWork):

@@ -1,4 +1,4 @@
-"""Prints and plots the result of a frequency sweep."""
+"""Shows and plots the result of a frequency sweep."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from palpate.procedures.measurements.frequency.result import FrequencyPoint, Fre
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import legend, new_table, print_all, stamped, where
+from palpate.procedures.showing.text import legend, new_table, stamped
 
 
-def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot: Path) -> None:
-    """Print gains and phases, the corner of each film, and the resonance."""
+def show_sweep(result: FrequencyResult, design: Design, outcome: Outcome) -> list[object]:
+    """Gains and phases, the corner of each film, and the resonance."""
     title = "Gain (mV/N) and phase (degrees, before the first base film)"
     points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(FrequencyPoint))
     corners = new_table(
@@ -39,10 +39,10 @@ def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot:
     )
     touch = f"touch          within the band of touch, to {TACTILE:g} Hz"
     unseen = {"not seen": "the sweep does not reach low enough, or has too few valid points"}
-    print_all(
+    return [
         points, *legend(points), *([touch] if any(p.tactile for p in result.points) else []), corners,
-        *legend(corners, marks=unseen), said, *where(outcome, plot),
-    )  # fmt: skip
+        *legend(corners, marks=unseen), said,
+    ]  # fmt: skip
 
 
 def plot_sweep(result: FrequencyResult, design: Design, simulated: bool, folder: Path) -> Path:

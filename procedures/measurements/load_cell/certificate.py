@@ -1,4 +1,4 @@
-"""Writes the certificate of a load-cell calibration, as Markdown and as HTML, from the finished run on disk."""
+"""Writes the certificate of a load-cell calibration, as Markdown, HTML and DCC, from the finished run on disk."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.durable import put_whole
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
+from palpate.procedures.measurements.load_cell.dcc import CertifiedQuantity, dcc
 from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
+from palpate.procedures.showing.page import page, pairs, rows, section
 from palpate.procedures.showing.text import STAMP
 from palpate.procedures.steps.beside import sentence, summed_up
 
 TITLE = "Calibration certificate of a load cell"
-STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}table{border-collapse:collapse}\
-td,th{border:1px solid #bbb;padding:2px 8px;text-align:left}.simulated{color:#c00;font-weight:bold}"
 
 PLACED = {"simulated": "placed by the simulated operator", "confirmed": "each confirmed by name"}
 
@@ -38,21 +38,26 @@ class CertificateSection:
 
 
 def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
-    """Write `certificate.md` and `certificate.html` into the folder of a run; returns the Markdown file.
+    """Write `certificate.md`, `.html` and `.xml` into the folder of a run; returns the Markdown file.
 
     Raises:
         RecordError: the run cannot be read, or the files cannot be written.
     """
-    sections = _sections(Run.open(folder), calibration)
-    simulated = calibration.simulated
-    for name, render in (("certificate.md", _markdown), ("certificate.html", _html)):
-        path = folder / name
-        with storing(path):
-            put_whole(path, render(simulated, sections))
+    run, quantities = Run.open(folder), _quantities(calibration)
+    sections = _sections(run, calibration, quantities)
+    told = {each.heading: [(row[0], " ".join(row[1:])) for row in each.rows] for each in sections}
+    texts = {
+        "certificate.md": _markdown(calibration.simulated, sections),
+        "certificate.html": page(TITLE, calibration.simulated, map(_html, sections)),
+        "certificate.xml": dcc(run, calibration.device, quantities, told),
+    }
+    for name, text in texts.items():
+        with storing(folder / name):
+            put_whole(folder / name, text)
     return folder / "certificate.md"
 
 
-def _sections(run: Run, c: LoadCellCalibration) -> list[CertificateSection]:
+def _sections(run: Run, c: LoadCellCalibration, quantities: Sequence[CertifiedQuantity]) -> list[CertificateSection]:
     header: dict[str, Any] = dict(run.header)
     settings = header["settings"]
     bench = recorded_bench(header["bench"], f"{run.folder}: its bench file")
@@ -91,7 +96,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[CertificateSection]:
                 or [("temperature, humidity", "not recorded")]
             ),
         ]),
-        _results(c),
+        _results(quantities),
         _classes(c),
         CertificateSection("Raw readings", ("position", "run", "what", "load gf", "load N", "mean mV", "readings mV"), [
             (
@@ -108,24 +113,28 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[CertificateSection]:
     ]  # fmt: skip
 
 
-def _results(c: LoadCellCalibration) -> CertificateSection:
-    freedom = math.inf if c.degrees_of_freedom is None else float(c.degrees_of_freedom)
-    curve = [
-        ("sensitivity", c.sensitivity_mV_per_N, c.sensitivity_u, "mV/N"),
-        ("zero", c.zero_mV, c.zero_u, "mV"),
-        *([("curvature", c.curvature.mV_per_N2, c.curvature.u, "mV/N²")] if c.curvature else []),
+def _quantities(c: LoadCellCalibration) -> list[CertifiedQuantity]:
+    """The curve, and a load at three readings, with their uncertainties."""
+    k = coverage_factor(math.inf if c.degrees_of_freedom is None else float(c.degrees_of_freedom))
+    found = [
+        CertifiedQuantity("sensitivity", c.sensitivity_mV_per_N, c.sensitivity_u, k, "mV/N"),
+        CertifiedQuantity("zero", c.zero_mV, c.zero_u, k, "mV"),
+        *([CertifiedQuantity("curvature", c.curvature.mV_per_N2, c.curvature.u, k, "mV/N²")] if c.curvature else []),
     ]
-    rows = [_expanded(name, value, u, coverage_factor(freedom), unit) for name, value, u, unit in curve]
     for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N):
         budget = load_budget(c, load)
-        k = coverage_factor(budget.degrees_of_freedom)
-        rows.append(_expanded(f"load at one reading of {c.reading(load):.2f} mV", load, budget.u, k, "N"))
+        name = f"load at one reading of {c.reading(load):.2f} mV"
+        found.append(CertifiedQuantity(name, load, budget.u, coverage_factor(budget.degrees_of_freedom), "N"))
+    return found
+
+
+def _results(quantities: Sequence[CertifiedQuantity]) -> CertificateSection:
+    rows = [
+        (each.name, f"{each.value:.5g}", f"{each.u:.2g}", f"{each.k:.2f}", f"{each.expanded:.2g}", each.unit)
+        for each in quantities
+    ]
     columns = ("quantity", "value", "standard uncertainty", "k", f"expanded uncertainty, {COVERAGE:.0%}", "unit")
     return CertificateSection("Results", columns, rows)
-
-
-def _expanded(name: str, value: float, u: float, k: float, unit: str) -> tuple[str, ...]:
-    return name, f"{value:.5g}", f"{u:.2g}", f"{k:.2f}", f"{k * u:.2g}", unit
 
 
 def _classes(c: LoadCellCalibration) -> CertificateSection:
@@ -159,9 +168,9 @@ def _held(found: Classification) -> str:
 
 def _markdown(simulated: bool, sections: Sequence[CertificateSection]) -> str:
     lines = [f"# {STAMP + ': ' if simulated else ''}{TITLE}", ""]
-    for section in sections:
-        lines += [f"## {section.heading}", "", _row(section.columns), _row(["---"] * len(section.columns))]
-        lines += [*(_row(row) for row in section.rows), ""]
+    for each in sections:
+        lines += [f"## {each.heading}", "", _row(each.columns), _row(["---"] * len(each.columns))]
+        lines += [*(_row(row) for row in each.rows), ""]
     return "\n".join(lines)
 
 
@@ -170,21 +179,5 @@ def _row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(safe)} |"
 
 
-def _html(simulated: bool, sections: Sequence[CertificateSection]) -> str:
-    stamp = f'<p class="simulated">{STAMP}: no real load cell was calibrated</p>' if simulated else ""
-    title = html.escape(f"{STAMP + ': ' if simulated else ''}{TITLE}")
-    tables = "\n".join(
-        f"<h2>{html.escape(section.heading)}</h2>\n<table>\n"
-        + (_cells("th", section.columns) if any(section.columns) else "")
-        + "".join(_cells("td", row) for row in section.rows)
-        + "</table>"
-        for section in sections
-    )
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
-        f"</head>\n<body><h1>{title}</h1>{stamp}\n{tables}\n</body></html>\n"
-    )
-
-
-def _cells(tag: str, cells: Sequence[str]) -> str:
-    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>\n"
+def _html(of: CertificateSection) -> str:
+    return section(of.heading, [rows(of.columns, of.rows) if any(of.columns) else pairs((a, b) for a, b in of.rows)])

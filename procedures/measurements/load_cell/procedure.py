@@ -382,10 +382,10 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
         return {"calibration": found.source, "calibration_file": str(path), "certificate": str(certificate)}
 
     def report(self, result: LoadCellResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
+        from palpate.procedures.measurements.load_cell.report import plot_load_cell, show_load_cell
 
         return Report(
-            partial(print_load_cell, result, self.iso_class), partial(plot_load_cell, result, lab.bench.simulated)
+            partial(show_load_cell, result, self.iso_class), partial(plot_load_cell, result, lab.bench.simulated)
         )
 
 

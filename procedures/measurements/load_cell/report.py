@@ -1,4 +1,4 @@
-"""Prints and plots the result of a load-cell calibration."""
+"""Shows and plots the result of a load-cell calibration."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import new_table, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, stamped
 
 
-def print_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome, plot: Path) -> None:
-    """Print the readings, the curve, its figures of merit and its classes."""
+def show_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome) -> list[object]:
+    """The readings, the curve, its figures of merit and its classes."""
     down = {_place(p): p.reading_mV for p in result.points if p.direction == UNLOADING}
 
     def unloading(point: LoadCellPoint) -> str:
@@ -39,7 +39,7 @@ def print_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome
         known = ("not measured", "-") if value is None else (f"{100 * value:z.3f} %", iso_376_class_of(name, value))
         quantities.add_row(name.replace("_", " "), *known)
     bent = c.curvature
-    print_all(
+    return [
         readings,
         quantities,
         f"sensitivity    {c.sensitivity_mV_per_N:z.3f} mV/N, u = {c.sensitivity_u:z.3f} mV/N   (thesis: 10.3 mV/N)",
@@ -55,8 +55,7 @@ def print_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome
         f"ASTM E74       {_held(c.astm_e74)}; LLF {c.lower_limit_factor_N:.3g} N",
         f"calibration    {outcome['calibration_file']}",
         f"certificate    {outcome['certificate']}",
-        *where({**outcome, "calibration": ""}, plot),
-    )
+    ]
 
 
 def _predicted(outcome: Outcome) -> str:

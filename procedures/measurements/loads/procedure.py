@@ -328,10 +328,10 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         return evaluate(points, lab.design, plan.basis, self.tolerance)
 
     def report(self, result: SweepResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
+        from palpate.procedures.measurements.loads.report import plot_sweep, show_sweep
 
         simulated = lab.bench.simulated
-        return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
+        return Report(partial(show_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
 class LoadSweepWork(SweepWork):

@@ -1,4 +1,4 @@
-"""Prints and plots the result of a load sweep."""
+"""Shows and plots the result of a load sweep."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palpate.procedures.measurements.loads.result import LoadPoint, SampleMean, 
 from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import new_figure, plot_over_loads, save
 from palpate.procedures.showing.tables import NOTHING, table_of
-from palpate.procedures.showing.text import legend, new_table, percent, print_all, stamped, where
+from palpate.procedures.showing.text import legend, new_table, percent, stamped
 
 ROUNDING = 1e-6  # of a tolerance
 OF_CHOSEN = ("dwell_s", "relative_u_predicted", "relative_u")  # columns of points whose dwell was chosen
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Path) -> None:
-    """Print the points, the means beside the thesis' means, the softness order, and where the files are."""
+def show_sweep(result: SweepResult, design: Design, outcome: Outcome) -> list[object]:
+    """The points, the means beside the thesis' means, and the softness order."""
     columns = columns_of(LoadPoint)
     if all(p.relative_u_predicted is None for p in result.points):
         columns = {name: column for name, column in columns.items() if name not in OF_CHOSEN}
@@ -39,7 +39,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Pat
     means = table_of(stamped(outcome["simulated"], "Mean force ratio"), result.samples, columns)
     compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
     repeated = sum(p.attempts - 1 for p in result.points)
-    print_all(
+    return [
         points,
         *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
         means,
@@ -49,8 +49,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Pat
         *([] if result.tolerance is None else [_tolerance(result.tolerance, result)]),
         _forces(result.points),
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
-        *where(outcome, plot),
-    )
+    ]
 
 
 def _difference(mean: SampleMean) -> str:

@@ -235,9 +235,9 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
         return ModulusResult(sample, compress(bare, loading, unloading, calibration, sample.area, area_u))
 
     def report(self, result: ModulusResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.modulus.report import plot_modulus, print_modulus
+        from palpate.procedures.measurements.modulus.report import plot_modulus, show_modulus
 
-        return Report(partial(print_modulus, result), partial(plot_modulus, result, lab.bench.simulated))
+        return Report(partial(show_modulus, result), partial(plot_modulus, result, lab.bench.simulated))
 
 
 def _series(points: Sequence[DisplaysPoint], name: str) -> DisplaySeries:

@@ -1,4 +1,4 @@
-"""Prints and plots the result of a compression test."""
+"""Shows and plots the result of a compression test."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.columns import Column
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import MARKS, OUTSIDE, legend, new_table, print_all, stamped, where
+from palpate.procedures.showing.text import MARKS, OUTSIDE, legend, new_table, stamped
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -39,13 +39,13 @@ COMPRESSED = {  # what is printed of a `CompressionPoint`
 }
 
 
-def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
-    """Print the steps, the moduli with the thesis' values, and the bench's compliance."""
+def show_modulus(result: ModulusResult, outcome: Outcome) -> list[object]:
+    """The steps, the moduli with the thesis' values, and the bench's compliance."""
     sample, c = result.sample, result.compression
     title = f"Compression of sample {sample.name} ({sample.material})"
     steps = table_of(stamped(outcome["simulated"], title), c.points, COMPRESSED)
     thesis, loss = _thesis(sample.name), c.energy_loss
-    print_all(
+    return [
         steps,
         *legend(steps, marks={"no": MARKS[OUTSIDE]}),
         *(() if thesis is None else (_printed(thesis),)),
@@ -57,8 +57,7 @@ def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
         f"linearity          {100 * c.linearity:z.2f} % of the span",
         f"energy loss        {100 * loss.value:z.1f} % of the work of loading, u = {100 * loss.u:.2g} %",
         *(() if thesis is None else (f"Table {thesis.number}: {thesis.doubt}",)),
-        *where(outcome, plot),
-    )
+    ]
 
 
 def plot_modulus(result: ModulusResult, simulated: bool, folder: Path) -> Path:

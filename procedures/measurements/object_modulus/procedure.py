@@ -341,6 +341,6 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         return {"mounting_scatter_file": str(keep(scatter, done.folder, done.replayed))}
 
     def report(self, result: ObjectModulusResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.object_modulus.report import plot_modulus, print_modulus
+        from palpate.procedures.measurements.object_modulus.report import plot_modulus, show_modulus
 
-        return Report(partial(print_modulus, result), partial(plot_modulus, result, lab.bench.simulated))
+        return Report(partial(show_modulus, result), partial(plot_modulus, result, lab.bench.simulated))

@@ -1,4 +1,4 @@
-"""Prints and draws the modulus of an object, what was predicted and what was reached."""
+"""Shows and draws the modulus of an object, what was predicted and what was reached."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from palpate.procedures.measurements.object_modulus.planning import planned_line
 from palpate.procedures.measurements.prospects import share
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.moduli import between
-from palpate.procedures.showing.text import print_all, stamped, taken, where
+from palpate.procedures.showing.text import stamped, taken
 
 MOST_NAMED = 7  # mountings in the legend of the plot
 
 
-def print_modulus(result: ObjectModulusResult, outcome: Outcome, plot: Path) -> None:
-    """Print what was wanted, planned, measured and reached."""
+def show_modulus(result: ObjectModulusResult, outcome: Outcome) -> list[object]:
+    """What was wanted, planned, measured and reached."""
     shares, groups = result.shares, ratios_of(result.points)
-    print_all(
+    return [
         stamped(outcome["simulated"], "Young modulus of one object"),
         *planned_lines(result.wanted, result.prospect),
         *_measured(result),
@@ -36,8 +36,7 @@ def print_modulus(result: ObjectModulusResult, outcome: Outcome, plot: Path) -> 
         f"{counted(len(groups), 'mounting')}, {taken(outcome)}",
         *([] if not shares else [_binds(shares)]),
         *(f"note           {note}" for note in result.notes),
-        *where(outcome, plot),
-    )
+    ]
 
 
 def _binds(shares: Mapping[str, float]) -> str:

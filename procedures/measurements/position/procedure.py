@@ -168,10 +168,10 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, PlaceRepe
         return evaluate(points, places, repeats.stopped(places))
 
     def report(self, result: PositionResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.position.report import plot_sweep, print_sweep
+        from palpate.procedures.measurements.position.report import plot_sweep, show_sweep
 
         plot = partial(plot_sweep, result, lab.design, get_sample(self.sample), lab.bench.simulated)
-        return Report(partial(print_sweep, result, lab.design), plot)
+        return Report(partial(show_sweep, result, lab.design), plot)
 
 
 class PositionSweepWork(SweepWork):

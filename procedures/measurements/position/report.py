@@ -19,7 +19,7 @@ from palpate.procedures.measurements.position.result import DOUBT, FoundPlace, P
 from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import legend, print_all, stamped, taken, where
+from palpate.procedures.showing.text import legend, stamped, taken
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ALONG = 241  # places of the model's curve: 0.1 mm apart on the common base
 
 
-def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: Path) -> None:
+def show_sweep(result: PositionResult, design: Design, outcome: Outcome) -> list[object]:
     """Shares beside model and thesis, then what the films alone say of place and size."""
     title = "A point load along the base (shares of the whole force)"
     points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(PositionPoint))
@@ -42,7 +42,7 @@ def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: 
     if result.stopped:
         said.append(f"stopped        {result.stopped}; {counted(len(result.points), 'load set')}, {taken(outcome)}")
     tables = [points, *([_places(result, outcome)] if result.places else [])]
-    print_all(*tables, *legend(points), *said, *where(outcome, plot))
+    return [*tables, *legend(points), *said]
 
 
 def _places(result: PositionResult, outcome: Outcome) -> Table:

@@ -220,10 +220,10 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         return SoftnessTest(objects, self.loads, self.dwell, self.frequency, self.model)
 
     def report(self, result: ReferencesResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.references.report import plot_references, print_references
+        from palpate.procedures.measurements.references.report import plot_references, show_references
 
         curve = _curve(self._question(lab.design))
-        return Report(partial(print_references, result, lab.films), partial(plot_references, result, curve))
+        return Report(partial(show_references, result, lab.films), partial(plot_references, result, curve))
 
 
 def _curve(question: RatioQuestion) -> RatioCurve:

@@ -1,4 +1,4 @@
-"""Prints and plots the calibration of a sensor model by references."""
+"""Shows and plots the calibration of a sensor model by references."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.references.result import ReferencesResult
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import logarithmic, new_figure, save
-from palpate.procedures.showing.text import blocks, new_table, number, print_all, stamped, where
+from palpate.procedures.showing.text import blocks, new_table, number, stamped
 
 
-def print_references(result: ReferencesResult, films: FilmCalibration | None, outcome: Outcome, plot: Path) -> None:
-    """Print the references beside the model, the constant and its spread, and what another reference would buy."""
+def show_references(result: ReferencesResult, films: FilmCalibration | None, outcome: Outcome) -> list[object]:
+    """The references beside the model, the constant and its spread, and what another reference would buy."""
     c = result.calibration
     table = new_table(
         stamped(c.simulated, f"Calibration of model {c.model!r} ({c.parameters} set, {c.design})"),
@@ -33,7 +33,7 @@ def print_references(result: ReferencesResult, films: FilmCalibration | None, ou
         )  # fmt: skip
     spread = "not known" if c.spread is None else f"{100 * c.spread:.2g} % of the ratio"
     freedom = "" if c.spread_degrees_of_freedom is None else f" ({moduli.degrees(c.spread_degrees_of_freedom)})"
-    print_all(
+    return [
         *blocks(table),
         f"constant       {math.exp(c.constant):z.4f}, by which the model's ratios are divided",
         f"spread         {spread}{freedom}: {c.prior}",
@@ -41,8 +41,7 @@ def print_references(result: ReferencesResult, films: FilmCalibration | None, ou
         f"films          {_films_text(films)}",
         *_modulus_lines(result),
         f"stored in      {outcome['model_calibration_file']}, until {c.expires}",
-        *where({**outcome, "film_calibration": None}, plot),
-    )
+    ]
 
 
 def _films_text(films: FilmCalibration | None) -> str:

@@ -213,9 +213,9 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
         return RatioQuestion(design.name, self.model, settings={"sensed_thickness": self.objects[0].thickness})
 
     def report(self, result: SoftnessResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.softness.report import plot_softness, print_softness
+        from palpate.procedures.measurements.softness.report import plot_softness, show_softness
 
-        return Report(partial(print_softness, result), partial(plot_softness, result, lab.bench.simulated))
+        return Report(partial(show_softness, result), partial(plot_softness, result, lab.bench.simulated))
 
 
 def _ratio(design: Design, each: Sample, question: RatioQuestion | None) -> float:

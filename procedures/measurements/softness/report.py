@@ -1,4 +1,4 @@
-"""Prints and plots the result of a softness test."""
+"""Shows and plots the result of a softness test."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.procedures.records.columns import LAST, Column, columns_of
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import logarithmic, new_figure, plot_over_loads, save
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import MARKS, legend, print_all, stamped, where
+from palpate.procedures.showing.text import MARKS, legend, stamped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,13 +32,13 @@ class Look:
 ABSOLUTE, SCALE = Look("0.75", 7.0), Look("C0", 1.5)
 
 
-def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None:
-    """Print ratio and modulus of each object, on the model's scale and absolute, their order, and the model's error."""
+def show_softness(result: SoftnessResult, outcome: Outcome) -> list[object]:
+    """Ratio and modulus of each object, on the model's scale and absolute, their order, and the model's error."""
     note = Column(head="note", cell=partial(_note, result.points), after=LAST)
     columns = columns_of(Softness) | moduli.COLUMNS | {"note": note}
     table = table_of(stamped(outcome["simulated"], f"Softness, by model {result.model!r}"), result.objects, columns)
     alike = ", ".join(f"{one} and {other}" for one, other in result.alike)
-    print_all(
+    return [
         table,
         *legend(table, marks={**MARKS, "any": "every modulus agrees with the ratio"}),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}",
@@ -47,8 +47,7 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
         moduli.absolute_line(result.validation),
         *moduli.bound_line(each.modulus_Pa is not None for each in result.objects if each.valid_points),
         f"price          {result.price}",
-        *where(outcome, plot),
-    )
+    ]
 
 
 def _note(points: Sequence[SoftnessPoint], each: Softness) -> str:

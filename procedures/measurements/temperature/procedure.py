@@ -159,10 +159,10 @@ class TemperatureSweep(Sweep[TemperatureStep, TemperaturePoint, TemperatureResul
         return evaluate(points, lab.design)
 
     def report(self, result: TemperatureResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.temperature.report import plot_sweep, print_sweep
+        from palpate.procedures.measurements.temperature.report import plot_sweep, show_sweep
 
         simulated = lab.bench.simulated
-        return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
+        return Report(partial(show_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
 
 class TemperatureSweepWork(SweepWork):

@@ -1,4 +1,4 @@
-"""Prints and plots the result of a temperature sweep."""
+"""Shows and plots the result of a temperature sweep."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from palpate.procedures.measurements.temperature.result import TemperaturePoint,
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import legend, print_all, stamped, where
+from palpate.procedures.showing.text import legend, stamped
 
 
-def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plot: Path) -> None:
-    """Print each change with the force ratio and its errors, then the slopes."""
+def show_sweep(result: TemperatureResult, design: Design, outcome: Outcome) -> list[object]:
+    """Each change with the force ratio and its errors, then the slopes."""
     title = "What a change of temperature adds (errors against the fit with a trend)"
     points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(TemperaturePoint))
     said = [
@@ -25,7 +25,7 @@ def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plo
     if result.ratio_per_K is not None:
         slope, u = (100 * value for value in result.ratio_per_K)
         said.append(f"force ratio, with trend  {slope:+z.3f} %/K, u = {u:z.3f} %/K")
-    print_all(points, *legend(points), *said, *where(outcome, plot))
+    return [points, *legend(points), *said]
 
 
 def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folder: Path) -> Path:

@@ -1,0 +1,292 @@
+"""The report of a run as a page, or of several runs of one procedure, which are compared."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.instrument.durable import numbered, put_whole
+from palpate.instrument.errors import PalpateError, UsageError
+from palpate.instrument.quantity import show, show_with_u
+from palpate.procedures.console.drawing import load_matplotlib
+from palpate.procedures.engine.catalogue import procedure_class
+from palpate.procedures.engine.difference import Difference, check_alike, differences
+from palpate.procedures.engine.limits import LimitsFile
+from palpate.procedures.engine.recorded import RecordedResult, result_of
+from palpate.procedures.engine.settings import asked_of, shown
+from palpate.procedures.engine.verdict import Judgement, judge
+from palpate.procedures.records.damage import check, repair
+from palpate.procedures.records.run import Run, storing
+from palpate.procedures.showing.budget import show_budgets
+from palpate.procedures.showing.page import figure, of_things, page, pairs, rows, section, warning
+from palpate.procedures.showing.points import show_result
+from palpate.procedures.showing.runs import facts, shown_points
+from palpate.procedures.showing.text import legend
+from palpate.procedures.showing.verdicts import show_verdicts
+from palpate.procedures.steps.beside import sentence
+from palpate.procedures.steps.flags import FLAGS
+
+NAME = "report"
+CALIBRATED = {
+    "calibration": ("load cell", "load_cell"),
+    "film_calibration": ("films", "films"),
+    "model_calibration": ("model", "model"),
+    "mounting_scatter": ("scatter of mountings", ""),
+}  # by the keys of the header: what is calibrated, and its key in `calibration_files`
+SHARED = (
+    "u independent: as if the runs shared nothing. u shared: as if each contribution of kind B that both budgets have"
+    " by one name, such as that of a calibration, were the same in both, so that only what it differs by is left. The"
+    " truth lies between. A difference is told apart if both 95 % intervals leave out zero; ± is that of the wider one."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """A run for its report.
+
+    Attributes:
+        folder: its folder.
+        run: the run; of a damaged one, what was salvaged.
+        facts: what it says of itself, by names.
+        faults: what is damaged.
+        found: its result; None: there is none.
+        why: why there is none, or what differs from the record; empty: nothing.
+        judged: the verdicts of limits; None: there are none.
+    """
+
+    folder: Path
+    run: Run
+    facts: Mapping[str, str]
+    faults: Sequence[str]
+    found: RecordedResult | None
+    why: str
+    judged: Judgement | None
+
+    @property
+    def warning(self) -> str:
+        """What to know before all else; empty: nothing."""
+        if self.faults:
+            first = f"this run is damaged, and the report shows what is whole: {'; '.join(self.faults)}"
+        else:
+            first = "" if self.run.status == "complete" else f"this run is {self.run.status}, so points may be missing"
+        return "; ".join(filter(None, (first, self.why.replace(str(self.run.folder), str(self.folder)))))
+
+    @property
+    def budgets(self) -> Sequence[Mapping[str, Any]]:
+        """The budgets of the result, as the record has them."""
+        if self.run.summary or self.found is None:
+            stored: Any = self.run.summary.get("budgets", ())
+            return stored  # type: ignore[no-any-return]
+        return [each.summary() for each in self.found.result.budgets]
+
+
+@contextmanager
+def reported(folders: Iterable[Path], limits: LimitsFile | None = None) -> Iterator[list[Reported]]:
+    """The runs in these folders for a report. Of a damaged one all that is whole is salvaged while the context lasts.
+
+    Raises:
+        RecordError: there is no run, or nothing of it is whole.
+        UsageError: they are of unlike procedures, or one that is to be judged has no result.
+        ConfigError: a result has no such quantity as a limit names.
+    """
+    with ExitStack() as stack:
+        found = []
+        for folder in folders:
+            faults = check(folder).faults
+            if faults:
+                salvaged = Path(stack.enter_context(tempfile.TemporaryDirectory())) / folder.absolute().name
+                repair(folder, salvaged)
+            run = Run.open(salvaged if faults else folder)
+            if faults and limits:
+                raise UsageError(f"{folder} is damaged, so it cannot be judged; leave out --limits")
+            told = {"folder": str(folder.absolute()), **facts(run, run.digest(), run.signal_digest())}
+            judged = judge(run, limits) if limits else None
+            found.append(Reported(folder.absolute(), run, told, faults, *_result(run), judged))
+        check_alike([each.run for each in found])
+        yield found
+
+
+def _result(run: Run) -> tuple[RecordedResult | None, str]:
+    try:
+        found = result_of(run)
+    except PalpateError as error:
+        return None, f"its points give no result: {error}"
+    except Exception as error:  # a package's procedure can fail in any way, and the points are shown all the same
+        return None, f"its result cannot be evaluated anew ({type(error).__name__}: {error})"
+    if found.changed:
+        return found, f"this version of palpate computes other values than the record holds: {', '.join(found.changed)}"
+    return found, ""
+
+
+# --- the page ------------------------------------------------------------------------------------------
+
+
+def report_page(reports: Sequence[Reported]) -> str:
+    """The page of one run, or that which compares several."""
+    load_matplotlib()
+    first, *others = reports
+    simulated = any(each.run.simulated for each in reports)
+    if not others:
+        return page(f"{first.run.procedure}: {first.folder.name}", simulated, _sections(first, 1, 2))
+    parts = [section("Comparison", _comparison(reports))]
+    for number, each in enumerate(reports, 1):
+        parts.append(section(f"Run {number}: {each.folder.name}", _sections(each, number, 3)))
+    return page(f"{first.run.procedure}: {len(reports)} runs compared", simulated, parts)
+
+
+def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
+    run, found = each.run, each.found
+    header: Mapping[str, Any] = run.header
+    if each.warning:
+        yield warning(each.warning)
+
+    def told(heading: str, *parts: str) -> str:
+        return section(heading, parts, level)
+
+    yield told("Run", pairs(each.facts.items()))
+    if found is not None:
+        draw = None if found.report is None else found.report.draw
+        drawn = "" if draw is None else figure(draw, f"{run.procedure} {number}")
+        yield told("Result", of_things(show_result(found.report, found.result, found.outcome)), drawn)
+    if each.judged is not None:
+        yield told("Verdicts", of_things(show_verdicts(each.judged, run.simulated)))
+    yield told("Uncertainty budgets", of_things(show_budgets(each.budgets, run.simulated)))
+    line, table = shown_points(run)
+    yield told("Points as recorded", of_things([line, table, *legend(table, marks=FLAGS)]))
+    beside = () if found is None else found.outcome.get("beside", ())
+    sources = ((each["name"], f"{sentence(each)}, {each['field']} of {each['device']}") for each in beside)
+    yield told("Beside the points", pairs(sources))
+    yield told("Settings", rows(("setting", "value", "meaning"), _settings(run)))
+    serials = header.get("devices", {})
+    yield told("Devices", rows(("device", "serial number"), [(name, serials[name] or "-") for name in serials]))
+    heads = ("calibration of", "source", "device", "created", "expires", "SHA-256", "rests on")
+    yield told("Calibrations", rows(heads, _calibrations(header)))
+    events = [(f"{event['bench_ns'] / 1e9:z.1f}", event["kind"], event["message"]) for event in run.events()]
+    yield told("Incidents and other events", rows(("bench time s", "kind", "what"), events))
+    yield told("Software", pairs(_software(header).items()))
+
+
+def _settings(run: Run) -> Iterator[tuple[str, str, str]]:
+    given: Any = run.header.get("settings", {})
+    try:
+        known = {each.name: each.setting for each in asked_of(procedure_class(run.procedure))}
+    except PalpateError:
+        known = {}
+    for name, value in given.items():
+        setting = known.get(name)
+        value = tuple(map(_words, value)) if isinstance(value, list) else value
+        unit = setting.unit if setting else ""
+        yield name.replace("_", " "), shown(value, unit) or "-", setting.help if setting else ""
+
+
+def _words(value: object) -> object:
+    """What an entry of a list of settings says, where it is a table."""
+    told = value.items() if isinstance(value, dict) else ()
+    return ", ".join(f"{name} {part}" for name, part in told if part not in (None, "")) or value
+
+
+def _calibrations(header: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    for key, (what, file) in CALIBRATED.items():
+        if isinstance(known := header.get(key), dict):
+            told = (str(known.get(name) or "-") for name in ("source", "device", "created", "expires"))
+            stored = header.get("calibration_files", {}).get(file) or {}
+            yield what, *told, stored.get("sha256") or "-", _basis(key, known)
+
+
+def _basis(key: str, known: Mapping[str, Any]) -> str:
+    """What a calibration itself rests on."""
+    if key == "film_calibration":
+        return f"load cell {known.get('load_cell', '-')}"
+    if key == "model_calibration":
+        references = ", ".join(f"{each['name']}: {each['source']}" for each in known.get("references", ()))
+        return f"references {references}; films {known.get('film_calibration') or 'by the design'}"
+    return "dead weights" if key == "calibration" else "mountings of that run"
+
+
+def _software(header: Mapping[str, Any]) -> dict[str, str]:
+    own = {name: str(header.get(name) or "-") for name in ("commit", "contracts")}
+    return {**header.get("versions", {}), **own, **header.get("arithmetic", {})}
+
+
+# --- the comparison ------------------------------------------------------------------------------------
+
+
+def compared(reports: Sequence[Reported]) -> list[list[Difference]]:
+    """The differences of each further run from the first."""
+    first, *others = reports
+    return [list(differences(first.budgets, each.budgets)) for each in others]
+
+
+def _comparison(reports: Sequence[Reported]) -> Iterator[str]:
+    for number, found in enumerate(compared(reports), 2):
+        values = ("run 1", "u", f"run {number}", "u")
+        heads = ("quantity", *values, "difference", "u independent", "u shared", "± 95 %", "told apart")
+        caption = f"Run {number} less run 1"
+        nothing = of_things([f"{caption}: no result of both has a budget."])
+        yield rows(heads, map(tuple, map(_row, found)), caption) or nothing
+    yield of_things([SHARED])
+    names = ["", *(f"run {number}" for number in range(1, len(reports) + 1))]
+    yield rows(names, _side_by_side(reports), "The runs")
+
+
+def _row(each: Difference) -> Iterator[str]:
+    unit, u = each.first["unit"], (each.independent.u, each.shared.u)
+    yield each.first["quantity"]
+    for told in (each.first, each.other):
+        yield from show_with_u(told["value"], told["u"], unit)
+    yield show_with_u(each.shared.value, max(u), unit)[0]
+    yield from (show(value, unit, 2) for value in (*u, each.half_width))
+    yield "yes" if each.told_apart else "no"
+
+
+def _side_by_side(reports: Sequence[Reported]) -> Iterator[list[str]]:
+    """What the runs say of themselves, and settings, devices, calibrations and software in which they differ."""
+    own = [each.facts for each in reports]
+    yield from ([name, *(each.get(name, "-") for each in own)] for name in own[0])
+    headers: list[Mapping[str, Any]] = [each.run.header for each in reports]
+    parts = [
+        [{name: value for name, value, _ in _settings(each.run)} for each in reports],
+        [{name.partition(" at ")[0]: serial for name, serial in each.get("devices", {}).items()} for each in headers],
+        [{f"calibration of {name}": " ".join(rest[:5]) for name, *rest in _calibrations(each)} for each in headers],
+        list(map(_software, headers)),
+    ]
+    for part in parts:
+        for name in dict.fromkeys(name for each in part for name in each):
+            values = [each.get(name, "-") for each in part]
+            if len(set(values)) > 1:
+                yield [name, *values]
+
+
+# --- the file ------------------------------------------------------------------------------------------
+
+
+def check_page(out: Path | None) -> None:
+    """Refuse a file for a page that is no new one. Raises UsageError."""
+    if out is not None and out.suffix != ".html":
+        raise UsageError(f"{out} does not end in .html; choose another --out")
+    if out is not None and os.path.lexists(out):
+        raise UsageError(f"{out} exists and is not overwritten; choose another --out")
+
+
+def write_page(text: str, out: Path | None, folder: Path) -> Path:
+    """Write a page into a new file: `out`, or one in a folder, whose name has a number where it is taken.
+
+    Returns the file. Raises RecordError: it cannot be written; UsageError: `out` was made meanwhile.
+    """
+    files = [out] if out else (folder / f"{name}.html" for name in numbered(NAME))
+    for file in files:
+        with storing(file, "another file with --out"), suppress(FileExistsError):
+            file.touch(exist_ok=False)
+            try:
+                put_whole(file, text)
+            except BaseException:
+                file.unlink()
+                raise
+            return file.absolute()
+    check_page(out)
+    raise AssertionError("numbers do not end")

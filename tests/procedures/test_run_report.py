@@ -1,0 +1,259 @@
+"""`palpate runs report`: one page that says what a run measured and of what it was made, and how runs differ."""
+
+from __future__ import annotations
+
+import html
+import math
+import os
+import re
+import shlex
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+import palpate as package
+from palpate.extend import Recorder
+from tests.frozen.cells import PROCEDURES
+from tests.procedures.conftest import HEADER, Palpate
+from tests.runs import rehash
+
+SWEEP = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
+SAVE = Figure.savefig
+EVIL = "<script>alert(1)</script>"
+VNU = Path(os.environ.get("NODE_PATH", "node_modules")) / "vnu-jar" / "build" / "dist" / "vnu.jar"
+
+
+class Page(HTMLParser):
+    """The elements and the texts of a page, whose elements must be closed in order."""
+
+    VOID = frozenset({"meta", "img", "br", "path", "use"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.ids: list[str] = []
+        self.texts: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        self.links += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "action", "data")]
+        if tag not in self.VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self._open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def read(path: str | Path) -> Page:
+    return Page(Path(path).read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def drawing(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Has `palpate` draw what it leaves out in other tests."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", SAVE)
+
+
+# --- one run -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_each_procedure_s_report_holds_all_that_its_command_printed_and_agrees_with_its_record(
+    palpate: Palpate, name: str
+) -> None:
+    said = palpate(*shlex.split(f"{name} {PROCEDURES[name]} --out run"))
+    printed = said.out.partition("time           ")[0]
+    report = palpate("runs", "report", "run", "--json").object
+    assert report["runs"] == [{"run": str(Path("run").absolute()), "damaged": False, "warning": None}]
+    texts = read(report["report"]).texts
+    assert {line.strip() for line in printed.splitlines() if line.startswith("SIMULATED")} <= set(texts)
+    cells = {word for text in texts for word in text.split()}
+    lacking = set(re.findall(r"(?<=\s)[-+]?\d+\.\d+(?=\s)", printed)) - cells
+    assert len(printed) > 200 and lacking == set()
+
+
+def test_a_report_says_who_what_by_which_devices_and_calibrations_and_by_which_software(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run", "--about", "operator = AB")
+    run = package.read("run")
+    text = " ".join(read(palpate("runs", "report", "run", "--json").object["report"]).texts)
+    serials = [str(value) for value in dict(run.header["devices"]).values()]  # type: ignore[call-overload]
+    versions = [str(value) for value in dict(run.header["versions"]).values()]  # type: ignore[call-overload]
+    sha256 = run.header["calibration_files"]["load_cell"]["sha256"]  # type: ignore[index]
+    for told in (run.digest(), run.signal_digest(), "operator AB", "SIMULATED", sha256, *serials, *versions):
+        assert told in text
+    assert "Time over which each point is averaged." in text and "200 ms" in text
+
+
+def test_a_page_needs_nothing_else_and_takes_no_text_of_a_run_for_markup(palpate: Palpate, drawing: None) -> None:
+    palpate(*SWEEP, "--out", "run", "--about", f"what = {EVIL}")
+    folder = Path("run").rename("<b>&'\"")
+    for number in (1, 2):
+        rehash(folder, point=lambda data: data.update(sample=EVIL), number=number)
+    file = palpate("runs", "report", str(folder), "--json").object["report"]
+    page = read(file)
+    assert not {"script", "b", "link", "iframe", "object", "form"} & set(page.tags)
+    assert "svg" in page.tags and "".join(page.texts).count(EVIL) > 3
+    assert [link for link in page.links if not link.startswith("#")] == []
+    assert len(page.ids) == len(set(page.ids))
+    label = re.search('aria-label="(.*?)"', Path(file).read_text(encoding="utf-8"))
+    assert label is not None and EVIL in html.unescape(label[1])
+    assert "http" not in "".join(page.links)
+    assert 10_000 < Path(file).stat().st_size < 2_000_000
+
+
+def test_equal_runs_give_equal_pages(palpate: Palpate, drawing: None) -> None:
+    palpate(*SWEEP, "--out", "run")
+    one, other = (Path(palpate("runs", "report", "run", "--json").object["report"]) for _ in range(2))
+    assert (one.name, other.name) == ("report.html", "report-2.html")
+    assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_damaged_run_is_shown_as_far_as_it_is_whole(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    points = package.read("run").points()
+    record = Path("run/run.record")
+    content = record.read_bytes()
+    at = content.index(b'"sample":"2"')
+    record.write_bytes(content[:at] + b"\0" + content[at + 1 :])
+    report = palpate("runs", "report", "run", "--json").object
+    (told,) = report["runs"]
+    assert told["damaged"] and "point 3" in told["warning"]
+    text = " ".join(read(report["report"]).texts)
+    assert "damaged" in text and f"{points[0]['force_ratio']:.4g}" in text and f"{points[3]['force_ratio']:.4g}" in text
+    assert f"{points[2]['force_ratio']:.4g}" not in text
+    assert record.read_bytes() != content and not Path("run/report.html").read_text(encoding="utf-8").count("/tmp/tmp")
+
+
+def test_a_run_whose_procedure_is_not_here_is_shown_by_its_points(palpate: Palpate) -> None:
+    with Recorder.create(Path("run"), {**HEADER, "procedure": "of-a-package"}) as record:
+        record.point({"what": EVIL, "height_mm": 12.5}, {}, 1)
+        record.event("incident", "a cable was loose", 2_000_000_000)
+        record.finish("complete", {})
+    report = palpate("runs", "report", "run", "--json").object
+    assert "of-a-package" in report["runs"][0]["warning"]
+    texts = read(report["report"]).texts
+    assert {EVIL, "12.5", "2.0", "incident", "a cable was loose"} <= set(texts)
+
+
+def test_a_run_that_another_version_computed_otherwise_is_told(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    rehash(Path("run"), point=lambda data: data.update(force_ratio=0.5), number=1)
+    (told,) = palpate("runs", "report", "run", "--json").object["runs"]
+    assert "samples" in told["warning"]
+
+
+def test_a_report_has_the_verdicts_of_limits(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    Path("limits.toml").write_text('["force ratio of sample 1"]\nhigh = 0.01\n', encoding="utf-8")
+    page = read(palpate("runs", "report", "run", "--limits", "limits.toml", "--json").object["report"])
+    assert "Verdicts" in page.texts and "fail" in page.texts
+
+
+# --- several runs --------------------------------------------------------------------------------------
+
+
+def test_two_runs_are_compared_with_the_uncertainty_of_their_difference(palpate: Palpate, drawing: None) -> None:
+    for seed in ("1", "2"):
+        palpate("test", "modulus", "--sample", "1", "--steps", "4", "--extrapolate", "--seed", seed, "--out", seed)
+    report = palpate("runs", "report", "1", "2", "--json").object
+    one, other = (
+        {each["budget"]["quantity"]: each["budget"] for each in run.summary["budgets"]}  # type: ignore[attr-defined]
+        for run in map(package.read, ("1", "2"))
+    )
+    (found,) = report["differences"]
+    assert [each["quantity"] for each in found] == list(one)
+    for each in found:
+        first, second = one[each["quantity"]], other[each["quantity"]]
+        assert each["difference"] == second["value"] - first["value"]
+        assert each["independent_u"] == pytest.approx(math.hypot(first["u"], second["u"]))
+        assert each["shared_u"] == pytest.approx(math.sqrt(_shared_variance(first, second)))
+        assert each["told_apart"] == (abs(each["difference"]) > each["half_width"])
+        assert each["half_width"] > 1.95 * each["independent_u"]
+    assert any(each["shared_u"] < 0.9 * each["independent_u"] for each in found)
+    page = read(report["report"])
+    assert Path(report["report"]) == Path("1/report.html").absolute()
+    assert page.tags.count("svg") == 2 and len(page.ids) == len(set(page.ids)) > 100
+    assert {"Comparison", "Run 1: 1", "Run 2: 2", "told apart"} <= set(page.texts)
+
+
+def _shared_variance(one: dict[str, Any], other: dict[str, Any]) -> float:
+    """The variance of a difference where the inputs of kind B are the same: cᵀ R c, each input once."""
+    contributions: dict[tuple[str, int], float] = {}
+    for number, (sign, budget) in enumerate(((-1, one), (1, other))):
+        for each in budget["components"]:
+            key = (each["name"], 0 if each["kind"] == "B" else number)
+            contributions[key] = contributions.get(key, 0.0) + sign * each["contribution"]
+    variance = sum(value**2 for value in contributions.values())
+    for number, budget in enumerate((one, other)):
+        for each in budget["correlations"]:
+            a, b = ((name, number) for name in each["of"])
+            if number == 0 or a in contributions:  # a pair of kind B is in both
+                variance += 2 * each["coefficient"] * contributions[a] * contributions[b]
+    return variance
+
+
+def test_a_run_compared_with_itself_differs_in_nothing(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    (found,) = palpate("runs", "report", "run", "run", "--json").object["differences"]
+    assert [(each["difference"], each["told_apart"]) for each in found] == [(0.0, False)] * 2
+
+
+# --- what is refused -----------------------------------------------------------------------------------
+
+
+def test_bad_input_is_one_error_with_its_remedy_and_leaves_no_file(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    palpate("calibrate", "load-cell", "--loads", "1.5 N, 4 N, 7 N", "--out", "cell")
+    Path("there.html").write_text("mine", encoding="utf-8")
+    Path("link.html").symlink_to("nowhere.html")
+    before = sorted(Path().rglob("*"))
+    for words, told in (
+        (("nowhere",), "nowhere"),
+        (("run", "cell"), "'sweep-loads'"),
+        (("run", "--out", "there.html"), "there.html exists and is not overwritten; choose another --out"),
+        (("run", "--out", "link.html"), "link.html exists and is not overwritten"),
+        (("run", "--out", "page.pdf"), "page.pdf does not end in .html; choose another --out"),
+        (("run", "--out", "no/where.html"), "make the folder"),
+        (("run", "--limits", "none.toml"), "none.toml"),
+    ):
+        assert told in palpate("runs", "report", *words).complaint
+    assert Path("there.html").read_text(encoding="utf-8") == "mine"
+    assert sorted(Path().rglob("*")) == before
+
+
+# --- by the checkers of others -------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("java"), reason="no java; install one, such as Debian's default-jre-headless")
+@pytest.mark.skipif(not VNU.exists(), reason="no vnu.jar: npm install vnu-jar, and name its node_modules by NODE_PATH")
+def test_the_checker_of_the_w3c_finds_no_error(palpate: Palpate, drawing: None) -> None:
+    pages = []
+    for number, name in enumerate(PROCEDURES):
+        palpate(*shlex.split(f"{name} {PROCEDURES[name]} --out {number}"))
+        pages.append(palpate("runs", "report", str(number), "--json").object["report"])
+    palpate(*shlex.split(f"softness {PROCEDURES['softness']} --seed 2 --out other"))
+    pages.append(palpate("runs", "report", str(list(PROCEDURES).index("softness")), "other", "--json").object["report"])
+    pages.append(str(Path(str(list(PROCEDURES).index("calibrate load-cell")), "certificate.html").absolute()))
+    said = subprocess.run(["java", "-jar", VNU, *pages], capture_output=True, text=True, check=False)
+    assert said.stderr == "" and said.returncode == 0
