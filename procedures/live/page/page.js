@@ -134,7 +134,7 @@ function listen() {
   };
   source.onerror = () => {
     const over = !/^(running|paus|waiting)/.test(state.status);
-    $("link").textContent = over ? "palpate serves this page no longer" : "connection lost, trying again";
+    $("link").textContent = over ? "the command has ended; palpate live shows the run again" : "connection lost, trying again";
     source.close();
     setTimeout(listen, 500);
   };
