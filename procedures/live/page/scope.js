@@ -40,7 +40,7 @@ class Oscilloscope {
     const before = this.trace;
     this.trace = { rate: told.rate, films: told.films, rows, samples: told.samples, end: told.bench_ns / 1e9,
       point: told.point, arrived: performance.now() };
-    if (!before || before.films.join("\n") !== told.films.join("\n")) this.build();
+    if (!before || before.films.join("\n") !== told.films.join("\n")) { this.window = null; this.build(); }
     this.changed = true;
   }
 
@@ -67,7 +67,9 @@ class Oscilloscope {
     const own = $("scale").value === "own", scale = i => own ? `mV${i}` : "mV";
     const at = Number($("trigger").value);
     const scales = { x: { time: false, range: (u, low, high) => [low, high] } };
-    films.forEach((_, i) => { scales[scale(i)] = own ? { range: (u, low, high) => this.lane(i, low, high) } : { auto: true }; });
+    for (const i of films.keys()) {
+      scales[scale(i)] = own ? { range: (u, low, high) => this.lane(i, low, high) } : { auto: true };
+    }
     this.plot = new uPlot({
       ...sizeOf($("screen")), scales, legend: { show: false }, cursor: { show: false },
       series: [{}, ...films.map((film, i) => ({ label: film, scale: scale(i), stroke: COLOURS[i % COLOURS.length],
@@ -94,6 +96,7 @@ class Oscilloscope {
   }
 
   drag(event) { // the nearer cursor follows the mouse until its button is released
+    if (!this.window) return;
     const box = this.plot.over.getBoundingClientRect();
     const place = e => Math.min(1, Math.max(0, (e.clientX - box.left) / box.width));
     const [a, b] = this.cursors.map(each => Math.abs(each - place(event)));
