@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from selenium import webdriver
+from selenium.common.exceptions import StaleElementReferenceException
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.support.ui import WebDriverWait
 
 import palpate
 from tests.procedures.live import Served, served
 from tests.procedures.test_live import HEADER, LONG
 from tests.runs import made
-
-selenium = pytest.importorskip("selenium.webdriver", reason="install selenium: pip install -e '.[test]'")
 
 PATIENCE = 40  # s
 COLOURS = {"rigid": (0x1F, 0x4E, 0x9C), "total": (0xC1, 0x44, 0x0E)}
@@ -41,9 +43,6 @@ class Page:
 
     def until(self, holds: Callable[[], object]) -> None:
         """Wait until something holds on the page."""
-        from selenium.common.exceptions import StaleElementReferenceException
-        from selenium.webdriver.support.ui import WebDriverWait
-
         WebDriverWait(self.driver, PATIENCE, 0.05, (StaleElementReferenceException,)).until(lambda _: holds())
 
     def readings(self) -> list[list[str]]:
@@ -75,14 +74,12 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         if os.environ.get("PALPATE_BROWSER") == "required":
             pytest.fail(why)
         pytest.skip(why)
-    from selenium.webdriver.chrome.service import Service
-
-    options = selenium.ChromeOptions()
+    options = webdriver.ChromeOptions()
     options.binary_location = program
     for each in (*OPTIONS, f"--user-data-dir={tmp_path_factory.mktemp('browser')}"):
         options.add_argument(each)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    with selenium.Chrome(options=options, service=Service(driver)) as opened:
+    with webdriver.Chrome(options=options, service=Service(driver)) as opened:
         yield opened
 
 
@@ -134,7 +131,7 @@ def test_waveforms_are_drawn_and_cursors_read_them_right(page: Page, live: Serve
     before = page.readings()
     over = page.driver.find_element("css selector", "#screen .u-over")
     width = over.size["width"]
-    actions = selenium.ActionChains(page.driver)
+    actions = webdriver.ActionChains(page.driver)
     actions.move_to_element_with_offset(over, round(-0.2 * width), 0).click_and_hold()
     actions.move_by_offset(round(0.15 * width), 0).release().perform()  # A goes from 0.3 to 0.45 of the screen
     assert page.readings() != before

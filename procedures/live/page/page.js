@@ -5,13 +5,15 @@ const $ = id => document.getElementById(id);
 const MOST_POINTS = 2048; // that are kept; of more, each second one is left out, again and again
 const LATEST = 12, MOST_INCIDENTS = 200, MOST_GROUPS = 9;
 const REDRAW = 100; // ms between two drawings of points and tables
+const LATEST_TRACE = 1000; // ms between two looks for the stored waveforms of the latest point
 const COVER = 2; // standard uncertainties on each side of a point
 
 const digits = (value, n = 4) => value === null || value === undefined || Number.isNaN(value) ? "–"
-  : typeof value !== "number" ? String(value) : Math.abs(value) >= 10 ** n ? value.toFixed(0) : String(Number(value.toPrecision(n)));
+  : typeof value !== "number" ? String(value)
+    : Math.abs(value) >= 10 ** n ? value.toFixed(0) : String(Number(value.toPrecision(n)));
 const clock = seconds => {
-  const s = Math.max(0, Math.round(seconds)), two = n => String(n).padStart(2, "0");
-  return s >= 3600 ? `${Math.floor(s / 3600)}:${two(Math.floor(s / 60) % 60)}:${two(s % 60)}` : `${Math.floor(s / 60)}:${two(s % 60)}`;
+  const s = Math.max(0, Math.round(seconds)), two = n => String(Math.floor(n)).padStart(2, "0");
+  return s >= 3600 ? `${Math.floor(s / 3600)}:${two(s / 60 % 60)}:${two(s % 60)}` : `${Math.floor(s / 60)}:${two(s % 60)}`;
 };
 const words = name => name.replaceAll("_", " ");
 const percent = u => u === null || u === undefined ? "–" : `${digits(100 * u, 3)} %`;
@@ -34,7 +36,8 @@ const state = {};
 
 function restart() { // forget the run before
   Object.assign(state, { points: [], latest: [], every: 1, last: 0, invalid: 0, planned: null, incidents: [], count: 0,
-    devices: {}, columns: [], promise: null, step: null, summary: null, status: "waiting for the run", scene: null, beside: [], chosen: false });
+    devices: {}, columns: [], promise: null, step: null, summary: null, status: "waiting for the run", scene: null,
+    chosen: false });
   $("verdict").hidden = $("beside").hidden = $("devices").hidden = true;
   fill($("incidents").querySelector("tbody"), []);
 }
@@ -59,8 +62,8 @@ const on = {
     state.scene = told.scene;
     scope.paced = told.scene === null; // such a bench takes the time of the wall
     $("procedure").textContent = told.procedure;
-    $("run").textContent = [told.run, told.scene === null ? "" : `scene ${told.scene}`, told.seed === null ? "" : `seed ${told.seed}`,
-      `started ${told.started}`].filter(Boolean).join(" · ");
+    $("run").textContent = [told.run, told.scene === null ? "" : `scene ${told.scene}`,
+      told.seed === null ? "" : `seed ${told.seed}`, `started ${told.started}`].filter(Boolean).join(" · ");
     $("run").title = $("run").textContent;
     $("simulated").hidden = $("watermark").hidden = !told.simulated;
     document.title = `${told.procedure} – palpate live`;
@@ -115,7 +118,7 @@ function showResult(summary) {
   $("outcome").className = summary.error ? "bad" : "";
   const budgets = (summary.budgets || []).map(each => each.budget ? { ...each.budget, ...each } : each);
   fill($("verdict").querySelector("tbody"), budgets.map(each =>
-    [each.quantity, `${digits(each.value, 5)} ± ${digits(each.u, 2)}`, each.unit === "1" ? "" : each.unit || ""]));
+    [each.quantity, `${digits(each.value, 5)} ${each.unit === "1" ? "" : each.unit || ""}`, `u ${digits(each.u, 2)}`]));
 }
 
 // --- the stream ----------------------------------------------------------------------------------------
@@ -131,7 +134,7 @@ function listen() {
   };
   source.onerror = () => {
     const over = !/^(running|paus|waiting)/.test(state.status);
-    $("link").textContent = over ? "palpate serves this page no longer" : "connection lost, trying again";
+    $("link").textContent = over ? "the command has ended; palpate live shows the run again" : "connection lost, trying again";
     source.close();
     setTimeout(listen, 500);
   };
@@ -186,14 +189,15 @@ function build() {
   const hidden = { paths: () => null, points: { show: false } };
   const font = { font: "11px sans-serif", labelFont: "11px sans-serif", labelSize: 16 };
   plot = new uPlot({
-    width: Math.max(200, $("plot").clientWidth), height: Math.max(80, $("plot").clientHeight), legend: { show: false },
-    cursor: { drag: { x: false, y: false }, points: { show: false } }, scales: { x: { time: false, range: wide }, y: { range: wide } },
+    ...sizeOf($("plot")), legend: { show: false },
+    cursor: { drag: { x: false, y: false }, points: { show: false } },
+    scales: { x: { time: false, range: wide }, y: { range: wide } },
     series: [{}, hidden, hidden, hidden], axes: [{ label: words($("x").selectedOptions[0].textContent), size: 28, ...font },
       { label: words($("y").value), size: 56, ...font }],
     hooks: { draw: [drawPoints] },
   }, [[0], [null], [null], [null]], $("plot"));
-  plot.over.addEventListener("mousemove", event => { const at = nearest(event); if (at !== null) tellNear(drawn.points[at]); });
-  plot.over.addEventListener("click", event => { const at = nearest(event); if (at !== null) showStored(drawn.points[at].id, true); });
+  plot.over.addEventListener("mousemove", event => { const point = nearest(event); if (point) tellNear(point); });
+  plot.over.addEventListener("click", event => { const point = nearest(event); if (point) showStored(point.id, true); });
 }
 
 const wide = (u, low, high) => {
@@ -211,9 +215,10 @@ function showPoints() {
   const names = [...new Set(state.points.map(each => each[group]))];
   const bar = each => u && typeof each[u] === "number" ? COVER * each[u] : 0;
   drawn = { points: rows, xs: rows.map(each => each[x]), ys: rows.map(each => each[y]), bars: rows.map(bar),
-    colours: rows.map(each => group && names.length <= MOST_GROUPS ? COLOURS[names.indexOf(each[group]) % COLOURS.length] : COLOURS[0]) };
+    colours: rows.map(each => COLOURS[names.length <= MOST_GROUPS ? names.indexOf(each[group]) : 0]) };
   plot.setData([drawn.xs, drawn.ys, drawn.ys.map((v, i) => v - drawn.bars[i]), drawn.ys.map((v, i) => v + drawn.bars[i])]);
-  $("bars").textContent = (u ? `bars ± ${COVER} u` : "without uncertainty") + (state.every > 1 ? ` · 1 of ${state.every} points is shown` : "")
+  $("bars").textContent = (u ? `bars ± ${COVER} u` : "without uncertainty")
+    + (state.every > 1 ? ` · 1 of ${state.every} points is shown` : "")
     + (state.invalid ? " · × is not valid" : "");
   $("groups").replaceChildren(...(group && names.length > 1 && names.length <= MOST_GROUPS ? names : []).map((name, i) => {
     const label = document.createElement("span");
@@ -258,7 +263,7 @@ function nearest(event) {
     const far = (plot.valToPos(x, "x") - mx) ** 2 + (plot.valToPos(drawn.ys[i], "y") - my) ** 2;
     if (far < least) { least = far; best = i; }
   });
-  return best;
+  return drawn.points[best];
 }
 
 function tellNear(point) {
@@ -267,17 +272,16 @@ function tellNear(point) {
     + (u ? ` ± ${digits(COVER * point[u], 2)}` : "") + (state.stored ? " · click shows its waveforms" : "");
 }
 
-let asking = false;
+let asked = null;
 async function showStored(id, freeze) { // the stored waveforms of a point
-  if (!state.stored || asking) return;
-  asking = true;
+  if (!state.stored) return;
+  asked = id;
   try {
     const answer = await fetch(`trace?point=${id}`);
     const told = answer.ok ? await answer.json() : null;
     if (told) { if (freeze) scope.freeze(true); scope.show(told); }
     else $("trace").textContent = answer.ok ? `no waveforms are stored with point ${id}` : await answer.text();
-  } catch { /* the stream tells that the connection is lost */ }
-  asking = false;
+  } catch { asked = null; /* the stream tells that the connection is lost */ }
 }
 
 // --- tables and what is written above them -------------------------------------------------------------
@@ -287,7 +291,8 @@ function showAll() {
   state.dirty = false;
   const { step, promise, planned } = state, whole = (step && step.points) || (planned && planned.points) || 0;
   $("status").textContent = state.status;
-  $("status").className = { complete: "good", running: "", paused: "warn" }[state.status] ?? (/^pauses/.test(state.status) ? "warn" : "bad");
+  $("status").className = { complete: "good", running: "", paused: "warn" }[state.status] 
+    ?? (/^(pauses|waiting)/.test(state.status) ? "warn" : "bad");
   $("pause").textContent = state.status === "paused" ? "Go on" : "Pause";
   $("pause").disabled = $("stop").disabled = !/^(running|paus)/.test(state.status);
   $("bar").max = whole || 1;
@@ -295,27 +300,30 @@ function showAll() {
   $("count").textContent = `${state.last} of ${whole || "?"} points` + (state.invalid ? `, ${state.invalid} not valid` : "");
   $("what").textContent = step && /^(running|paus)/.test(state.status) ? `now: ${step.what}` : "";
   $("left").textContent = promise ? `${clock(promise.seconds)} left${state.scene === null ? "" : " (bench time)"}` : "";
-  $("u").textContent = planned || promise ? `u ${percent(state.summary ? state.summary.achieved_u : promise && promise.u)}, planned ${percent(planned && planned.u)}` : "";
+  const reached = state.summary ? state.summary.achieved_u : promise && promise.u;
+  $("u").textContent = planned || promise ? `u ${percent(reached)}, planned ${percent(planned && planned.u)}` : "";
   if (state.fresh) {
     state.fresh = false;
     showPoints();
     const values = state.latest[0], y = $("y").value, u = uOf(y, values);
     const columns = [...new Set(["id", groupOf(values), $("x").value, y, ...state.columns.map(each => each.name)])]
       .filter(name => name in values).slice(0, 6);
-    const cell = (each, name) => digits(each[name]) + (name === y && u && each[u] !== null ? ` ± ${digits(COVER * each[u], 2)}` : "");
-    fill($("latest").querySelector("thead"), [columns.map(name => name === "id" ? "no." : words(name))], "th");
+    const bar = each => u && each[u] !== null ? ` ± ${digits(COVER * each[u], 2)}` : "";
+    const cell = (each, name) => digits(each[name]) + (name === y ? bar(each) : "");
+    const head = name => name === "id" ? "no." : words(name) + (name === y && u ? ` ± ${COVER} u` : "");
+    fill($("latest").querySelector("thead"), [columns.map(head)], "th");
     fill($("latest").querySelector("tbody"), state.latest.map(each => columns.map(name => cell(each, name))));
     $("load").textContent = "load_measured_N" in values ? `load at point ${values.id}: ${digits(values.load_measured_N)} `
-      + `± ${digits(COVER * values.load_measured_u, 2)} N, peak to peak` : "";
+      + `± ${digits(COVER * values.load_measured_u, 2)} N (${COVER} u), peak to peak` : "";
     [...$("latest").querySelector("tbody").rows].forEach((row, i) => row.classList.toggle("bad", state.latest[i].valid === false));
     const beside = Object.keys(values).filter(name => name.startsWith("beside_") && !name.endsWith("_u"));
     $("beside").hidden = !beside.length;
     fill($("beside").querySelector("tbody"), beside.map(name => [words(name.slice(7)), digits(values[name]),
       values[`${name}_u`] === undefined ? "" : `u ${digits(values[`${name}_u`])}`]));
-    if (state.stored && !scope.frozen) showStored(state.last, false);
   }
   $("incident_count").textContent = state.count ? `${state.count}` : "none";
-  fill($("incidents").querySelector("tbody"), state.incidents.map(each => [`${(each.bench_ns / 1e9).toFixed(1)} s`, each.of, each.message]));
+  fill($("incidents").querySelector("tbody"), state.incidents.map(each =>
+    [`${(each.bench_ns / 1e9).toFixed(1)} s`, each.of, each.message]));
   $("devices").hidden = !Object.keys(state.devices).length;
   fill($("devices").querySelector("tbody"), Object.entries(state.devices).map(([name, each]) =>
     [name, each.serial || "", each.times ? `${each.times}×, last at ${each.last.toFixed(1)} s` : "ok"]));
@@ -328,6 +336,12 @@ for (const name of ["x", "y"]) {
 }
 $("x").append(new Option("number", "id"));
 build();
-new ResizeObserver(() => plot.setSize({ width: Math.max(200, $("plot").clientWidth), height: Math.max(80, $("plot").clientHeight) })).observe($("plot"));
+new ResizeObserver(() => plot.setSize(sizeOf($("plot")))).observe($("plot"));
 setInterval(showAll, REDRAW);
+(async function () {
+  for (;;) {
+    if (state.last && !scope.frozen && asked !== state.last) await showStored(state.last, false);
+    await new Promise(after => setTimeout(after, LATEST_TRACE));
+  }
+})();
 listen();

@@ -5,6 +5,7 @@
 const COLOURS = ["#1f4e9c", "#c1440e", "#1b7f3b", "#7a3b9c", "#0f8a8a", "#a0740a", "#c2185b", "#555555", "#5d8a00"];
 const BEFORE = 0.1; // part of the screen before the trigger
 const USUAL = 125; // samples on the screen with the time base "auto", or half the trace if that is shorter
+const sizeOf = place => ({ width: Math.max(200, place.clientWidth), height: Math.max(80, place.clientHeight) });
 const HYSTERESIS = 0.1; // of peak to peak
 
 class Oscilloscope {
@@ -39,7 +40,7 @@ class Oscilloscope {
     const before = this.trace;
     this.trace = { rate: told.rate, films: told.films, rows, samples: told.samples, end: told.bench_ns / 1e9,
       point: told.point, arrived: performance.now() };
-    if (!before || before.films.join("\n") !== told.films.join("\n")) this.build();
+    if (!before || before.films.join("\n") !== told.films.join("\n")) { this.window = null; this.build(); }
     this.changed = true;
   }
 
@@ -66,9 +67,11 @@ class Oscilloscope {
     const own = $("scale").value === "own", scale = i => own ? `mV${i}` : "mV";
     const at = Number($("trigger").value);
     const scales = { x: { time: false, range: (u, low, high) => [low, high] } };
-    films.forEach((_, i) => { scales[scale(i)] = own ? { range: (u, low, high) => this.lane(i, low, high) } : { auto: true }; });
+    for (const i of films.keys()) {
+      scales[scale(i)] = own ? { range: (u, low, high) => this.lane(i, low, high) } : { auto: true };
+    }
     this.plot = new uPlot({
-      ...this.size(), scales, legend: { show: false }, cursor: { show: false },
+      ...sizeOf($("screen")), scales, legend: { show: false }, cursor: { show: false },
       series: [{}, ...films.map((film, i) => ({ label: film, scale: scale(i), stroke: COLOURS[i % COLOURS.length],
         width: 1.2, points: { show: false }, show: !this.hidden.has(i) }))],
       axes: [{ label: "ms after the trigger", labelSize: 16, size: 28, font: "11px sans-serif", labelFont: "11px sans-serif" },
@@ -88,15 +91,12 @@ class Oscilloscope {
     return [middle - height * (shown.length - place - 0.5), middle + height * (place + 0.5)];
   }
 
-  size() {
-    return { width: Math.max(200, $("screen").clientWidth), height: Math.max(80, $("screen").clientHeight) };
-  }
-
   resize() {
-    if (this.plot) this.plot.setSize(this.size());
+    if (this.plot) this.plot.setSize(sizeOf($("screen")));
   }
 
   drag(event) { // the nearer cursor follows the mouse until its button is released
+    if (!this.window) return;
     const box = this.plot.over.getBoundingClientRect();
     const place = e => Math.min(1, Math.max(0, (e.clientX - box.left) / box.width));
     const [a, b] = this.cursors.map(each => Math.abs(each - place(event)));
