@@ -1,8 +1,4 @@
-"""The Wheatstone bridge of a strain indicator (Appendix III of the thesis): output, balance, and what a strain makes.
-
-full = Bridge.of_gages(8.98, strain, -strain, strain, -strain)
-full.output  # volts for each volt of excitation
-"""
+"""The Wheatstone bridge of a strain indicator (Appendix III of the thesis): its output, balance, and gages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much a waveform is distorted: what a fitted sine leaves at multiples of the drive (total harmonic distortion).
+"""Total harmonic distortion of a waveform: what a fitted sine leaves at multiples of the drive.
 
 The cycles of a record are laid over each other, so that only what repeats with the drive stays; what they scatter tells
 the uncertainty. Orders on which hum lies are left out: it repeats with the drive, too.
@@ -28,13 +28,11 @@ class Distortion:
     Attributes:
         value: with the bias by noise subtracted.
         u: standard uncertainty by what cycles scatter.
-        orders: orders of the harmonics that were counted.
         by_noise: probability that noise alone gives so much.
     """
 
     value: float
     u: float
-    orders: tuple[int, ...]
     by_noise: float
 
 
@@ -42,22 +40,21 @@ def distortion(fit: SineFit, channel: int, signal: npt.ArrayLike) -> Distortion:
     """Distortion of the waveform (n,) of a channel that was fitted.
 
     Raises:
-        EstimateError: as in `sweeps`; the record has fewer than three cycles, hum lies on every harmonic, or there is
-            no drive.
+        EstimateError: as in `sweeps`; there are fewer than three cycles, hum lies on every harmonic, or no drive.
     """
     volts = np.asarray(signal, dtype=np.float64)
     cycles = sweeps(fit.rate, volts - fit.trend[channel] * np.arange(volts.size) / fit.rate, fit.frequency)
     number, length = cycles.shape
     line = fit.frequency / number  # distance of two lines of the spectrum
-    orders = tuple(
+    orders = [
         order
-        for order in range(2, min(HIGHEST, (length - 1) // 2) + 1)
+        for order in range(2, HIGHEST + 1)
         if all(abs(math.remainder(order * fit.frequency, mains)) >= line for mains in (*MAINS, *fit.mains))
-    )
+    ]
     if number < FEWEST or not orders or not fit.amplitude[channel] > 0:
         raise EstimateError(
-            f"{number} cycles of {fit.frequency:g} Hz with an amplitude of {fit.amplitude[channel]:.3g} V and harmonics"
-            f" {orders} beside the mains tell no distortion; it needs {FEWEST} cycles, a harmonic and a drive"
+            f"{number} cycles of {fit.frequency:g} Hz and {fit.amplitude[channel]:.3g} V, with harmonics {orders} off"
+            f" the mains, tell no distortion; it needs {FEWEST} cycles, a harmonic and a drive"
         )
     from scipy.special import fdtrc
 
@@ -68,10 +65,6 @@ def distortion(fit: SineFit, channel: int, signal: npt.ArrayLike) -> Distortion:
     parts, total = 2 * len(orders), float((np.abs(mean) ** 2).sum())
     square = max(total - parts * variance, 0.0)
     square_u = math.sqrt(4 * variance * square + 2 * parts * variance**2)
-    value, least = math.sqrt(square), max(variance, np.finfo(float).tiny)
-    return Distortion(
-        value / float(fit.amplitude[channel]),
-        (math.sqrt(square + square_u) - value) / float(fit.amplitude[channel]),
-        orders,
-        float(fdtrc(parts, parts * (number - 1), total / (parts * least))),
-    )
+    value, drive = math.sqrt(square), float(fit.amplitude[channel])
+    by_noise = float(fdtrc(parts, parts * (number - 1), total / parts / max(variance, np.finfo(float).tiny)))
+    return Distortion(value / drive, (math.sqrt(square + square_u) - value) / drive, by_noise)

@@ -72,8 +72,8 @@ class Oscilloscope:
         scatter = float(np.sqrt(traces.var(axis=0, ddof=1).mean()))
         step = self._scale(2 * float(np.abs(traces).max())) * self.divisions / 2**self.bits
         shown = (np.round(traces[: self.averages] / step) * step).mean(axis=0)
-        noise = math.sqrt(2) * scatter / math.sqrt(self.averages)
-        return ScopeReading(_crest(shown) + _crest(-shown), math.hypot(noise, step / math.sqrt(6)), step)
+        u = math.hypot(math.sqrt(2 / self.averages) * scatter, step / math.sqrt(6))
+        return ScopeReading(_crest(shown) + _crest(-shown), u, step)
 
     def _scale(self, height: float) -> float:
         """Finest scale, in units a division, of which the screen shows that height."""
@@ -86,8 +86,7 @@ def sweeps(rate: float, signal: npt.ArrayLike, frequency: float) -> Floats:
     """The whole cycles of a waveform (n,), each alike sampled: (cycles, samples of a cycle).
 
     Raises:
-        EstimateError: the waveform is not (n,) and finite, there are fewer than 16 samples in a cycle or no whole
-            cycle, or cycles are not sampled alike.
+        EstimateError: it is not finite, has no whole cycle of 16 samples or more, or cycles are not sampled alike.
     """
     volts = np.asarray(signal, dtype=np.float64)
     if volts.ndim != 1 or not np.isfinite(volts).all():
@@ -100,10 +99,7 @@ def sweeps(rate: float, signal: npt.ArrayLike, frequency: float) -> Floats:
             " more; sample faster or dwell longer"
         )
     if abs(samples - length) * cycles > LARGEST_SLIP:
-        raise EstimateError(
-            f"{samples:g} samples a cycle are not a whole number, so cycles of {frequency:g} Hz are not sampled alike;"
-            f" sample at {length * frequency:g} Hz"
-        )
+        raise EstimateError(f"{samples:g} samples a cycle are not a whole number; sample at {length * frequency:g} Hz")
     return volts[: cycles * length].reshape(cycles, length)
 
 

@@ -50,7 +50,7 @@ def test_noise_and_harmonics_are_in_the_reading() -> None:
 @pytest.mark.parametrize(
     ("samples", "rate", "scope", "why"),
     [
-        (250, 250.5, Oscilloscope(), "25.05 samples a cycle are not a whole number.*sample at 250 Hz"),
+        (250, 250.5, Oscilloscope(), "25.05 samples a cycle are not a whole number; sample at 250 Hz"),
         (20, RATE, Oscilloscope(), "20 samples at 250 Hz hold no cycle of 10 Hz"),
         (250, 100.0, Oscilloscope(), "no cycle of 10 Hz of 16 samples or more; sample faster"),
         (30, RATE, Oscilloscope(), "has 1 whole cycles.*needs 2; dwell longer"),
@@ -79,7 +79,6 @@ def test_the_distortion_of_noisy_records_scatters_about_the_true_one_by_its_unce
         volts = sine(0.1) + sine(0.1 * share, 2 * DRIVE) + 0.02 * TIME + 1e-3 * noise.standard_normal(250)
         found.append(distortion(fit_sine(TIME, [volts], DRIVE), 0, volts))
     value, u = np.array([each.value for each in found]), np.mean([each.u for each in found])
-    assert found[0].orders == (2, 3, 4, 7)
     assert np.std(value) < 1.15 * u
     assert np.mean(value > share + 3 * u) < 0.01
     assert np.mean(value) == pytest.approx(share, abs=0.5 * u)
@@ -106,9 +105,9 @@ def test_several_harmonics_add_up_as_squares_and_hum_is_none_of_them() -> None:
 
 
 def test_too_few_cycles_and_hum_on_every_harmonic_tell_no_distortion() -> None:
-    with pytest.raises(EstimateError, match=r"2 cycles of 10 Hz.*needs 3 cycles"):
+    with pytest.raises(EstimateError, match=r"2 cycles of 10 Hz and 1 V.*needs 3 cycles"):
         distortion(fit_sine(TIME[:50], [sine(1.0)[:50]], DRIVE), 0, sine(1.0)[:50])
     fast = np.arange(500) / 1250
     volts = np.cos(2 * np.pi * 50 * fast)
-    with pytest.raises(EstimateError, match=r"harmonics \(\) beside the mains"):
+    with pytest.raises(EstimateError, match=r"harmonics \[\] off the mains"):
         distortion(fit_sine(fast, [volts], 50.0), 0, volts)

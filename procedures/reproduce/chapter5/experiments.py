@@ -28,7 +28,7 @@ from palpate.procedures.reproduce.chapter5.columns import (
     load_told,
     quantities,
 )
-from palpate.procedures.reproduce.chapter5.traces import Traces, distortion_said
+from palpate.procedures.reproduce.chapter5.traces import Traces, traces_said
 from palpate.procedures.reproduce.judging.rows import WITHIN, Row, RowCorrelation, RowTable
 
 AT_3_N = 3.0
@@ -113,7 +113,7 @@ def compare(arrangement: Arrangement, swept: SweepResult, traces: Traces, ratio:
     found = _table(arrangement, number, points, traces, ratio)
     means = [] if arrangement.tables else [_average(design, swept, key, ratio, number) for key in SAMPLES]
     order = f"softness order of ours, hard to soft: {' > '.join(swept.softness_order)}: {_order(swept, design)}"
-    said = distortion_said(design, {key: traces[point.sample, point.load_N] for key, point in points.items()})
+    said = traces_said(design, {key: traces[point.sample, point.load_N] for key, point in points.items()})
     yield replace(found, rows=(*found.rows, *means), sentences=(order, *found.sentences, said))
 
 

@@ -34,8 +34,7 @@ class PointTraces:
     distortions: tuple[Distortion, ...]
 
 
-Traces = Mapping[tuple[str, float], PointTraces]
-"""By sample and load [N]."""
+Traces = Mapping[tuple[str, float], PointTraces]  # by sample and load [N]
 
 
 def read_traces(folder: Path, design: Design, frequency: float) -> Traces:
@@ -56,25 +55,18 @@ def read_traces(folder: Path, design: Design, frequency: float) -> Traces:
     return found
 
 
-def distortion_said(design: Design, points: Mapping[str, PointTraces]) -> str:
-    """Sentence on the distortion of every film by sample, beside section 5.4.1 of the thesis."""
-    found = {
-        film.name: {sample: traces.distortions[number] for sample, traces in points.items()}
+def traces_said(design: Design, points: Mapping[str, PointTraces]) -> str:
+    """Sentence on what the oscilloscope shows, and on the distortion of every film by sample (thesis 5.4.1)."""
+    told = "; ".join(
+        f"{film.name} " + ", ".join(_said(key, traces.distortions[number]) for key, traces in points.items())
         for number, film in enumerate(design.films)
-    }
-    sure = [
-        f"{film} under {sample}"
-        for film, several in found.items()
-        for sample, seen in several.items()
-        if seen.by_noise < FALSE_ALARMS
-    ]
-    told = [
-        f"{film} "
-        + ", ".join(f"{sample}: {100 * seen.value:.3f} ({100 * seen.u:.3f})" for sample, seen in several.items())
-        for film, several in found.items()
-    ]
-    why = ": no effect of this scene distorts, and noise weighs more where a film gives less"
-    return (
-        f"total harmonic distortion in percent (u), by film and sample: {'; '.join(told)}. More than noise"
-        f" explains: {', '.join(sure) or f'none{why}'}. The thesis saw distortion under soft samples, 2 and 5 (5.4.1)"
     )
+    why = "* more than noise explains" if "*" in told else "noise explains all of it: no effect of this scene distorts"
+    return (
+        "our oscilloscope shows the base films' force in mV of the load cell, one sweep on 8 bits. Total harmonic"
+        f" distortion in percent (u), by film and sample: {told} ({why}; the thesis saw it under samples 2 and 5)"
+    )
+
+
+def _said(sample: str, seen: Distortion) -> str:
+    return f"{sample}: {100 * seen.value:.3f} ({100 * seen.u:.3f}){'*' * (seen.by_noise < FALSE_ALARMS)}"

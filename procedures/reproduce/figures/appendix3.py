@@ -11,16 +11,14 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.procedures.reproduce.figures.picture import SavedPicture, canvas, legend, save
 
 BRIDGE = "Figure A3.5"
-STRAIN = 2e-3  # greatest strain that is drawn, usual for gages on metal [A]
 
 
 def draw_bridge(folder: Path) -> SavedPicture:
     """Draw the output over one arm and over the strain of one gage or four. Raises RecordError."""
     figure, (arm, gages) = canvas(BRIDGE, 2)
-    ratios, strains = np.linspace(0.02, 3, 150), np.linspace(-STRAIN, STRAIN, 81)
-    factor, equal = THESIS_LOAD_CELL.gage_factor, Bridge(1, 1, 1, 1)
+    ratios, strains, factor = np.linspace(0.02, 3, 150), np.linspace(-2e-3, 2e-3, 81), THESIS_LOAD_CELL.gage_factor
     arm.plot(ratios, [Bridge(ratio, 1, 1, 1).output for ratio in ratios], color="C0", label="R2 = R3 = R4")
-    arm.plot([equal.balancing_r1], [equal.output], "o", color="C3", label="balance, R1 R3 = R2 R4")
+    arm.plot([Bridge(1, 1, 1, 1).balancing_r1], [0], "o", color="C3", label="balance, R1 R3 = R2 R4")
     arm.set(xlabel="R1 / R2", ylabel="e / E")
     one = [1e3 * Bridge.of_gages(factor, strain, 0, 0, 0).output for strain in strains]
     four = [1e3 * Bridge.of_gages(factor, strain, -strain, strain, -strain).output for strain in strains]
@@ -28,10 +26,9 @@ def draw_bridge(folder: Path) -> SavedPicture:
     gages.plot(1e6 * strains, four, color="C2", label="four gages, as in 5.2")
     gages.set(xlabel="strain [µm/m]", ylabel="e / E [mV/V]")
     legend(figure)
-    bent = 100 * (one[-1] / (250 * factor * STRAIN) - 1)
     caption = (
         "Computed by equations A3.1 to A3.3, whose indices are not readable; the thesis prints no numbers, so that"
-        f" nothing is compared. Right: at the gage factor of {factor:g} from 5.2. Of one gage the output is"
-        f" {bent:+.2f} % off the straight line at {1e6 * STRAIN:g} µm/m; of four it is straight."
+        f" nothing is compared. Right: at the gage factor of {factor:g} from 5.2. The output of one gage is at most"
+        f" {100 * (1 - 4 * one[-1] / four[-1]):.2f} % off a straight line when stretched; of four it is straight."
     )
     return save(figure, BRIDGE, caption, folder)
