@@ -208,7 +208,6 @@ class Resumed(Recorder):
                 self._stored = list(stored.points())
                 events = stored.events()
                 self._unfinished = stored.unfinished()
-                self._stored_length = stored.head_at_end().length
             undo.pop_all()
         self._events = deque((e["kind"], e["bench_ns"]) for e in events)
         self._measured = not replay and any(kind == MEASURED for kind, _ in self._events)
@@ -254,7 +253,7 @@ class Resumed(Recorder):
             )
         self._write_on()
         if self._replay:
-            self._pieces = self._read_pieces(self._open.enter_context(ChainFile(self.folder / RECORD)))
+            self._pieces = waves(self._open.enter_context(ChainFile(self.folder / RECORD)), 0)
         for event in begun(self.folder, self.run.header, len(self._stored)):
             self.listener(event)
         after = f"after point {len(self._stored)}"
@@ -300,10 +299,6 @@ class Resumed(Recorder):
         if self._to_the_last_digit:
             return before.tobytes() == now.tobytes()
         return np.allclose(before, now, ALIKE, ALIKE * _largest(before), equal_nan=True)
-
-    def _read_pieces(self, file: ChainFile) -> Iterator[Wave]:
-        """The stored samples of dwells, in the order in which they were stored."""
-        yield from itertools.takewhile(lambda wave: wave.at < self._stored_length, waves(file, 0))
 
     def _store_piece(self, frames: Sequence[Content]) -> int:
         """The same as that of a recorder, but samples that are stored already are compared."""

@@ -10,9 +10,9 @@ import pytest
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals import estimate
 from palpate.instrument.signals.estimate import SineFit, fit_pieces, fit_sine
-from palpate.instrument.signals.long_fit import SEGMENT
+from palpate.instrument.signals.long_fit import SEGMENT, RecordInPieces
 from palpate.instrument.signals.rapid_noise import Cycles
-from palpate.instrument.signals.sine_columns import COEFFICIENTS, Sums
+from palpate.instrument.signals.sine_columns import COEFFICIENTS, Sums, scaled_rows
 
 RATE = 1000.0  # Hz
 COUNT, LONG = 40_000, 30_000  # samples; what counts as long here, so that the factorization is quick
@@ -152,3 +152,16 @@ def test_the_rapid_noise_of_parts_together_is_that_of_the_whole() -> None:
     together = parts[0] + parts[1] + parts[2]
     for name in ("count", "total", "at_place", "scatter", "greatest"):
         assert getattr(together, name) == pytest.approx(getattr(whole, name), rel=1e-12), name
+
+
+def test_the_hum_over_time_does_not_depend_on_where_a_record_is_cut() -> None:
+    t, y = record(10.0, 0.02)
+    long = RecordInPieces.of(in_parts(t, y, 333))
+    basis, scaled = long.at(long.columns(10.0), (50.0,))
+    _, (found,) = long.demodulated(basis, scaled)
+    t = t - long.middle
+    left = y - y.mean(axis=1, keepdims=True) - scaled[:4].T @ scaled_rows(t, 10.0, (), False, basis.scale[:4])
+    turned = (left * np.exp(-2j * np.pi * 50.0 * t)).reshape(2, -1, 500).sum(axis=2)
+    # a sample at the edge of a block may belong to either of two, by round-off
+    assert found == pytest.approx(2 / COUNT * turned, abs=2 * 2 / COUNT * 0.03)
+    assert np.abs(found).min() > 1e-4
