@@ -22,6 +22,7 @@ from palpate.instrument.contracts.contract import Contract, Pdo
 from palpate.instrument.contracts.sensor_node import (
     CHANNELS,
     FULL_SCALE_COUNTS,
+    LONGEST_WHOLE,
     RANGE_VOLTS,
     SYNC_COB_ID,
     SYNC_PRODUCER,
@@ -583,7 +584,7 @@ class CanopenSensorNode(CanopenDevice):
         )
 
 
-LONGEST_WHOLE, PIECE = 60.0, 5.0  # s: the longest recording that is taken at once, and the pieces of longer ones
+PIECE = 5.0  # s, the pieces of a recording that is not taken at once
 
 
 def acquire(nodes: Sequence[CanopenSensorNode], duration: float) -> list[Recording]:

@@ -18,6 +18,7 @@ SYNC_COB_ID = 0x80
 RANGES = {"5 V": 0, "500 mV": 1}
 RANGE_VOLTS = (5.0, 0.5)
 HEADROOM = 1.5  # least ratio of an input range to the greatest voltage expected there, where the range is chosen
+LONGEST_WHOLE = 60.0  # s, the longest recording that is taken at once; a longer one comes in pieces
 EMERGENCY = "emergency_cob_id"
 SILENT = 0x8000_0000  # bit of a COB-ID that says that it is not used
 FULL_SCALE_COUNTS = 32768

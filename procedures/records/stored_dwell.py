@@ -60,8 +60,7 @@ class StoredDwell:
                 wave = next(frames, None)
                 if wave is None:
                     raise ValueError(f"samples of point {self.point_id} are missing from number {first + 1} on")
-                if (wave.point_id, wave.dwell) == (self.point_id, self.number):
-                    piece[wave.name] = wave.samples
-                    if len(piece) == self._waveforms:
-                        yield first, piece
-                        first, piece = first + wave.samples.size, {}
+                piece[wave.name] = wave.samples
+                if len(piece) == self._waveforms:
+                    yield first, piece
+                    first, piece = first + wave.samples.size, {}

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from palpate.drivers.devices.sensor_node import LONGEST_WHOLE, Recording
 from palpate.drivers.roles import SamplesInPieces, SensorNode
 from palpate.instrument.bench.kinds import frequency_step
-from palpate.instrument.contracts.sensor_node import CHANNELS, HEADROOM, place
+from palpate.instrument.contracts.sensor_node import CHANNELS, HEADROOM, LONGEST_WHOLE, place
 from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
@@ -28,6 +27,7 @@ from palpate.procedures.records.stored_dwell import StoredDwell
 
 if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
+    from palpate.drivers.devices.sensor_node import Recording
     from palpate.procedures.records.record import Recorder
 
 SAMPLES_PER_CYCLE = 25

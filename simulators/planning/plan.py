@@ -27,7 +27,6 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.dwell import LONGEST
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.sensor_node import SampleBlock, SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS, GROUP, WHAT, effect_class, effect_names, origin
 from palpate.simulators.linear.lti import Complexes, Floats, Times
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
@@ -35,13 +34,13 @@ from palpate.simulators.physics.dwells import SimulatedDwell, dwell_of
 from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.parts import Touch
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig.rig import FilmInputs, Rig
 from palpate.simulators.scenes.scene import RigParameters, Scene, SceneFile
 
 # -------------------------------------------------------------------------------------------------------
 # What the sensor nodes of a scene sample, without a bench, each film in the range that a run would set
 
-FINEST, WIDEST = RANGE_VOLTS.index(min(RANGE_VOLTS)), RANGE_VOLTS.index(max(RANGE_VOLTS))
+FINEST, WIDEST = min(RANGE_VOLTS), max(RANGE_VOLTS)  # V
 
 
 def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Floats, npt.NDArray[np.bool_]]:
@@ -53,31 +52,25 @@ def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Flo
     volts = rig.film_voltages(time_ns)
     samples, saturated = np.empty(volts.shape), np.empty(volts.shape, bool)
     for number in range(1, scene.nodes + 1):
-        node = SimulatedSensorNode(VirtualClock(), number, number, rig)
-        wired = ((i, node.wired(film)) for i, film in enumerate(scene.design.films))
-        films = {i: channel for i, channel in wired if channel is not None}
-        fits = {i: HEADROOM * np.abs(volts[i]).max() <= min(RANGE_VOLTS) for i in films}
-        ranges = {films[i]: FINEST if fine else WIDEST for i, fine in fits.items()}
-        at_inputs = node.film_channels @ volts
-        taken = _taken(node, ranges, time_ns, at_inputs, period_ns)
-        clipped = {channel for channel in ranges if (taken.saturation >> (channel - 1) & 1).any()}
-        if any(ranges[channel] != WIDEST for channel in clipped):
-            ranges |= dict.fromkeys(clipped, WIDEST)
-            again = SimulatedSensorNode(VirtualClock(), number, number, rig)
-            taken = _taken(again, ranges, time_ns, at_inputs, period_ns)
+        inputs = FilmInputs(rig, number, number)
+        wired = ((i, inputs.wired(film)) for i, film in enumerate(scene.design.films))
+        films = {i: channel - 1 for i, channel in wired if channel is not None}
+        ranges = inputs.channels * [WIDEST]
         for i, channel in films.items():
-            samples[i] = taken.counts[:, channel - 1] * (RANGE_VOLTS[ranges[channel]] / FULL_SCALE_COUNTS)
-            saturated[i] = taken.saturation >> (channel - 1) & 1
+            if HEADROOM * np.abs(volts[i]).max() <= FINEST:
+                ranges[channel] = FINEST
+        at_inputs = inputs.film_channels @ volts
+        counts, bits = inputs.converted(time_ns, at_inputs, period_ns, ranges)
+        clipped = [channel for channel in films.values() if (bits >> channel & 1).any()]
+        if any(ranges[channel] != WIDEST for channel in clipped):
+            for channel in clipped:
+                ranges[channel] = WIDEST
+            again = FilmInputs(rig, number, number)  # whose random numbers begin anew
+            counts, bits = again.converted(time_ns, at_inputs, period_ns, ranges)
+        for i, channel in films.items():
+            samples[i] = counts[:, channel] * (ranges[channel] / FULL_SCALE_COUNTS)
+            saturated[i] = bits >> channel & 1
     return samples, saturated
-
-
-def _taken(
-    node: SimulatedSensorNode, ranges: dict[int, int], time_ns: Times, volts: Floats, period_ns: int
-) -> SampleBlock:
-    """Samples of a node with these ranges of its channels."""
-    for channel, range_ in ranges.items():
-        node.settings[f"range_{channel}"] = float(range_)
-    return node.sample(time_ns, volts, period_ns)
 
 
 # -------------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
-from palpate.instrument.contracts.sensor_node import CHANNELS, place
+from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, place
 from palpate.instrument.errors import BenchError
 from palpate.instrument.sensor.design import Film
 from palpate.instrument.sensor.sample import Sample
@@ -29,6 +29,7 @@ from palpate.simulators.linear.lti import Floats, StateSpace, Times
 from palpate.simulators.linear.path import KEPT_NS, Path, split
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
 from palpate.simulators.physics.chain import MeasuringChain
+from palpate.simulators.physics.converter import convert
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Touch
 from palpate.simulators.physics.stages import InputEffect
@@ -385,6 +386,29 @@ class FilmInputs:
         """
         rates = functools.cache(lambda: self.film_channels @ self._rig.film_rates(time_ns, period_ns))
         return self.with_added(films, self._added_by(period_ns), time_ns, period_ns, rates)
+
+    def converted(
+        self, time_ns: Times, films: Floats, period_ns: int, ranges: Sequence[float]
+    ) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
+        """Counts (n, channels) of our own nodes' converter, and a bit for each saturated channel (n,).
+
+        Args:
+            time_ns, films, period_ns: as of `volts`.
+            ranges: range of each channel [V].
+        """
+        volts = self.volts(time_ns, films, period_ns)
+        volts /= np.array(ranges)[:, np.newaxis]
+        converter = self._rig.effects.converter
+        fraction, saturated = (converter.convert if converter else convert)(volts)
+        fraction *= FULL_SCALE_COUNTS
+        bits = np.zeros(len(time_ns), np.uint8)
+        if saturated.any():
+            bits = np.packbits(saturated, axis=0, bitorder="little")[0]
+            fraction[np.isnan(fraction)] = 0.0  # the saturation bit marks it; an integer cannot hold NaN
+        counts = np.empty((len(time_ns), self.channels), "<i2")
+        for channel in range(self.channels):
+            counts[:, channel] = fraction[channel]  # twice as fast as one assignment for all channels
+        return counts, bits
 
     @staticmethod
     def with_added(

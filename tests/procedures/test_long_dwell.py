@@ -1,6 +1,6 @@
 """A long dwell is stored while it lasts: a run that ends within it loses nothing, and readers see one dwell.
 
-A private name is set where nodes of another kind are needed.
+Private names are used where nodes of another kind are needed, and where a record goes on without a bench.
 """
 
 from __future__ import annotations
@@ -224,6 +224,23 @@ def test_a_damaged_piece_is_told(tmp_path: Path, finished: bool) -> None:
             record.point({}, listed(dwell), 7)
     what = "waveform 'film' of point 1" if finished else "a waveform of point 1"
     assert f"{what} is not as it was written" in check(tmp_path).faults[0]
+
+
+def test_a_piece_that_was_not_acknowledged_does_not_count(tmp_path: Path) -> None:
+    """The writer was killed after it had written the samples, and before it had written how many rows there are."""
+    head = tmp_path / "run.head"
+    with begun(tmp_path) as record:
+        dwell = record.begin_dwell()
+        dwell.add(samples(0))
+        before = head.read_bytes()
+        dwell.add(samples(5))
+        record.close()
+    head.write_bytes(before)
+    found = check(tmp_path)
+    assert (found.faults, found.unfinished) == ([], "0.02 s of a dwell at point 1 are stored")
+    with Recorder(tmp_path) as record:
+        record._write_on()
+    assert check(tmp_path).unfinished == "0.02 s of a dwell at point 1 are stored"
 
 
 # --- the films -----------------------------------------------------------------------------------------
