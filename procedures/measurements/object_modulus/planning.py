@@ -52,7 +52,7 @@ from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target
-from palpate.procedures.measurements.prospects import rounded_up, share
+from palpate.procedures.measurements.prospects import MOST, rounded_up, share
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_frequency, preload_for
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, settling_length
@@ -237,7 +237,6 @@ def cost_of_trend(cycles: int) -> float:
 # --- the prospect --------------------------------------------------------------------------------------
 
 BOUND_SETS = 3  # that tell a bound
-MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without the tolerance
 
 
 @dataclass(frozen=True, slots=True)
