@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -22,7 +23,6 @@ from palpate.procedures.accuracy.meshes import (
     TIMED,
     MeshedProblem,
     Results,
-    Values,
     refinements,
 )
 
@@ -31,7 +31,7 @@ Intervals = tuple[float | None, ...]
 
 
 def element_prices(
-    design: Design, truth: ReferenceRatios, middles: Values, surface_errors: Values, solved: Results
+    design: Design, truth: ReferenceRatios, middles: Array, surface_errors: Array, solved: Results
 ) -> Iterator[Price]:
     """Prices of every refinement of the axisymmetric and of the solid model.
 
@@ -47,10 +47,10 @@ def element_prices(
         own: list[MeshedProblem] = []
         for mesh in family:
             found = solved[mesh]
-            errors = by_interval(errors_of(_ratios(mesh, solved, MODULI), truth))
+            errors = errors_of(_ratios(mesh, solved, MODULI), truth)
             if name == "axisymmetric":
-                inside = _apart(_ratios(mesh, solved, MIDDLES), middles, surface_errors)
-                errors = tuple(_greater(*pair) for pair in zip(errors, inside, strict=True))
+                inside = np.abs(_ratios(mesh, solved, MIDDLES) - middles) + surface_errors
+                errors = np.maximum(errors, inside)
             own.append(mesh)
             spent += sum(found.seconds)
             estimates = _estimates([solved[each].curve for each in own], mesh.parameters)
@@ -59,7 +59,7 @@ def element_prices(
                 design=design.name,
                 model=name,
                 refinement=f"refinement {mesh.refinement}",
-                errors=errors,
+                errors=tuple(None if math.isnan(error) else error for error in errors.tolist()),
                 estimates=estimates,
                 build_s=build,
                 solve_s=solve,
@@ -69,25 +69,10 @@ def element_prices(
             )
 
 
-def errors_of(ratios: Values, truth: ReferenceRatios) -> Values:
-    """Errors of force ratios at MODULI, with the reference's uncertainty added."""
-    return _apart(ratios, truth.force_ratios, truth.uncertainties)
-
-
-def by_interval(values: Values) -> Intervals:
-    """The greater of each two neighbours, from values at the moduli."""
-    return tuple(_greater(*pair) for pair in itertools.pairwise(values))
-
-
-def _greater(one: float | None, other: float | None) -> float | None:
-    return None if one is None or other is None else max(one, other)
-
-
-def _apart(ratios: Values, truth: Values, uncertainties: Values) -> Values:
-    return [
-        None if ratio is None or true is None or u is None else abs(ratio - true) + u
-        for ratio, true, u in zip(ratios, truth, uncertainties, strict=True)
-    ]
+def errors_of(ratios: Array, truth: ReferenceRatios) -> Array:
+    """Errors of force ratios at MODULI, with the reference's uncertainty: the greater of both ends of each interval."""
+    errors = np.abs(ratios - truth.force_ratios) + truth.uncertainties
+    return np.maximum(errors[:-1], errors[1:])
 
 
 def _estimates(found: Sequence[Curve | None], parameters: Parameters) -> Intervals:
@@ -120,5 +105,6 @@ def _beside(parameters: Parameters, meshes: int) -> float:
     return sum((sum(solid.curve_on(*each).seconds) for each in solid.beside(parameters, meshes)), 0.0)
 
 
-def _ratios(mesh: MeshedProblem, solved: Results, moduli: Sequence[float]) -> Values:
-    return [solved[mesh.at(modulus)].force_ratio for modulus in moduli]
+def _ratios(mesh: MeshedProblem, solved: Results, moduli: Sequence[float]) -> Array:
+    """Force ratios on a mesh; NaN where it could not be solved."""
+    return np.array([solved[mesh.at(modulus)].force_ratio for modulus in moduli], dtype=np.float64)

@@ -182,6 +182,11 @@ class ModulusFront:
         return self.plans.wanted
 
     @property
+    def remedy(self) -> str:
+        """What would lower the cause that binds, beside sets and mountings; empty: nothing, or none is planned."""
+        return "" if self.asked is None else self.plans.remedy(self.asked.plan.allocation.binds)
+
+    @property
     def absolute(self) -> float | None:
         """What the model's validation error leaves, half-width; None: it is not known."""
         found = self.plans.found

@@ -28,7 +28,7 @@ from palpate.instrument.models.stored.surface import Surface
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.procedures.accuracy.elements import by_interval, element_prices, errors_of
+from palpate.procedures.accuracy.elements import element_prices, errors_of
 from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, solve_all
 from palpate.procedures.accuracy.references import reference_of
 from palpate.procedures.console.progress import Progress
@@ -112,12 +112,11 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
     found = []
     for design, known in zip(chosen, surfaces, strict=True):
         truth = reference_of(design, solved)
-        at_moduli = known.force_ratios(np.array(MODULI))
-        errors = np.array(by_interval(errors_of(at_moduli.tolist(), truth)), dtype=np.float64)
+        errors = errors_of(known.force_ratios(np.array(MODULI)), truth)
         case = DesignCase(design, known, errors)
         found.append(truth)
         prices += _closed_forms(case)
-        prices += element_prices(design, truth, known.force_ratios(np.array(MIDDLES)).tolist(), errors.tolist(), solved)
+        prices += element_prices(design, truth, known.force_ratios(np.array(MIDDLES)), errors, solved)
         prices += _surfaces(case)
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 

@@ -90,7 +90,6 @@ class MeshSolution:
 
 
 Results = Mapping[MeshedProblem, MeshSolution]
-Values = Sequence[float | None]
 
 
 def refinements(design: Design, load: Load) -> dict[str, list[MeshedProblem]]:

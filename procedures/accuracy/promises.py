@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,34 +21,16 @@ from palpate.procedures.showing.text import new_table, number, percent, print_al
 
 
 @dataclass(frozen=True, slots=True)
-class PromisedResult:
-    """One result of a run: its predicted and achieved standard uncertainty, both in `unit` or "relative"."""
-
-    name: str
-    unit: str
-    predicted_u: float | None
-    achieved_u: float | None
-
-    @property
-    def uncertainty(self) -> float | None:
-        """The achieved uncertainty over the predicted one."""
-        return _over(self.achieved_u, self.predicted_u)
-
-    def row(self) -> dict[str, Any]:
-        """Under the names of JSON."""
-        return {**asdict(self), "u_over_predicted": self.uncertainty}
-
-
-@dataclass(frozen=True, slots=True)
 class Promised:
-    """What one run was predicted to take and to give, and what it took and gave; None: not known.
+    """What one run was predicted to take and to give, and what it took and gave, as JSON has it; None: not known.
 
     Attributes:
         run: name of its folder.
         procedure: name of its procedure.
         simulated: whether its bench was.
         bound_seconds: bench time within which 95 % of runs were predicted to end; None: the plan has no such bound.
-        results: its predicted results, with what was achieved of each.
+        results: its predicted results, each with its standard uncertainty as predicted, as achieved, and their ratio.
+        within_bound: whether it ended within the bound.
     """
 
     run: str
@@ -58,30 +40,11 @@ class Promised:
     achieved_seconds: float | None
     predicted_u: float | None
     achieved_u: float | None
-    bound_seconds: float | None = None
-    results: tuple[PromisedResult, ...] = ()
-
-    @property
-    def time(self) -> float | None:
-        """Bench time over the predicted one."""
-        return _over(self.achieved_seconds, self.predicted_seconds)
-
-    @property
-    def uncertainty(self) -> float | None:
-        """Relative standard uncertainty over the predicted one."""
-        return _over(self.achieved_u, self.predicted_u)
-
-    @property
-    def within(self) -> bool | None:
-        """Whether it ended within the bound; None: not known."""
-        if self.achieved_seconds is None or self.bound_seconds is None:
-            return None
-        return self.achieved_seconds <= self.bound_seconds
-
-    def row(self) -> dict[str, Any]:
-        """Under the names of JSON."""
-        own = {"results": [each.row() for each in self.results], "within_bound": self.within}
-        return {**asdict(self), **own, "seconds_over_predicted": self.time, "u_over_predicted": self.uncertainty}
+    bound_seconds: float | None
+    results: tuple[dict[str, Any], ...]
+    within_bound: bool | None
+    seconds_over_predicted: float | None
+    u_over_predicted: float | None
 
 
 Spread = Mapping[str, float]  # of achieved over predicted values: count, mean, least, greatest
@@ -130,15 +93,15 @@ def _kept_by(runs: Sequence[Promised]) -> dict[str, Any]:
     by_name: dict[str, list[float | None]] = {}
     for run in reversed(runs):  # results in the order of the oldest run
         for each in run.results:
-            by_name.setdefault(each.name, []).append(each.uncertainty)
-    within = [run.within for run in runs if run.within is not None]
+            by_name.setdefault(each["name"], []).append(each["u_over_predicted"])
+    within = [run.within_bound for run in runs if run.within_bound is not None]
     return {
         "procedure": runs[0].procedure,
         "simulated": runs[0].simulated,
         "runs": len(runs),
-        "seconds_over_predicted": _spread([run.time for run in runs]),
+        "seconds_over_predicted": _spread([run.seconds_over_predicted for run in runs]),
         "within_bound": {"count": len(within), "share": sum(within) / len(within)} if within else None,
-        "u_over_predicted": _spread([run.uncertainty for run in runs]),
+        "u_over_predicted": _spread([run.u_over_predicted for run in runs]),
         "results": [
             {"name": name, "u_over_predicted": spread}
             for name, values in by_name.items()
@@ -163,14 +126,19 @@ def _promised(run: Run) -> Promised | None:
     seconds, taken, u, reached = (_number(run.summary[name]) for name in names)
     planned = run.summary.get("planned")
     bound = _number(planned.get("longest_s")) if isinstance(planned, dict) else None
-    told = run.folder.name, run.procedure, run.simulated
-    return Promised(*told, seconds, taken, u, reached, bound, _results(run))
+    within = None if taken is None or bound is None else taken <= bound
+    told = run.folder.name, run.procedure, run.simulated, seconds, taken, u, reached, bound
+    return Promised(*told, _results(run), within, _over(taken, seconds), _over(reached, u))
 
 
-def _results(run: Run) -> tuple[PromisedResult, ...]:
+def _results(run: Run) -> tuple[dict[str, Any], ...]:
     """The predicted results of a run, each with the achieved one of the same name and unit."""
-    predicted, achieved = _uncertainties(run, RESULTS), _uncertainties(run, ACHIEVED)
-    return tuple(PromisedResult(name, unit, u, achieved.get((name, unit))) for (name, unit), u in predicted.items())
+    achieved, rows = _uncertainties(run, ACHIEVED), []
+    for (name, unit), u in _uncertainties(run, RESULTS).items():
+        reached = achieved.get((name, unit))
+        row = {"name": name, "unit": unit, "predicted_u": u, "achieved_u": reached}
+        rows.append({**row, "u_over_predicted": _over(reached, u)})
+    return tuple(rows)
 
 
 def _uncertainties(run: Run, key: str) -> dict[tuple[str, str], float | None]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 PLOT = "accuracy.png"
 LEAST, SMALL = 0.0005, 0.02  # of the variance: a smaller share is no number, and no bar of its own
 COLUMNS, TITLE, WIDTH = 80, 75, 105  # letters in a line of text, of the picture's title, and of its own text
+NAME = 18  # letters in a line of a cause
 NOTHING = "-"
 LEGEND = (
     "±              half of the 95 % interval; above 20 % a factor, as it is not symmetric: 50 % is × 1.6",
@@ -108,7 +109,8 @@ def _cost_cells(cost: CauseCost) -> tuple[str, ...]:
     if cost.processor_s is not None:
         exact = cost.processor_u is None or cost.processor_s >= 2 * cost.processor_u
         processor = show(cost.processor_s, "s", 2) if exact else f"< {show(2 * (cost.processor_u or 0.0), 's', 1)}"
-    return cost.cause, u, part, cost.needs, cost.has, seconds(cost.bench_s), seconds(cost.person_s), processor
+    cause = textwrap.fill(cost.cause, NAME)
+    return cause, u, part, cost.needs, cost.has, seconds(cost.bench_s), seconds(cost.person_s), processor
 
 
 def _notes(front: ModulusFront) -> list[str]:
@@ -122,6 +124,8 @@ def _notes(front: ModulusFront) -> list[str]:
         halves = {mean - MINUTE: front.less, mean + MINUTE: front.more}
         told = (f"{duration(t)} give {'no answer' if h is None else plus_minus(h)}" for t, h in halves.items() if t > 0)
         lines.append(f"a minute       {'; '.join(told)}")
+    if front.remedy and front.asked is not None:
+        lines.append(f"binds          {front.asked.plan.allocation.binds}: {front.remedy}")
     lines += mounting_lines(front.wanted)
     lines += [*worth_lines(front.offered), *(LEGEND if front.costs else LEGEND[:1])]
     return [folded(line, COLUMNS) for line in lines]
@@ -146,6 +150,8 @@ def plot_front(front: ModulusFront, simulated: bool, folder: Path) -> Path | Non
     else:
         title, rows = _answer(front, asked), 2
         below = [f"{each.what}: {each.told}" for each in front.offered]
+        if front.remedy:
+            below.insert(0, f"{asked.plan.allocation.binds}: {front.remedy}")
         if front.absolute is not None and front.by_references is not None and front.wanted.relative:
             below.append(f"absolute: {plus_minus(front.absolute)} by the model; {front.by_references.told}")
     helps = [wrapped for line in below for wrapped in textwrap.wrap(line, WIDTH, subsequent_indent="    ")]
@@ -193,7 +199,7 @@ def _draw_payers(front: ModulusFront, asked: FrontPoint, ax: Axes) -> None:
 def _bars(ax: Axes, names: Sequence[str], values: Sequence[float], told: Sequence[str], label: str = "") -> None:
     bars = ax.barh(range(len(names)), values, color="0.75", label=label, height=0.6)
     ax.bar_label(bars, told, padding=3, fontsize=8)
-    ax.set_yticks(range(len(names)), names, fontsize=8)
+    ax.set_yticks(range(len(names)), [textwrap.fill(name, NAME) for name in names], fontsize=8)
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.spines[["top", "right"]].set_visible(False)
 
@@ -217,7 +223,8 @@ def _draw_front(front: ModulusFront, ax: Axes) -> None:
     ticks = (10, 20, 60, 120, 300, 600, 1800, 3600, 2 * 3600, 5 * 3600, 10 * 3600, 24 * 3600)
     ax.set(xscale="log", yscale="log", xlabel="time from the command to the answer, a person's included")
     ax.xaxis.label.set_fontsize(9)
-    ax.set(xlim=(times[0] / 4, 1.1 * ends[-1]), ylim=(halves[-1] / 1.6, 1.3 * halves[0]))
+    room = max(4.0, (ends[-1] / times[0]) ** 0.3)  # on the left, for a text
+    ax.set(xlim=(times[0] / room, 1.1 * ends[-1]), ylim=(halves[-1] / 1.6, 1.3 * halves[0]))
     ax.set_ylabel("± (%), half of the 95 % interval", fontsize=9)
     ax.xaxis.set_major_locator(FixedLocator(ticks))
     ax.xaxis.set_minor_locator(NullLocator())

@@ -143,6 +143,8 @@ def promises_command(store: Path | None, as_json: bool, quiet: bool) -> None:
     within the printed bound, where the plan has one; and of each result, its standard uncertainty over the predicted
     one.
     """
+    from dataclasses import asdict
+
     from palpate.instrument.errors import UsageError
     from palpate.procedures.accuracy.promises import print_promises, promises
 
@@ -153,7 +155,7 @@ def promises_command(store: Path | None, as_json: bool, quiet: bool) -> None:
     found = {
         "store": str(folder),
         "procedures": kept.procedures(),
-        "runs": [each.row() for each in kept.runs],
+        "runs": [asdict(each) for each in kept.runs],
         "without": kept.without,
         "unreadable": kept.unreadable,
     }

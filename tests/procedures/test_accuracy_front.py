@@ -92,6 +92,12 @@ def test_a_plan_that_fewer_than_95_in_100_runs_finish_is_marked(palpate: Palpate
                      palpate("accuracy", "--tolerance", "0.1 %").out)  # fmt: skip
 
 
+def test_what_would_lower_the_cause_that_binds_is_told_although_the_tolerance_is_reached(palpate: Palpate) -> None:
+    noisy = palpate("accuracy", "--sample", "2", "--tolerance", "8 %", "--scene", "noisy_lab").out
+    assert "binds          pick-up in step with the load: tie the films' cables down" in noisy
+    assert "\nbinds " not in palpate("accuracy", "--sample", "2", "--tolerance", "8 %").out
+
+
 def test_a_tolerance_above_20_percent_is_told_as_the_factor_that_it_is(palpate: Palpate) -> None:
     assert "± 50 % (× 1.6): 1 min" in palpate("accuracy", "--tolerance", "50 %").out
 

@@ -52,7 +52,7 @@ from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target
-from palpate.procedures.measurements.prospects import rounded_up, share
+from palpate.procedures.measurements.prospects import MOST, rounded_up, share
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_frequency, preload_for
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, settling_length
@@ -237,7 +237,6 @@ def cost_of_trend(cycles: int) -> float:
 # --- the prospect --------------------------------------------------------------------------------------
 
 BOUND_SETS = 3  # that tell a bound
-MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without the tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -683,10 +682,8 @@ class ModulusPlans:
             ways = ["or        leave the number of mountings to the plan, without --mountings"]
         elif error.binds == MOUNTED and wanted.mounted_by.startswith(NEVER_MEASURED):
             ways = [f"or        measure how mountings scatter, once: {MEASURE_MOUNTINGS}"]
-        elif error.binds == CURVE and found.model == answering(replace(self.question, model="auto")):
-            pass  # there is no finer model
-        elif error.binds in REMEDIES:
-            ways = [f"or        {REMEDIES[error.binds]}"]
+        elif remedy := self.remedy(error.binds):
+            ways = [f"or        {remedy}"]
         if tolerance >= LEAST_BY_COMPRESSION or error.binds == VALIDATION:
             ways.append(self._by_compression())
         if error.binds == VALIDATION:
@@ -694,6 +691,12 @@ class ModulusPlans:
         absolute = "" if wanted.relative else " absolute"
         told = f"--tolerance {as_asked(tolerance, 3)[2:]}{absolute} cannot be reached: {why}"
         return RangeError("\n  ".join([told, f"best now  {best}", *ways]))
+
+    def remedy(self, binds: str) -> str:
+        """What else lowers a line; empty: nothing is known, as of the error of the finest model."""
+        if binds == CURVE and self.found.model == answering(replace(self.question, model="auto")):
+            return ""
+        return REMEDIES.get(binds, "")
 
     def _not_known(self) -> RangeError:
         """The refusal of an absolute tolerance where the model's validation error is not known."""
