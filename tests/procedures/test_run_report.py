@@ -155,6 +155,25 @@ def test_a_run_whose_procedure_is_not_here_is_shown_by_its_points(palpate: Palpa
     assert {EVIL, "12.5", "2.0", "incident", "a cable was loose"} <= set(texts)
 
 
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_a_run_that_ended_early_is_shown_with_the_points_that_it_has(
+    palpate: Palpate, drawing: None, name: str, on_progress: Any
+) -> None:
+    for points in (0, 1):
+
+        def stop(done: int, _total: int, _what: str, at: int = points) -> None:
+            if done == at:
+                raise KeyboardInterrupt
+
+        on_progress(stop)
+        assert palpate(*shlex.split(f"{name} {PROCEDURES[name]} --out {points}")).status == 130
+        report = palpate("runs", "report", str(points), "--json").object
+        assert report["runs"][0]["warning"].startswith("this run is stopped, so points may be missing")
+        assert ("it has no point" in report["runs"][0]["warning"]) == (points == 0)
+        texts = read(report["report"]).texts
+        assert any(f"{points} point" in text for text in texts) and "Devices" in texts
+
+
 def test_a_run_that_another_version_computed_otherwise_is_told(palpate: Palpate) -> None:
     palpate(*SWEEP, "--out", "run")
     rehash(Path("run"), point=lambda data: data.update(force_ratio=0.5), number=1)
