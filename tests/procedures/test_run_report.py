@@ -155,6 +155,13 @@ def test_a_run_whose_procedure_is_not_here_is_shown_by_its_points(palpate: Palpa
     assert {EVIL, "12.5", "2.0", "incident", "a cable was loose"} <= set(texts)
 
 
+def test_a_run_on_the_bench_of_a_file_is_evaluated_anew_without_it(palpate: Palpate, lab: str) -> None:
+    assert palpate(*SWEEP, "--bench", lab, "--assume-mounted", "--out", "run").status == 0
+    assert package.read("run").header["scene"] is None
+    (told,) = palpate("runs", "report", "run", "--json").object["runs"]
+    assert told["warning"] is None
+
+
 @pytest.mark.parametrize("name", PROCEDURES)
 def test_a_run_that_ended_early_is_shown_with_the_points_that_it_has(
     palpate: Palpate, drawing: None, name: str, on_progress: Any
