@@ -84,7 +84,7 @@ def of_things(things: Iterable[object]) -> str:
         for thing in group:
             if getattr(thing, "columns", ()):
                 parts += [_table(part) for part in blocks(thing, PAPER)]  # type: ignore[arg-type]
-            elif text := str(getattr(thing, "title", thing)).strip():  # a table without a column has its title
+            elif str(text := getattr(thing, "title", "") if hasattr(thing, "columns") else thing).strip():
                 parts.append(f"<p>{escaped(text)}</p>\n")
     return "".join(parts)
 
