@@ -82,10 +82,10 @@ def of_things(things: Iterable[object]) -> str:
             parts.append(pairs((line[: _label(line)], line[_label(line) :]) for line in map(str, group)))
             continue
         for thing in group:
-            if hasattr(thing, "columns"):
+            if getattr(thing, "columns", ()):
                 parts += [_table(part) for part in blocks(thing, PAPER)]  # type: ignore[arg-type]
-            elif str(thing).strip():
-                parts.append(f"<p>{escaped(thing)}</p>\n")
+            elif str(text := getattr(thing, "title", "") if hasattr(thing, "columns") else thing).strip():
+                parts.append(f"<p>{escaped(text)}</p>\n")
     return "".join(parts)
 
 

@@ -112,6 +112,8 @@ def reported(folders: Iterable[Path], limits: LimitsFile | None = None) -> Itera
 
 
 def _result(run: Run) -> tuple[RecordedResult | None, str]:
+    if not run.points():
+        return None, "it has no point"
     try:
         found = result_of(run)
     except PalpateError as error:
@@ -150,9 +152,7 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
 
     yield told("Run", pairs(each.facts.items()))
     if found is not None:
-        draw = None if found.report is None else found.report.draw
-        drawn = "" if draw is None else figure(draw, f"{run.procedure} {number}")
-        yield told("Result", of_things(show_result(found.report, found.result, found.outcome)), drawn)
+        yield told("Result", *_shown(found, f"{run.procedure} {number}"))
     if each.judged is not None:
         yield told("Verdicts", of_things(show_verdicts(each.judged, run.simulated)))
     yield told("Uncertainty budgets", of_things(show_budgets(each.budgets, run.simulated)))
@@ -169,6 +169,16 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
     events = [(f"{event['bench_ns'] / 1e9:z.1f}", event["kind"], event["message"]) for event in run.events()]
     yield told("Incidents and other events", rows(("bench time s", "kind", "what"), events))
     yield told("Software", pairs(_software(header).items()))
+
+
+def _shown(found: RecordedResult, name: str) -> Iterator[str]:
+    """The result and its figure, if its procedure shows what there is; after few points it may be no whole result."""
+    try:
+        yield of_things(show_result(found.report, found.result, found.outcome))
+        if found.report is not None:
+            yield figure(found.report.draw, name)
+    except Exception as error:  # as in `_result`
+        yield warning(f"it cannot be shown ({type(error).__name__}: {error})")
 
 
 def _settings(run: Run) -> Iterator[tuple[str, str, str]]:

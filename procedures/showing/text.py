@@ -79,7 +79,7 @@ def blocks(table: Table, width: int | None = None) -> list[Table]:
     """
     out = console()
     width = out.width if width is None and out.is_terminal else width
-    if width is None:
+    if width is None or not table.columns:
         return [table]
     cells = [list(column.cells) for column in table.columns]
     wide = out.options.update(width=WIDEST)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -57,9 +58,16 @@ def test_a_device_of_another_package_is_read_beside_each_point_and_told_everywhe
         assert (told["name"], told["mean"], told["unit"], told["u"], told["readings"]) == ("room", 20.0, "degC", 0.3, 2)
         said = palpate("runs", "export", str(tmp_path / "run"), "--to", "csv", "--out", str(tmp_path / "csv"))
         assert "beside_room_degC" in (tmp_path / "csv" / "points.csv").read_text().splitlines()[0]
+        report = palpate("runs", "report", str(tmp_path / "run"), "--json").object
+        assert report["runs"][0]["warning"] is None
+        page = Path(report["report"]).read_text(encoding="utf-8")
+        assert re.search("20 degC .u 0.3., [a-z_]+ of oven", page) and "beside_room_degC" in page
         weights = ("--scene", str(scene_with(tmp_path, ROOM)), "--out", str(tmp_path / "cell"))
         said = palpate("calibrate", "load-cell", *weights)
         assert "beside         room 20 degC (u 0.3)" in said.out
+    report = palpate("runs", "report", str(tmp_path / "run"), "--json").object  # where its package is not installed
+    assert "oven" in report["runs"][0]["warning"]
+    assert "beside_room_degC" in Path(report["report"]).read_text(encoding="utf-8")
     assert "| room | 20 degC (u 0.3) |" in (tmp_path / "cell" / "certificate.md").read_text(encoding="utf-8")
 
 

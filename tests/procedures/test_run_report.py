@@ -88,7 +88,10 @@ def test_each_procedure_s_report_holds_all_that_its_command_printed_and_agrees_w
     texts = read(report["report"]).texts
     assert {line.strip() for line in printed.splitlines() if line.startswith("SIMULATED")} <= set(texts)
     cells = {word for text in texts for word in text.split()}
-    lacking = set(re.findall(r"(?<=\s)[-+]?\d+\.\d+(?=\s)", printed)) - cells
+    lacking = {
+        word for word in printed.split() if "/" not in word[:5] and "─" not in word
+    } - cells  # no paths, no lines
+    lacking.discard("min")  # a setting of 2 min is recorded as 120 s
     assert len(printed) > 200 and lacking == set()
 
 
@@ -153,6 +156,32 @@ def test_a_run_whose_procedure_is_not_here_is_shown_by_its_points(palpate: Palpa
     assert "of-a-package" in report["runs"][0]["warning"]
     texts = read(report["report"]).texts
     assert {EVIL, "12.5", "2.0", "incident", "a cable was loose"} <= set(texts)
+
+
+def test_a_run_on_the_bench_of_a_file_is_evaluated_anew_without_it(palpate: Palpate, lab: str) -> None:
+    assert palpate(*SWEEP, "--bench", lab, "--assume-mounted", "--out", "run").status == 0
+    assert package.read("run").header["scene"] is None
+    (told,) = palpate("runs", "report", "run", "--json").object["runs"]
+    assert told["warning"] is None
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_a_run_that_ended_early_is_shown_with_the_points_that_it_has(
+    palpate: Palpate, drawing: None, name: str, on_progress: Any
+) -> None:
+    for points in (0, 1):
+
+        def stop(done: int, _total: int, _what: str, at: int = points) -> None:
+            if done == at:
+                raise KeyboardInterrupt
+
+        on_progress(stop)
+        assert palpate(*shlex.split(f"{name} {PROCEDURES[name]} --out {points}")).status == 130
+        report = palpate("runs", "report", str(points), "--json").object
+        assert report["runs"][0]["warning"].startswith("this run is stopped, so points may be missing")
+        assert ("it has no point" in report["runs"][0]["warning"]) == (points == 0)
+        texts = read(report["report"]).texts
+        assert any(f"{points} point" in text for text in texts) and "Devices" in texts
 
 
 def test_a_run_that_another_version_computed_otherwise_is_told(palpate: Palpate) -> None:
