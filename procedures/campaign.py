@@ -23,7 +23,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -51,6 +50,7 @@ from palpate.procedures.lab.about import FILE as ABOUT
 from palpate.procedures.lab.about import completed
 from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
+from palpate.procedures.lab.run_table import bench_of
 from palpate.procedures.records.events import Listener
 from palpate.procedures.records.record import locked, new_run_folder
 from palpate.procedures.records.run import Run, storing
@@ -278,7 +278,7 @@ class Campaign:
         for each in list_runs(self._store):
             if each.status == "complete" and each.simulated == (self.chosen.scene is not None):
                 run = Run.open(each.folder)
-                if _bench_of(run.header) == self._bench:
+                if bench_of(run.header) == self._bench:
                     yield run
 
     @property
@@ -448,14 +448,3 @@ def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield from _flat(value, f"{before}{key}.")
         else:
             yield f"{before}{key}", value
-
-
-def _bench_of(header: Mapping[str, Any]) -> str:
-    """Name of the scene or bench of a run."""
-    scene = header.get("scene")
-    if isinstance(scene, Mapping):
-        return str(scene.get("name"))
-    try:
-        return str(tomllib.loads(str(header.get("bench"))).get("name"))
-    except tomllib.TOMLDecodeError:
-        return ""

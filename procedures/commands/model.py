@@ -387,7 +387,7 @@ def modulus(
     required=True,
     help="Young modulus of the object, or a list with commas.",
 )
-@option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
+@option("--out", type=FILE_NAME, metavar="FILE", help="File of the picture, .png or .svg (default: in runs/plots/).")
 @question_options
 @output_options
 def plot(
@@ -399,13 +399,13 @@ def plot(
     other models only the force ratio is drawn.
     """
     from palpate.procedures.showing import model_picture
-    from palpate.procedures.showing import model_picture as model_plot
+    from palpate.procedures.showing.figure import picture_file
 
     output = Output(as_json, quiet)
-    file = model_plot.place(f"{question.design}-{question.model}", out, store())
+    file = picture_file(f"{question.design}-{question.model}", out, store())
     with output.prices():
         picture = model_picture.solve(question, sensed_modulus)
-    model_plot.draw(picture, file)
+    model_picture.draw(picture, file)
     if output.as_json:
         output.json({"file": str(file), **picture.data()})
     output.line(str(file))

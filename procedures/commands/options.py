@@ -144,6 +144,13 @@ class _FileName(click.Path):
 
 FILE_NAME = _FileName(path_type=Path)
 JUNIT = option("--junit", type=FILE_NAME, metavar="FILE", help="Write the verdicts to FILE as JUnit XML.")
+WHERE = option(
+    "--where",
+    multiple=True,
+    metavar="'NAME = VALUE'",
+    help="Only runs for which this holds; NAME is what --about told, or one of run, procedure, started, status, "
+    "simulated, scene, seed, points and settings.NAME. May be given several times.",
+)
 OUT = option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/).")
 
 

@@ -9,6 +9,7 @@ import click
 from palpate.procedures.commands.options import (
     FILE_NAME,
     PROGRESS,
+    WHERE,
     Output,
     StrictCommand,
     StrictGroup,
@@ -153,13 +154,7 @@ for command in (resume, check, repair, install):
     epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --where 'batch = B7' --where 'points >= 10' --json",
 )
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
-@option(
-    "--where",
-    multiple=True,
-    metavar="'NAME = VALUE'",
-    help="Only runs for which this holds; NAME is what --about told, or one of run, procedure, started, status, "
-    "simulated, scene, seed, points and settings.NAME. May be given several times.",
-)
+@WHERE
 @output_options
 def list_(out: Path | None, where: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""

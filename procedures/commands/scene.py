@@ -127,7 +127,7 @@ def check(scene: str, as_json: bool, quiet: bool) -> None:
 @click.argument("scene")
 @question_options
 @option("--periods", default=3, type=click.IntRange(1, 100), help="Number of drawn periods.")
-@option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
+@option("--out", type=FILE_NAME, metavar="FILE", help="File of the picture, .png or .svg (default: in runs/plots/).")
 @output_options
 def plot(
     scene: str, sample: str, load: float, frequency: float, periods: int, out: Path | None, as_json: bool, quiet: bool

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
 
 import palpate
 from tests.drivers.outside import installed
@@ -61,6 +62,17 @@ def test_a_device_of_another_package_is_read_beside_each_point_and_told_everywhe
         said = palpate("calibrate", "load-cell", *weights)
         assert "beside         room 20 degC (u 0.3)" in said.out
     assert "| room | 20 degC (u 0.3) |" in (tmp_path / "cell" / "certificate.md").read_text(encoding="utf-8")
+
+
+def test_the_plot_has_a_panel_for_what_is_read_beside_each_point(tmp_path: Path, figures: list[Figure]) -> None:
+    done = swept(tmp_path, ROOM)
+    done.plot()
+    *_, room = figures[0].axes
+    assert (len(figures[0].axes), room.get_ylabel()) == (3, "room (degC; bars: u)")
+    (bars,) = room.collections
+    assert [[y for _, y in segment] for segment in bars.get_segments()] == [[19.7, 20.3]] * 2
+    swept(tmp_path / "without").plot()
+    assert len(figures[1].axes) == 2
 
 
 def test_a_point_outside_the_limits_is_marked_or_not_used_as_the_file_says(tmp_path: Path) -> None:
