@@ -32,7 +32,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from palpate.instrument.config import Config, Name, check, read_data
 from palpate.instrument.durable import make_folder, put_whole
@@ -77,6 +77,14 @@ def _hours(text: str) -> float:
     return float(found[1]) * HOURS[found[2]]
 
 
+def _setting(value: object) -> object:
+    """A setting as a file may give it. Raises ValueError: it is another one, or a list with others than texts."""
+    texts = isinstance(value, list) and all(isinstance(each, str) for each in value)
+    if texts or isinstance(value, str | bool | int):
+        return value
+    raise ValueError(f'{quoted(value)} is no setting; write it in quotes as on the command line, such as "2.5 N"')
+
+
 class CampaignStep(Config):
     """A `[step.NAME]` table.
 
@@ -85,7 +93,9 @@ class CampaignStep(Config):
 
     procedure: Name
     needs: tuple[str, ...] = ()
-    settings: dict[str, str | bool | int | tuple[str, ...]] = Field(default_factory=dict)
+    settings: dict[str, Annotated[str | bool | int | tuple[str, ...], BeforeValidator(_setting)]] = Field(
+        default_factory=dict
+    )
     due: Annotated[str, AfterValidator(_age)] | None = None  # greatest age of the last run of the procedure
     every: int | None = Field(default=None, ge=1, strict=True)  # number of other runs on the bench since then
     drift: float | None = Field(default=None, gt=0, lt=1, strict=True)  # relative change between the last two runs

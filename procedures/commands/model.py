@@ -12,7 +12,7 @@ import click
 
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
-from palpate.procedures.commands import texts
+from palpate.procedures.commands import completion, texts
 from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, StrictGroup, option, output_options
 from palpate.procedures.lab.store import store
 
@@ -210,8 +210,8 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 "--model",
                 "name",
                 default="auto",
-                help="column, column_fitted, beam, beam_exact, beam_printed, experiment, surface, axisymmetric, solid;"
-                " or auto: the fastest that meets the tolerance.",
+                shell_complete=completion.model,
+                help=f"{', '.join(completion.MODELS)}; or auto: the fastest that meets the tolerance.",
             ),
             *described,
             option(

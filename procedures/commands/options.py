@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 import click
 
 from palpate.instrument.errors import UsageError
+from palpate.procedures.commands import completion
 from palpate.procedures.commands.texts import quantity, share
 from palpate.procedures.console.progress import Progress, shown, silent
 from palpate.procedures.console.terminal import say
@@ -242,6 +243,7 @@ def bench_options(command: F) -> F:
         option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         option(
             "--scene",
+            shell_complete=completion.scene,
             metavar="NAME|FILE",
             help="Scene to simulate (default: thesis_single, if the text above names no other).",
         ),

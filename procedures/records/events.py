@@ -111,24 +111,26 @@ def events_of(folder: Path, kind: bytes, own: int, content: bytes, bench_ns: int
 def followed(folder: Path) -> Iterator[Event]:
     """All events of a run in order, from its beginning: those that its record holds, then each that comes.
 
-    It ends once the run has ended, or once the process that wrote it is gone. Raises RecordError: it is damaged.
+    It ends once the run is complete, or once no process has it open any more. Raises RecordError: it is damaged.
     """
     check_holes(folder / RECORD)
     clock, silent = WallClock(), 0.0
     with telling_damage(folder / RECORD), ChainFile(folder / RECORD) as file:
         tail = _Tail(folder, file)
+        end: Event | None = None  # of a run that did not complete: who has it open may be going on with it
         while True:
+            left = (end is not None or silent >= SILENCE) and not is_written(folder)
             found = list(tail.news())
-            yield from (event for event in found if event.kind != "ended" or event is found[-1])
-            if found and found[-1].kind == "ended":
+            yield from (event for event in found if event.kind != "ended")
+            if found:
+                end = found[-1] if found[-1].kind == "ended" else None
+            if end is not None and end.data["status"] == "complete":
+                yield end
+                return
+            if left and not found:
+                yield end or Event("ended", tail.bench_ns, {"status": "killed", "summary": {}})
                 return
             silent = 0.0 if found else silent + POLL
-            if silent >= SILENCE and not is_written(folder):
-                if not (found := list(tail.news())):
-                    found = [Event("ended", tail.bench_ns, {"status": "killed", "summary": {}})]
-                yield from found
-                if found[-1].kind == "ended":
-                    return
             clock.wait(POLL)
 
 

@@ -37,13 +37,17 @@ def new_figure(simulated: bool, panels: int, title: str) -> tuple[Figure, list[A
     figure.suptitle(f"{STAMP}: {title}" if simulated else title)
     axes = [figure.add_subplot(1, panels, i + 1) for i in range(panels)]
     for ax in axes:
-        ax.grid(alpha=0.3)
-        if simulated:
-            ax.text(
-                0.5, 0.5, STAMP, transform=ax.transAxes, fontsize=34, color="red", alpha=0.12, rotation=25,
-                ha="center", va="center", zorder=STAMP_ABOVE,
-            )  # fmt: skip
+        _prepare(ax, simulated)
     return figure, axes
+
+
+def _prepare(axes: Axes, simulated: bool) -> None:
+    axes.grid(alpha=0.3)
+    if simulated:
+        axes.text(
+            0.5, 0.5, STAMP, transform=axes.transAxes, fontsize=34, color="red", alpha=0.12, rotation=25,
+            ha="center", va="center", zorder=STAMP_ABOVE,
+        )  # fmt: skip
 
 
 def logarithmic(axes: Axes, low: float, high: float) -> None:
@@ -161,7 +165,7 @@ def _add_beside(figure: Figure, run: Run) -> None:
         values = [math.nan if (value := point.get(beside.column(name))) is None else value for point in points]
         axes.errorbar(range(1, len(points) + 1), values, beside.u, fmt=".", color="k", lw=1, capsize=2)
         axes.set(xlabel="number of the point", ylabel=f"{name} ({beside.unit or '1'}{'; bars: u' if beside.u else ''})")
-        axes.grid(alpha=0.3)
+        _prepare(axes, run.simulated)
 
 
 def save_in_new(figure: Figure, folder: Path, name: str) -> Path:

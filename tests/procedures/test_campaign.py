@@ -144,6 +144,8 @@ def test_a_count_of_runs_or_a_drift_makes_a_step_due(palpate: Palpate, file: str
         ("step.films", 'step."../films"', "'../films' is no name"),
         ('scene = "noisy_lab"', 'scene = "noisy_lab"\nbench = "lab.toml"', "--scene"),
         ('"1,2"', '"1,99"', "unknown sample '99'"),
+        ('"0.5 s" }', "0.5 }", "nightly.toml: step.sweep.settings.dwell: 0.5 is no setting; write it in quotes"),
+        ('["2 N", "3 N"]', "[2.5, 3]", "nightly.toml: step.sweep.settings.loads: [2.5, 3] is no setting"),
     ],
 )
 def test_a_campaign_that_cannot_be_is_refused_before_anything_is_begun(
@@ -151,7 +153,7 @@ def test_a_campaign_that_cannot_be_is_refused_before_anything_is_begun(
 ) -> None:
     Path(file).write_text(NIGHTLY.replace(old, new), encoding="utf-8")
     said = palpate("campaign", file)
-    assert (said.status, told in said.err) == (2, True), said.err
+    assert (said.status, told in said.complaint) == (2, True), said.err
     assert not Path("runs").exists()
 
 

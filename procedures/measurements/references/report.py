@@ -15,7 +15,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.references.result import ReferencesResult
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import logarithmic, name_all, new_figure, save
-from palpate.procedures.showing.text import blocks, new_table, number, print_all, stamped, where
+from palpate.procedures.showing.text import new_table, number, print_all, stamped, where
 
 
 def print_references(result: ReferencesResult, films: FilmCalibration | None, outcome: Outcome, plot: Path) -> None:
@@ -34,7 +34,7 @@ def print_references(result: ReferencesResult, films: FilmCalibration | None, ou
     spread = "not known" if c.spread is None else f"{100 * c.spread:.2g} % of the ratio"
     freedom = "" if c.spread_degrees_of_freedom is None else f" ({moduli.degrees(c.spread_degrees_of_freedom)})"
     print_all(
-        *blocks(table),
+        table,
         f"constant       {math.exp(c.constant):z.4f}, by which the model's ratios are divided",
         f"spread         {spread}{freedom}: {c.prior}",
         moduli.absolute_line(result.line),
