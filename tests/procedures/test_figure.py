@@ -9,11 +9,13 @@ from typing import Annotated
 from xml.etree import ElementTree
 
 import pytest
+from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from PIL import Image
 
 from palpate.extend import Column
 from palpate.procedures.showing.figure import logarithmic, name_all, new_figure, plot_over_loads, with_u, write
+from tests.procedures.conftest import Palpate
 
 
 @pytest.mark.parametrize("limits", [(24.0, 115.0), (31.0, 33.0), (2.0, 5000.0)])
@@ -109,3 +111,38 @@ def test_values_for_a_plot_have_the_uncertainties_of_their_column() -> None:
     assert values == [pytest.approx(float("nan"), nan_ok=True), 3.5]
     assert u is None
     assert with_u([], "mean") == ([], None)
+
+
+# --- the plots of procedures ----------------------------------------------------------------------------
+
+WITHOUT_UNIT = ("strain", "sample", "object", "force ratio", "mean force ratio", "number of the set", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [
+        "sweep loads --samples 1,2 --loads 2N,3N",
+        "sweep frequency",
+        "sweep temperature",
+        "sweep position",
+        "calibrate load-cell",
+        "calibrate films",
+        "characterise",
+        "test modulus --sample 1",
+        "softness --samples 1,3",
+        "measure modulus --sample 1 --time 30min --relative-to-model",
+    ],
+)
+def test_a_plot_has_bars_units_and_a_legend_that_covers_no_point(
+    command: str, palpate: Palpate, figures: list[Figure]
+) -> None:
+    assert palpate(*command.split(), "--quiet").status == 0
+    (figure,) = figures
+    figure.draw_without_rendering()
+    assert any(each.has_yerr for each in figure.axes[0].containers if isinstance(each, ErrorbarContainer))
+    for axes in figure.axes:
+        if (legend := axes.get_legend()) is not None:
+            assert legend.get_window_extent().y0 >= axes.get_window_extent().y1
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert "(" in label or label in WITHOUT_UNIT, label
