@@ -150,7 +150,7 @@ def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
 
 def _add_beside(figure: Figure, run: Run) -> None:
     """Draw what was read beside each point of a run, one panel below the other on the right of a figure's panels."""
-    asked = tomllib.loads(str(run.header["bench"])).get("beside", {})
+    asked = tomllib.loads(str(run.header.get("bench", ""))).get("beside", {})
     if not asked:
         return
     points, panels = run.points(), figure.axes
