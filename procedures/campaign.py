@@ -23,7 +23,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -33,7 +32,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from palpate.instrument.config import Config, Name, check, read_data
 from palpate.instrument.durable import make_folder, put_whole
@@ -51,6 +50,7 @@ from palpate.procedures.lab.about import FILE as ABOUT
 from palpate.procedures.lab.about import completed
 from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
+from palpate.procedures.lab.run_table import bench_of
 from palpate.procedures.records.events import Listener
 from palpate.procedures.records.record import locked, new_run_folder
 from palpate.procedures.records.run import Run, storing
@@ -77,6 +77,14 @@ def _hours(text: str) -> float:
     return float(found[1]) * HOURS[found[2]]
 
 
+def _setting(value: object) -> object:
+    """A setting as a file may give it. Raises ValueError: it is another one, or a list with others than texts."""
+    texts = isinstance(value, list) and all(isinstance(each, str) for each in value)
+    if texts or isinstance(value, str | bool | int):
+        return value
+    raise ValueError(f'{quoted(value)} is no setting; write it in quotes as on the command line, such as "2.5 N"')
+
+
 class CampaignStep(Config):
     """A `[step.NAME]` table.
 
@@ -85,7 +93,9 @@ class CampaignStep(Config):
 
     procedure: Name
     needs: tuple[str, ...] = ()
-    settings: dict[str, str | bool | int | tuple[str, ...]] = Field(default_factory=dict)
+    settings: dict[str, Annotated[str | bool | int | tuple[str, ...], BeforeValidator(_setting)]] = Field(
+        default_factory=dict
+    )
     due: Annotated[str, AfterValidator(_age)] | None = None  # greatest age of the last run of the procedure
     every: int | None = Field(default=None, ge=1, strict=True)  # number of other runs on the bench since then
     drift: float | None = Field(default=None, gt=0, lt=1, strict=True)  # relative change between the last two runs
@@ -278,7 +288,7 @@ class Campaign:
         for each in list_runs(self._store):
             if each.status == "complete" and each.simulated == (self.chosen.scene is not None):
                 run = Run.open(each.folder)
-                if _bench_of(run.header) == self._bench:
+                if bench_of(run.header) == self._bench:
                     yield run
 
     @property
@@ -448,14 +458,3 @@ def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield from _flat(value, f"{before}{key}.")
         else:
             yield f"{before}{key}", value
-
-
-def _bench_of(header: Mapping[str, Any]) -> str:
-    """Name of the scene or bench of a run."""
-    scene = header.get("scene")
-    if isinstance(scene, Mapping):
-        return str(scene.get("name"))
-    try:
-        return str(tomllib.loads(str(header.get("bench"))).get("name"))
-    except tomllib.TOMLDecodeError:
-        return ""

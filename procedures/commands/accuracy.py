@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from palpate.procedures.commands import options, texts
+from palpate.procedures.commands import completion, options, texts
+from palpate.procedures.commands.completion import SCENE
 from palpate.procedures.commands.options import (
     FILE_NAME,
     Output,
@@ -42,7 +43,12 @@ TOLERANCE = 0.05
 @option("--sample", help="Rubber sample (default: 4, if no modulus is given).")
 @option("--modulus", callback=texts.quantity("Pa", positive=True), help="Young modulus that is expected of an object.")
 @options.thickness_option
-@option("--scene", metavar="NAME|FILE", help="Scene of a simulated bench (default: thesis_single).")
+@option(
+    "--scene",
+    shell_complete=completion.scene,
+    metavar="NAME|FILE",
+    help="Scene of a simulated bench (default: thesis_single).",
+)
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench; nothing is sent to it.")
 @option("--absolute", is_flag=True, help="Count the model's validation error, too, not its scale alone.")
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot accuracy.png (default: no plot).")
@@ -170,7 +176,7 @@ def promises_command(store: Path | None, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate accuracy scene noisy_lab"
     "\n\n  palpate accuracy scene everything --sample 6 --load '4 N' --out prices --json",
 )
-@click.argument("scene")
+@SCENE
 @question_options
 @dwell_option
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot scene.png (default: no plot).")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from palpate.procedures.commands.completion import RUN
 from palpate.procedures.commands.options import FILE_NAME, JUNIT, Output, StrictCommand, check_junit, output_options
 
 
@@ -14,7 +15,7 @@ from palpate.procedures.commands.options import FILE_NAME, JUNIT, Output, Strict
     epilog="Examples:\n\n  palpate judge first-day limits.toml"
     "\n\n  palpate judge runs/20260102T030405Z-sweep-loads limits.toml --junit verdicts.xml --json",
 )
-@click.argument("run")
+@RUN
 @click.argument("limits", type=FILE_NAME)
 @JUNIT
 @output_options

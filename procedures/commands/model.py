@@ -13,7 +13,7 @@ import click
 from palpate.instrument.arithmetic import arithmetic, own_kernels
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
-from palpate.procedures.commands import texts
+from palpate.procedures.commands import completion, texts
 from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, StrictGroup, option, output_options
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.store import store
@@ -219,8 +219,8 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 "--model",
                 "name",
                 default="auto",
-                help="column, column_fitted, beam, beam_exact, beam_printed, experiment, surface, axisymmetric, solid;"
-                " or auto: the fastest that meets the tolerance.",
+                shell_complete=completion.model,
+                help=f"{', '.join(completion.MODELS)}; or auto: the fastest that meets the tolerance.",
             ),
             *described,
             option(
@@ -398,7 +398,7 @@ def modulus(
     required=True,
     help="Young modulus of the object, or a list with commas.",
 )
-@option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
+@option("--out", type=FILE_NAME, metavar="FILE", help="File of the picture, .png or .svg (default: in runs/plots/).")
 @question_options
 @output_options
 def plot(
@@ -410,13 +410,13 @@ def plot(
     other models only the force ratio is drawn.
     """
     from palpate.procedures.showing import model_picture
-    from palpate.procedures.showing import model_picture as model_plot
+    from palpate.procedures.showing.figure import picture_file
 
     output = Output(as_json, quiet)
-    file = model_plot.place(f"{question.design}-{question.model}", out, store())
+    file = picture_file(f"{question.design}-{question.model}", out, store())
     with output.prices():
         picture = model_picture.solve(question, sensed_modulus)
-    model_plot.draw(picture, file)
+    model_picture.draw(picture, file)
     if output.as_json:
         output.json({"file": str(file), "arithmetic": arithmetic(), **picture.data()})
     output.line(str(file))

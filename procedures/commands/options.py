@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 import click
 
 from palpate.instrument.errors import UsageError
+from palpate.procedures.commands import completion
 from palpate.procedures.commands.texts import quantity, share
 from palpate.procedures.console.progress import Progress, shown, silent
 from palpate.procedures.console.terminal import say
@@ -162,6 +163,13 @@ class _FileName(click.Path):
 
 FILE_NAME = _FileName(path_type=Path)
 JUNIT = option("--junit", type=FILE_NAME, metavar="FILE", help="Write the verdicts to FILE as JUnit XML.")
+WHERE = option(
+    "--where",
+    multiple=True,
+    metavar="'NAME = VALUE'",
+    help="Only runs for which this holds; NAME is what --about told, or one of run, procedure, started, status, "
+    "simulated, scene, seed, points and settings.NAME. May be given several times.",
+)
 OUT = option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/).")
 
 
@@ -255,6 +263,7 @@ def bench_options(command: F) -> F:
         option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         option(
             "--scene",
+            shell_complete=completion.scene,
             metavar="NAME|FILE",
             help="Scene to simulate (default: thesis_single, if the text above names no other).",
         ),

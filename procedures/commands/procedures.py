@@ -69,11 +69,16 @@ def limits_given(output: Output) -> LimitsFile | None:
 
 
 def check_limits(limits: LimitsFile, procedure: Procedure[S, P, R], ahead: Plan[S], output: Output) -> None:
-    """Refuse limits that no result of a plan can have, and tell of those that only the result will tell."""
-    left = limits.open_names(procedure.point, [each.name for each in expected_of(ahead)])
-    if left and not output.quiet:
-        names = ", ".join(left)
-        say(f"palpate: note: only the result tells whether it has what {limits.where} limits: {names}", err=True)
+    """Refuse limits that no result of a plan can have; tell of those that only the result tells, or cannot decide."""
+    told = {
+        f"only the result tells whether it has what {limits.where} limits": limits.open_names(
+            procedure.point, [each.name for each in expected_of(ahead)]
+        ),
+        "there is no standard uncertainty, so the verdict will be undecided": limits.without_u(procedure.point),
+    }
+    for what, names in told.items():
+        if names and not output.quiet:
+            say(f"palpate: note: {what}: {', '.join(names)}", err=True)
 
 
 def measure(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, model: str | None = None) -> int:

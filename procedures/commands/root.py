@@ -16,6 +16,7 @@ from palpate.procedures.commands.calibrate import calibrate
 from palpate.procedures.commands.campaign import campaign
 from palpate.procedures.commands.characterise import characterise
 from palpate.procedures.commands.contracts import contracts
+from palpate.procedures.commands.history import history
 from palpate.procedures.commands.judge import judge
 from palpate.procedures.commands.live import live
 from palpate.procedures.commands.measure import measure
@@ -57,8 +58,8 @@ def palpate() -> None:
 
 
 for group in (
-    sweep, study, calibrate, test, softness, characterise, measure, judge, live, serve, runs, contracts, model, scene,
-    reproduce, accuracy, new, bus, campaign,
+    sweep, study, calibrate, test, softness, characterise, measure, judge, live, history, serve, runs, contracts,
+    model, scene, reproduce, accuracy, new, bus, campaign,
 ):  # fmt: skip
     palpate.add_command(group)
 

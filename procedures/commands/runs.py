@@ -6,9 +6,11 @@ from pathlib import Path
 
 import click
 
+from palpate.procedures.commands.completion import RUN
 from palpate.procedures.commands.options import (
     FILE_NAME,
     PROGRESS,
+    WHERE,
     Output,
     StrictCommand,
     StrictGroup,
@@ -25,7 +27,7 @@ from palpate.procedures.lab.store import store
 @click.command(
     cls=StrictCommand, epilog="Examples:\n\n  palpate runs check first-day\n\n  palpate runs check first-day --json"
 )
-@click.argument("run")
+@RUN
 @output_options
 def check(run: str, as_json: bool, quiet: bool) -> int:
     """Check a run for damage without changing it. RUN is a folder or a name in runs/. Exit status 1: it is damaged.
@@ -44,7 +46,7 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
 
 
 @click.command(cls=StrictCommand, epilog="Examples:\n\n  palpate runs repair first-day --out mended")
-@click.argument("run")
+@RUN
 @option("--out", required=True, type=FILE_NAME, metavar="DIR", help="Folder of the new run.")
 @output_options
 def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
@@ -67,7 +69,7 @@ def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate runs install 20260102T030405Z-calibrate-load-cell"
     "\n\n  PALPATE_STORE=/other/store palpate runs install first-day --json",
 )
-@click.argument("run")
+@RUN
 @output_options
 def install(run: str, as_json: bool, quiet: bool) -> None:
     """Put the calibration of a run into the store, for later runs. RUN is a folder or a name in runs/.
@@ -98,7 +100,7 @@ def install(run: str, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate runs resume 20260102T030405Z-sweep-loads"
     "\n\n  palpate runs resume first-day --bench moved.toml --accept-change --json",
 )
-@click.argument("run")
+@RUN
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
 @option("--accept-change", is_flag=True, help="Go on although bench or software changed; the record lists changes.")
 @assume_option
@@ -163,13 +165,7 @@ for command in (resume, check, repair, install):
     epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --where 'batch = B7' --where 'points >= 10' --json",
 )
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
-@option(
-    "--where",
-    multiple=True,
-    metavar="'NAME = VALUE'",
-    help="Only runs for which this holds; NAME is what --about told, or one of run, procedure, started, status, "
-    "simulated, scene, seed, points and settings.NAME. May be given several times.",
-)
+@WHERE
 @output_options
 def list_(out: Path | None, where: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
@@ -189,7 +185,7 @@ def list_(out: Path | None, where: tuple[str, ...], as_json: bool, quiet: bool) 
 @runs.command(
     epilog="Examples:\n\n  palpate runs show 20260102T030405Z-sweep-loads\n\n  palpate runs show first-day --json"
 )
-@click.argument("run")
+@RUN
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
 @output_options
 def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
@@ -247,7 +243,7 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
 @runs.command(
     epilog="Examples:\n\n  palpate runs export first-day\n\n  palpate runs export first-day --to parquet --out tables"
 )
-@click.argument("run")
+@RUN
 @option("--to", type=click.Choice(["csv", "parquet"]), default="csv", help="Format.")
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: that of the run).")
 @output_options

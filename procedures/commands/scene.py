@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands import texts
+from palpate.procedures.commands.completion import SCENE
 from palpate.procedures.commands.options import (
     FILE_NAME,
     F,
@@ -37,7 +38,7 @@ def question_options(command: F) -> F:
     epilog="Examples:\n\n  palpate scene explain thesis_single\n\n  palpate scene explain my_scene.toml --load '1.5 N'"
     " --mark 1e-3 --strict --json\n\n  palpate scene explain everything --steady",
 )
-@click.argument("scene")
+@SCENE
 @question_options
 @dwell_option
 @option("--steady", is_flag=True, help="Explain and show the settled state instead of the waveforms.")
@@ -95,7 +96,7 @@ def list_(as_json: bool, quiet: bool) -> None:
 
 
 @scene.command(epilog="Examples:\n\n  palpate scene show humid_body\n\n  palpate scene show my_scene.toml --json")
-@click.argument("scene")
+@SCENE
 @output_options
 def show(scene: str, as_json: bool, quiet: bool) -> None:
     """Show all parameters of a scene, also those with their default values."""
@@ -107,7 +108,7 @@ def show(scene: str, as_json: bool, quiet: bool) -> None:
 
 
 @scene.command(epilog="Examples:\n\n  palpate scene check my_scene.toml")
-@click.argument("scene")
+@SCENE
 @output_options
 def check(scene: str, as_json: bool, quiet: bool) -> None:
     """Read a scene and run it for a moment, with sample 2 under 3 N: exit status 0 if it can be simulated."""
@@ -124,10 +125,10 @@ def check(scene: str, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate scene plot overdriven\n\n  palpate scene plot my_scene.toml --load '4 N'"
     " --out chain.png"
 )
-@click.argument("scene")
+@SCENE
 @question_options
 @option("--periods", default=3, type=click.IntRange(1, 100), help="Number of drawn periods.")
-@option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
+@option("--out", type=FILE_NAME, metavar="FILE", help="File of the picture, .png or .svg (default: in runs/plots/).")
 @output_options
 def plot(
     scene: str, sample: str, load: float, frequency: float, periods: int, out: Path | None, as_json: bool, quiet: bool

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate.procedures.commands import texts
+from palpate.procedures.commands.completion import SCENE
 from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, option, output_options
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     "  fault shaker_amplifier over_temperature    (typed while it serves)\n\n"
     "  palpate serve noisy_lab --port 1502 --line /tmp/line --can socketcan:vcan0 --status",
 )
-@click.argument("scene")
+@SCENE
 @option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
 @option("--listen", default="127.0.0.1", metavar="ADDRESS", help="Address of the Modbus TCP ports.")
 @option("--port", type=click.IntRange(1, 65533), help="First Modbus TCP port (default: any free ports).")

@@ -112,6 +112,11 @@ class LimitsFile:
         except ValueError as error:
             raise ConfigError(f"{self.where}: {name}: {error}") from None
 
+    def without_u(self, point: type[DataclassInstance]) -> list[str]:
+        """Names of columns without a standard uncertainty, whose verdict can only be undecided."""
+        columns = number_columns(point)
+        return [name for name in self.tables if name in columns and not columns[name].u]
+
     def open_names(self, point: type[DataclassInstance], predicted: Iterable[str]) -> list[str]:
         """Names of which only the result can tell whether it has them: no columns and no results of the plan.
 

@@ -38,7 +38,7 @@ STATUS: dict[Outcome, int] = {PASS: 0, FAIL: 3, UNDECIDED: 4}  # exit status
 
 
 @dataclass(frozen=True, slots=True)
-class _Value:
+class FoundValue:
     """A value of a quantity; `estimate`: None: it is not known, or without its uncertainty; `point`: None: a result."""
 
     value: float | None
@@ -47,28 +47,30 @@ class _Value:
 
 
 @dataclass(frozen=True, slots=True)
-class _Quantity:
+class FoundQuantity:
+    """The values of a quantity; `left_out`: number of points that are not valid."""
+
     unit: str
-    values: Sequence[_Value]
+    values: Sequence[FoundValue]
     left_out: int = 0
 
 
-def _of_budgets(budgets: Iterable[Mapping[str, Any]]) -> dict[str, _Quantity]:
-    found: dict[str, _Quantity] = {}
+def _of_budgets(budgets: Iterable[Mapping[str, Any]]) -> dict[str, FoundQuantity]:
+    found: dict[str, FoundQuantity] = {}
     for told in budgets:
         budget = told.get("budget", told)
         freedom = math.inf if budget["degrees_of_freedom"] is None else budget["degrees_of_freedom"]
         ends = None if budget is told else (told["low"], told["high"])
-        value = _Value(told["value"], Estimate(told["value"], told["u"], freedom, ends))
-        same = found.get(budget["quantity"], _Quantity(budget["unit"], ()))
-        found[budget["quantity"]] = _Quantity(same.unit, (*same.values, value))
+        value = FoundValue(told["value"], Estimate(told["value"], told["u"], freedom, ends))
+        same = found.get(budget["quantity"], FoundQuantity(budget["unit"], ()))
+        found[budget["quantity"]] = FoundQuantity(same.unit, (*same.values, value))
     return found
 
 
-def _of_points(kind: type[DataclassInstance], points: Sequence[Mapping[str, Any]]) -> dict[str, _Quantity]:
+def _of_points(kind: type[DataclassInstance], points: Sequence[Mapping[str, Any]]) -> dict[str, FoundQuantity]:
     valid = [(number, point) for number, point in enumerate(points, 1) if point.get("valid", True)]
     return {
-        name: _Quantity(
+        name: FoundQuantity(
             column.unit,
             [_measured(*cell, number) for number, point in valid for cell in _cells(point, name, column.u)],
             len(points) - len(valid),
@@ -77,7 +79,7 @@ def _of_points(kind: type[DataclassInstance], points: Sequence[Mapping[str, Any]
     }
 
 
-def _of_run(run: Run) -> dict[str, _Quantity]:
+def _of_run(run: Run) -> dict[str, FoundQuantity]:
     """The quantities of a run's points; none if its procedure is that of a script or of a package that is not here."""
     try:
         kind = procedure_class(run.procedure)
@@ -98,12 +100,16 @@ def _cells(point: Mapping[str, Any], name: str, u: str) -> Iterator[tuple[Any, A
         yield point[name], point[u] if u else None
 
 
-def _measured(value: float | None, u: float | None, point: int) -> _Value:
+def _measured(value: float | None, u: float | None, point: int) -> FoundValue:
     known = [None if each is None or not math.isfinite(each) else float(each) for each in (value, u)]
-    return _Value(known[0], None if None in known else Estimate(*known), point)  # type: ignore[arg-type]
+    return FoundValue(known[0], None if None in known else Estimate(*known), point)  # type: ignore[arg-type]
 
 
-def _quantities(of: Finished[Any] | Result | Run) -> dict[str, _Quantity]:
+def quantities_of(of: Finished[Any] | Result | Run) -> dict[str, FoundQuantity]:
+    """The quantities of a result by the names of its columns and budgets.
+
+    Raises UsageError: the run has not ended; RecordError: another version recorded it, or it is damaged.
+    """
     if isinstance(of, Run):
         if of.status != "complete":
             raise UsageError(f"{of.folder} is {of.status}, so it has no result; end it with palpate runs resume")
@@ -190,21 +196,21 @@ def judge(of: Finished[Any] | Result | Run, limits: str | Path | Mapping[str, An
         UsageError: the run has not ended.
     """
     asked = limits if isinstance(limits, LimitsFile) else read_limits(limits)
-    found = _quantities(of)
+    found = quantities_of(of)
     for name in asked.tables:
         if name not in found:
             raise ConfigError(f"{asked.where}: {UnknownName('quantity of this result', name, found)}")
     return Judgement(tuple(_verdict(name, found[name], asked.of(name, found[name].unit)) for name in asked.tables))
 
 
-def _verdict(name: str, quantity: _Quantity, bounds: Bounds) -> LimitVerdict:
+def _verdict(name: str, quantity: FoundQuantity, bounds: Bounds) -> LimitVerdict:
     judged = [_of_value(name, each, quantity, bounds) for each in quantity.values]
     if not judged:
-        judged = [_of_value(name, _Value(None, None), quantity, bounds)]
+        judged = [_of_value(name, FoundValue(None, None), quantity, bounds)]
     return min(judged, key=lambda each: (WORST.index(each.outcome), -(each.outside or 0.0)))
 
 
-def _of_value(name: str, value: _Value, quantity: _Quantity, bounds: Bounds) -> LimitVerdict:
+def _of_value(name: str, value: FoundValue, quantity: FoundQuantity, bounds: Bounds) -> LimitVerdict:
     unit, estimate, outcome = quantity.unit, value.estimate, UNDECIDED
     outside = least = None
     if estimate is not None:

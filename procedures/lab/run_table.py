@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import eq, ge, gt, le, lt, ne
 from pathlib import Path
@@ -69,6 +70,17 @@ def row_of(run: RunSummary) -> dict[str, Any]:
         **(about if isinstance(about, Mapping) else {}),
         **({f"settings.{key}": value for key, value in settings.items()} if isinstance(settings, Mapping) else {}),
     }
+
+
+def bench_of(header: Mapping[str, Any]) -> str:
+    """Name of the scene or bench of a run."""
+    scene = header.get("scene")
+    if isinstance(scene, Mapping):
+        return str(scene.get("name"))
+    try:
+        return str(tomllib.loads(str(header.get("bench"))).get("name"))
+    except tomllib.TOMLDecodeError:
+        return ""
 
 
 def _condition(text: str) -> tuple[str, Callable[[Any], bool]]:

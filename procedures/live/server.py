@@ -45,7 +45,7 @@ HEADERS = {
 TOKEN = "X-Palpate-Token"
 
 
-class _Server(ThreadingHTTPServer):
+class _PageServer(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
     allow_reuse_address = True
@@ -81,7 +81,7 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "palpate", ""
     timeout = PATIENCE
-    server: _Server
+    server: _PageServer
 
     def __init__(self, feed: Feed, control: PageControl | None, *of: Any) -> None:
         self._feed, self._control = feed, control
@@ -169,7 +169,7 @@ def serving(feed: Feed, port: int = 0, control: PageControl | None = None) -> It
     Raises UsageError: the port is taken; BenchError: this machine cannot serve.
     """
     try:
-        server = _Server(port, feed, control)
+        server = _PageServer(port, feed, control)
     except OSError as error:
         if error.errno in (errno.EADDRINUSE, errno.EACCES):
             raise UsageError(

@@ -115,28 +115,27 @@ def events_of(folder: Path, kind: bytes, own: int, content: bytes, bench_ns: int
 def followed(folder: Path) -> Iterator[Event]:
     """All events of a run in order, from its beginning: those that its record holds, then each that comes.
 
-    It ends once the run has ended, or once the process that wrote it is gone. Raises RecordError: it is damaged.
+    It ends once the run is complete, or once no process has it open any more. Raises RecordError: it is damaged.
     """
     check_holes(folder / RECORD)
     clock, silent = WallClock(), 0.0
     with telling_damage(folder / RECORD), ChainFile(folder / RECORD) as file:
         tail = _Tail(folder, file)
+        end: Event | None = None  # of a run that did not complete: who has it open may be going on with it
         while True:
-            heard, ended = 0, None
+            left = (end is not None or silent >= SILENCE) and not is_written(folder)
+            heard = 0
             for event in tail.news():
-                heard, ended = heard + 1, event if event.kind == "ended" else None
-                if ended is None:  # else the run may have been resumed
+                heard, end = heard + 1, event if event.kind == "ended" else None
+                if end is None:
                     yield event
-            if ended is not None:
-                yield ended
+            if end is not None and end.data["status"] == "complete":
+                yield end
+                return
+            if left and not heard:
+                yield end or Event("ended", tail.bench_ns, {"status": "killed", "summary": {}})
                 return
             silent = 0.0 if heard else silent + POLL
-            if silent >= SILENCE and not is_written(folder):
-                if not (found := list(tail.news())):
-                    found = [Event("ended", tail.bench_ns, {"status": "killed", "summary": {}})]
-                yield from found
-                if found[-1].kind == "ended":
-                    return
             clock.wait(POLL)
 
 

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import tomllib
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from datetime import UTC, datetime
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+from xml.sax.saxutils import escape
 
-from palpate.procedures.records.run import storing
+from palpate.instrument.bench.beside import Beside
+from palpate.instrument.durable import numbered
+from palpate.instrument.errors import UsageError
+from palpate.procedures.records.columns import columns_of
+from palpate.procedures.records.run import Run, storing
+from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.showing.text import STAMP
 
 if TYPE_CHECKING:
@@ -18,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP*X"
+FORMATS = (".png", ".svg")
 _as_svg = ContextVar("as_svg", default=False)
 STAMP_ABOVE = 4  # above all bars, bands and curves (3 at most), which would cover it; below legends (5)
 
@@ -30,13 +40,17 @@ def new_figure(simulated: bool, panels: int, title: str) -> tuple[Figure, list[A
     figure.suptitle(f"{STAMP}: {title}" if simulated else title)
     axes = [figure.add_subplot(1, panels, i + 1) for i in range(panels)]
     for ax in axes:
-        ax.grid(alpha=0.3)
-        if simulated:
-            ax.text(
-                0.5, 0.5, STAMP, transform=ax.transAxes, fontsize=34, color="red", alpha=0.12, rotation=25,
-                ha="center", va="center", zorder=STAMP_ABOVE,
-            )  # fmt: skip
+        _prepare(ax, simulated)
     return figure, axes
+
+
+def _prepare(axes: Axes, simulated: bool) -> None:
+    axes.grid(alpha=0.3)
+    if simulated:
+        axes.text(
+            0.5, 0.5, STAMP, transform=axes.transAxes, fontsize=34, color="red", alpha=0.12, rotation=25,
+            ha="center", va="center", zorder=STAMP_ABOVE,
+        )  # fmt: skip
 
 
 def logarithmic(axes: Axes, low: float, high: float) -> None:
@@ -47,6 +61,31 @@ def logarithmic(axes: Axes, low: float, high: float) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(5) if high < 8 * low else LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
+def name_all(axes: Axes, columns: int = 3, **look: Any) -> None:
+    """Draw the legend of a panel above it, where it covers no point."""
+    axes.legend(fontsize=8, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, **look)
+
+
+def with_u(
+    rows: Sequence[Any], name: str, scale: float = 1.0, item: int | None = None
+) -> tuple[list[float], list[float] | None]:
+    """Values of a field of points, and their standard uncertainties by its column, for `errorbar`.
+
+    Args:
+        rows: the points.
+        name: the field.
+        scale: factor of both.
+        item: of a field that holds a list: which entry.
+    """
+    u = columns_of(type(rows[0]))[name].u if rows else ""
+
+    def values(field: str) -> list[float]:
+        found = (getattr(row, field) if item is None else getattr(row, field)[item] for row in rows)
+        return [math.nan if each is None else scale * each for each in found]
+
+    return values(name), values(u) if u else None
 
 
 class PlottedLoadSet(Protocol):
@@ -77,11 +116,39 @@ def plot_over_loads(axes: Axes, number: int, label: str, sets: Sequence[PlottedL
     axes.plot(loads, means, color=color, lw=1)
 
 
+def picture_file(subject: str, out: Path | None, store: Path) -> Path:
+    """Path of a new picture: `out`, or a file in `plots/` of the store, named after time and subject.
+
+    Raises:
+        UsageError: the name ends in no format of pictures, its folder does not exist, or the file exists.
+        RecordError: the store cannot be written to.
+    """
+    if out is None:
+        plots = store / "plots"
+        with storing(plots):
+            plots.mkdir(parents=True, exist_ok=True)
+            names = (f"{name}.png" for name in numbered(f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{subject}"))
+            out = next(plots / name for name in names if not (plots / name).exists())
+    if out.suffix not in FORMATS:
+        raise UsageError(f"{out} ends in no format of pictures, {' or '.join(FORMATS)}; choose another --out")
+    with storing(out):
+        if not out.parent.is_dir():
+            raise UsageError(f"{out}: there is no folder {out.parent}; make it, or choose another --out")
+        if out.exists():
+            raise UsageError(f"{out} exists and is not overwritten; choose another --out")
+    return out.absolute()
+
+
 def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
-    """Save a figure as PNG; returns its path. Raises RecordError: the file cannot be written."""
+    """Save a figure as PNG; in the folder of a run with what stood beside its points.
+
+    Returns its path. Raises RecordError: the file cannot be written, or the run not be read.
+    """
     path = folder / name
     if _as_svg.get():
         path = path.with_suffix(".svg")
+    if is_run(folder):
+        _add_beside(figure, Run.open(folder))
     write(figure, path)
     return path
 
@@ -96,6 +163,26 @@ def saved_as_svg() -> Iterator[None]:
         _as_svg.reset(token)
 
 
+def _add_beside(figure: Figure, run: Run) -> None:
+    """Draw what was read beside each point of a run, one panel below the other on the right of a figure's panels."""
+    asked = tomllib.loads(str(run.header.get("bench", ""))).get("beside", {})
+    if not asked:
+        return
+    points, panels = run.points(), figure.axes
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width * (len(panels) + 1) / len(panels), height)
+    grid = figure.add_gridspec(1, len(panels) + 1)
+    for number, axes in enumerate(panels):
+        axes.set_subplotspec(grid[number])
+    column = grid[-1].subgridspec(len(asked), 1)
+    for number, (name, table) in enumerate(asked.items()):
+        beside, axes = Beside.model_validate(table), figure.add_subplot(column[number])
+        values = [math.nan if (value := point.get(beside.column(name))) is None else value for point in points]
+        axes.errorbar(range(1, len(points) + 1), values, beside.u, fmt=".", color="k", lw=1, capsize=2)
+        axes.set(xlabel="number of the point", ylabel=f"{name} ({beside.unit or '1'}{'; bars: u' if beside.u else ''})")
+        _prepare(axes, run.simulated)
+
+
 def save_in_new(figure: Figure, folder: Path, name: str) -> Path:
     """As `save`, in a folder that is made if there is none."""
     with storing(folder):
@@ -104,11 +191,29 @@ def save_in_new(figure: Figure, folder: Path, name: str) -> Path:
 
 
 def write(figure: Figure, path: Path, dpi: int = 120) -> None:
-    """Write a figure into a file. Raises RecordError: the file cannot be written."""
+    """Write a figure into a file, as PNG or SVG by its suffix, with its text for who cannot see it.
+
+    Raises RecordError: the file cannot be written.
+    """
     from matplotlib import rc_context
 
-    with storing(path), warnings.catch_warnings():
+    title, told = described(figure)
+    vector = path.suffix == ".svg"
+    about = {"Title": title, "Description": told} | ({"Date": None} if vector else {"Software": None})
+    with storing(path), warnings.catch_warnings(), rc_context({"svg.hashsalt": "palpate"}):
         warnings.filterwarnings("ignore", "Creating legend with loc", UserWarning)  # comes on a busy machine
-        vectors = path.suffix == ".svg"
-        with rc_context({"svg.hashsalt": ""}):  # else the names in it are random
-            figure.savefig(path, dpi=dpi, metadata={"Date": None} if vectors else {"Software": None})
+        figure.savefig(path, dpi=dpi, metadata=about)
+        if vector:  # matplotlib writes <title>, and the text only into its metadata
+            text = path.read_text(encoding="utf-8")
+            path.write_text(text.replace("</title>", f"</title>\n <desc>{escape(told)}</desc>", 1), encoding="utf-8")
+
+
+def described(figure: Figure) -> tuple[str, str]:
+    """The title of a figure, and in words what its panels show."""
+    title = figure.get_suptitle().replace("\n", " ")
+    panels = []
+    for number, axes in enumerate((each for each in figure.axes if each.get_ylabel() or each.get_xlabel()), 1):
+        names = [str(name) for name in axes.get_legend_handles_labels()[1]]
+        told = f"{axes.get_title()} {axes.get_ylabel()} over {axes.get_xlabel()}".strip().replace("\n", " ")
+        panels.append(f"Panel {number}: {told}" + (f"; {', '.join(dict.fromkeys(names))}" if names else "") + ".")
+    return title, " ".join([f"{title}.", *panels])

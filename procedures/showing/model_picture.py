@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.durable import numbered
-from palpate.instrument.errors import RangeError, UnknownName, UsageError
+from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
@@ -25,8 +23,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import read_table
-from palpate.procedures.records.run import storing
-from palpate.procedures.showing.figure import write
+from palpate.procedures.showing.figure import name_all, write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -294,31 +291,8 @@ LABELLED = ("object", "ring", "tooth")  # bodies that are thick enough for their
 THESIS_STYLES = ("k.", "r^")
 
 
-def place(subject: str, out: Path | None, store: Path) -> Path:
-    """Path of a new picture: `out`, or a file in `plots/` of the store, named after time and subject.
-
-    Raises:
-        UsageError: the name does not end in .png, its folder does not exist, or the file exists.
-        RecordError: the store cannot be written to.
-    """
-    if out is None:
-        plots = store / "plots"
-        with storing(plots):
-            plots.mkdir(parents=True, exist_ok=True)
-            names = (f"{name}.png" for name in numbered(f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{subject}"))
-            out = next(plots / name for name in names if not (plots / name).exists())
-    if out.suffix != ".png":
-        raise UsageError(f"{out} does not end in .png, the only format; choose another --out")
-    with storing(out):
-        if not out.parent.is_dir():
-            raise UsageError(f"{out}: there is no folder {out.parent}; make it, or choose another --out")
-        if out.exists():
-            raise UsageError(f"{out} exists and is not overwritten; choose another --out")
-    return out.absolute()
-
-
 def draw(picture: ModelPicture, file: Path) -> None:
-    """Draw a picture into a PNG file.
+    """Draw a picture into a file.
 
     Raises:
         RecordError: the file cannot be written.
@@ -381,7 +355,7 @@ def _draw_pressure(picture: ModelPicture, axes: Axes) -> None:
     )  # fmt: skip
     axes.set_title("singular at the edges and clipped there; tension is not shown", fontsize=10)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    name_all(axes, 2)
 
 
 def _taken(response: Response) -> str:
@@ -403,4 +377,4 @@ def _draw_ratio(picture: ModelPicture, axes: Axes) -> None:
     )  # fmt: skip
     axes.set_title("force ratio", fontsize=10)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    name_all(axes, 2)

@@ -137,7 +137,6 @@ def _class(*names: str) -> str:
 
 # --- figures -------------------------------------------------------------------------------------------
 
-_WORDS = re.compile(r"<!-- (.*?) -->")  # matplotlib draws texts as shapes, and keeps them in comments
 _GONE = re.compile(r"<\?xml.*?\?>|<!DOCTYPE.*?>|<metadata>.*?</metadata>|<!--.*?-->", re.DOTALL)
 _IDS = re.compile(r'(\bid="|url\(#|href="#)')
 
@@ -145,16 +144,14 @@ _IDS = re.compile(r'(\bid="|url\(#|href="#)')
 def figure(draw: Callable[[Path], Path], name: str) -> str:
     """What `draw` draws into a folder, as SVG unless it saves a picture in another way.
 
-    `name` is unlike those of other figures on the page. The words in the figure are its alternative text.
+    `name` is unlike those of other figures on the page. The figure's title and description are its alternative text.
     """
     with tempfile.TemporaryDirectory() as folder, saved_as_svg():
         content = draw(Path(folder)).read_bytes()
     if content.startswith(b"\x89PNG"):
         data = base64.b64encode(content).decode()
         return f'<figure><img src="data:image/png;base64,{data}" alt="Plot of {escaped(name)}"></figure>\n'
-    drawn = content.decode()
-    words = dict.fromkeys(html.unescape(word) for word in _WORDS.findall(drawn) if re.search("[A-Za-z]{2}", word))
     own = re.sub(r"\W", "-", name)
-    drawn = _IDS.sub(rf"\g<1>{own}-", _GONE.sub("", drawn)).strip()
-    told = f'<svg role="img" aria-label="{escaped("Plot with the words: " + "; ".join(words))}" '
-    return f"<figure>{drawn.replace('<svg ', told, 1)}</figure>\n"
+    drawn = _IDS.sub(rf"\g<1>{own}-", _GONE.sub("", content.decode())).strip()
+    drawn = drawn.replace("<svg ", '<svg role="img" ', 1)
+    return f"<figure>{drawn}</figure>\n"

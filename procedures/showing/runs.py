@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 from palpate.instrument.quantity import counted
 from palpate.procedures.showing.text import (
     MOUNTING,
-    STAMP,
     about_itself,
-    blocks,
     legend,
     new_table,
     number,
@@ -38,11 +36,12 @@ def print_runs(found: list[RunSummary], folder: Path, some: bool = False) -> Non
     if not found:
         print_all(f"no runs in {folder}; make one with: palpate sweep loads")
         return
-    table = new_table(None, "run", "procedure", "started (UTC)", "status", "points", "")
-    for run in found:
-        mark = STAMP if run.simulated else ""
-        table.add_row(run.folder.name, run.procedure, f"{run.started:{TIME}}", run.status, str(run.points), mark)
-    print_all(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
+    for simulated in (False, True):
+        own = [run for run in found if bool(run.simulated) is simulated]
+        table = new_table(stamped(simulated, f"Runs in {folder}"), "run", "procedure", "status", "points")
+        for run in own:
+            table.add_row(run.folder.name, run.procedure, run.status, str(run.points))
+        print_all(*([table] if own else []), *(f"damaged: {run.fault}" for run in own if run.fault))
 
 
 def run_row(run: RunSummary) -> dict[str, Any]:
@@ -87,7 +86,7 @@ def print_run(run: Run, digest: str, signal_digest: str, unfinished: str) -> Non
         stamped(run.simulated, str(run.folder)),
         *(f"{name:<12} {text}" for name, text in facts(run, digest, signal_digest).items()),
         line,
-        *blocks(table),
+        table,
         *legend(table, marks=FLAGS),
         *(f"event at {event['bench_ns'] / 1e9:z.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
         *(f"unfinished: {what}" for what in _unfinished(unfinished).values()),

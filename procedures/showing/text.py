@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 STAMP = "SIMULATED"
-PIPE_WIDTH = 160  # columns if the output is no terminal
+PIPE_WIDTH = 80  # columns if the output is no terminal
 WIDEST = 100_000  # columns, more than any table has
 LABEL = re.compile(r" *\S+(?: \S+)*  +")
 
@@ -28,24 +28,22 @@ LABEL = re.compile(r" *\S+(?: \S+)*  +")
 def print_all(*things: object) -> None:
     """Print texts and tables. Texts are not read as markup.
 
-    A terminal gets texts in lines of its width. A table that is too wide goes beyond the edge, so that no number is cut
-    off. Its title stands on one line, even if it is longer than the table is wide.
+    A terminal gets texts in lines of its width. A table that is too wide for that, or elsewhere for PIPE_WIDTH columns,
+    is printed as several that share its first columns. Its title stands on one line, even if it is longer.
     """
     from rich.table import Table
 
     out = console()
     width = out.width if out.is_terminal else PIPE_WIDTH
     for thing in things:
-        out.width = width
         if isinstance(thing, Table) and thing.title is not None:
             out.print(thing.title, soft_wrap=True)
             thing.title = None
-        if isinstance(thing, Table) and all(column.no_wrap for column in thing.columns):
-            whole = out.measure(thing, options=out.options.update(width=WIDEST)).maximum
-            out.width = max(width, whole)
         if isinstance(thing, str) and out.is_terminal:
             thing = "\n".join(folded(line, width) for line in thing.splitlines())
-        out.print(thing, soft_wrap=not isinstance(thing, Table))
+        for part in blocks(thing, width) if isinstance(thing, Table) else [thing]:
+            out.width = max(width, _widest(part)) if isinstance(part, Table) and _is_whole(part) else width
+            out.print(part, soft_wrap=not isinstance(part, Table))
 
 
 def folded(line: str, width: int) -> str:
@@ -72,36 +70,48 @@ def new_table(title: Text | None, *columns: str) -> Table:
     return table
 
 
-def blocks(table: Table, width: int | None = None) -> list[Table]:
-    """The table; where it is wider than `width`, several tables that share its first column.
+def blocks(table: Table, width: int) -> list[Table]:
+    """The table; where it is wider than some columns, several tables that share its first columns.
 
-    Without a width it is that of the terminal; what is no terminal has room for any table.
+    These are as many as tell its rows apart, or the first alone where they take more than two thirds of the width.
     """
-    out = console()
-    width = out.width if width is None and out.is_terminal else width
-    if width is None or not table.columns:
+    if not _is_whole(table) or _widest(table) <= width:
         return [table]
-    cells = [list(column.cells) for column in table.columns]
-    wide = out.options.update(width=WIDEST)
-    key, *widths = (out.measure(_part(table, cells, [i]), options=wide).maximum for i in range(len(cells)))
+    widths = [_widest(_part(table, [number])) for number in range(len(table.columns))]
+    rows = list(zip(*(map(str, column.cells) for column in table.columns), strict=True))
+    key = next((n for n in range(1, len(widths)) if len({row[:n] for row in rows}) == len(rows)), 1)
+    if sum(widths[:key]) > 2 * width // 3:
+        key = 1
     parts: list[list[int]] = []
     left = 0
-    for number, own in enumerate(widths, 1):
+    for number, own in enumerate(widths[key:], key):
         if not parts or own > left:
             parts.append([])
-            left = width - key
+            left = width - sum(widths[:key])
         parts[-1].append(number)
         left -= own
-    if len(parts) < 2:
-        return [table]
-    found = [_part(table, cells, [0, *part]) for part in parts]
+    found = [_part(table, [*range(key), *part]) for part in parts]
     found[0].title = table.title
     return found
 
 
-def _part(table: Table, cells: Sequence[Sequence[object]], columns: Sequence[int]) -> Table:
+def _is_whole(table: Table) -> bool:
+    """Whether no cell of a table may be broken into lines."""
+    return all(column.no_wrap for column in table.columns)
+
+
+def _widest(table: Table) -> int:
+    """Columns that a table takes on one line."""
+    out = console()
+    return out.measure(table, options=out.options.update(width=WIDEST)).maximum
+
+
+def _part(table: Table, columns: Sequence[int]) -> Table:
     part = new_table(None, *(str(table.columns[i].header) for i in columns))
-    for row in zip(*(cells[i] for i in columns), strict=True):
+    cells = [list(table.columns[i].cells) for i in columns]
+    for own, i in zip(part.columns, columns, strict=True):
+        own.justify = table.columns[i].justify
+    for row in zip(*cells, strict=True):
         part.add_row(*map(str, row))
     return part
 

@@ -19,6 +19,11 @@ def _whole(name: str) -> SceneHead:
     return head_of(read_scene(name))
 
 
+def names() -> list[str]:
+    """The names of the scenes that come with palpate."""
+    return list(shipped())
+
+
 def print_list(scenes: Sequence[SceneHead]) -> None:
     """Print a row for each scene, with its purpose."""
     from rich.table import Table

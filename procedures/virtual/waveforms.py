@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.procedures.lab.store import store
-from palpate.procedures.showing import model_picture
-from palpate.procedures.showing.figure import write
+from palpate.procedures.showing.figure import picture_file, write
 from palpate.procedures.showing.text import STAMP
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.planning.plan import Question
@@ -28,7 +27,7 @@ SEVERAL = ("under the teeth", "under the base")
 
 
 def plot(scene: str, question: Question, periods: int, out: Path | None) -> dict[str, Any]:
-    """Draw a scene's waveforms into a PNG file; returns what JSON says about the picture.
+    """Draw a scene's waveforms into a file; returns what JSON says about the picture.
 
     Args:
         scene: name or file of the scene.
@@ -41,7 +40,7 @@ def plot(scene: str, question: Question, periods: int, out: Path | None) -> dict
         ConfigError, UnknownName: the scene is wrong.
     """
     chosen = read_scene(scene)
-    file = model_picture.place("".join(c if c.isalnum() or c in "-_" else "-" for c in chosen.name), out, store())
+    file = picture_file("".join(c if c.isalnum() or c in "-_" else "-" for c in chosen.name), out, store())
     load, frequency = show(question.load, "N"), show(question.frequency, "Hz")
     title = f"scene {chosen.name}: sample {question.sample}, {load} peak to peak at {frequency}"
     draw(chosen.design, waveforms(chosen, question, periods), title, file)
@@ -49,7 +48,7 @@ def plot(scene: str, question: Question, periods: int, out: Path | None) -> dict
 
 
 def draw(design: Design, seen: Waveforms, title: str, file: Path) -> None:
-    """Draw waveforms into a PNG file: first the drive, then the films stage by stage; teeth left, bases right.
+    """Draw waveforms into a file: first the drive, then the films stage by stage; teeth left, bases right.
 
     Raises:
         RecordError: the file cannot be written.

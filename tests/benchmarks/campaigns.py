@@ -11,30 +11,12 @@ from pathlib import Path
 
 import palpate
 from tests.benchmarks.row import Row
+from tests.campaigns import NIGHTLY
 from tests.kills import Commands
 
 KILLS = 100
 SEED = 5
 LONGEST = 0.1  # s of the wall, from the wait at which a kill is decided to the kill
-FILE = """
-name = "nightly"
-scene = "noisy_lab"
-
-[step.cell]
-procedure = "calibrate-load-cell"
-due = "30 d"
-
-[step.films]
-procedure = "calibrate-films"
-needs = ["cell"]
-due = "7 d"
-settings = { loads = "1.5 N, 2 N, 3 N", dwell = "0.2 s" }
-
-[step.sweep]
-procedure = "sweep-loads"
-needs = ["films"]
-settings = { samples = "1", loads = "2 N, 3 N", dwell = "0.2 s" }
-"""
 
 
 def measure() -> Iterator[Row]:
@@ -43,7 +25,7 @@ def measure() -> Iterator[Row]:
     before = os.environ.get("PALPATE_STORE")
     with tempfile.TemporaryDirectory() as folder:
         file, store = Path(folder) / "nightly.toml", Path(folder) / "store"
-        file.write_text(FILE, encoding="utf-8")
+        file.write_text(NIGHTLY, encoding="utf-8")
         os.environ["PALPATE_STORE"] = str(store)
         command = ("campaign", str(file), "--quiet", "--out", str(store / "campaigns" / "one"))
         try:

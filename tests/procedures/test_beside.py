@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
 
 import palpate
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import Scene
 from tests.drivers.outside import installed
 from tests.procedures.conftest import Palpate
 
@@ -71,6 +75,17 @@ def test_a_device_of_another_package_is_read_beside_each_point_and_told_everywhe
     assert "| room | 20 degC (u 0.3) |" in (tmp_path / "cell" / "certificate.md").read_text(encoding="utf-8")
 
 
+def test_the_plot_has_a_panel_for_what_is_read_beside_each_point(tmp_path: Path, figures: list[Figure]) -> None:
+    done = swept(tmp_path, ROOM)
+    done.plot()
+    *_, room = figures[0].axes
+    assert (len(figures[0].axes), room.get_ylabel()) == (3, "room (degC; bars: u)")
+    (bars,) = room.collections
+    assert [[y for _, y in segment] for segment in bars.get_segments()] == [[19.7, 20.3]] * 2
+    swept(tmp_path / "without").plot()
+    assert len(figures[1].axes) == 2
+
+
 def test_a_point_outside_the_limits_is_marked_or_not_used_as_the_file_says(tmp_path: Path) -> None:
     marked = swept(tmp_path / "marked", ROOM, "high = 19.5").result.points
     assert [(point.valid, point.flags) for point in marked] == [(True, ("surroundings",))] * 2
@@ -130,3 +145,46 @@ def test_what_cannot_be_read_beside_is_refused_before_anything_is_sent(
         for said in (palpate(*asked), palpate(*asked, "--dry-run")):
             assert (said.status, told in said.err) == (2, True), said.err
     assert not (tmp_path / "run").exists()
+
+
+# --- a real bench: its file, its wire, and a person --------------------------------------------------------
+
+
+@pytest.fixture
+def scene(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Scene]:
+    """The scene of `sim`, and so of `lab`: with the oven, and with the faults that the test asks for."""
+    with installed("oven"):
+        yield read_scene(str(scene_with(tmp_path / "of_the_bench", ROOM, *getattr(request, "param", ()))))
+
+
+SWEPT = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--assume-mounted", "--json")
+
+
+def fault(kind: str, at: int, lasts: int) -> tuple[str]:
+    """The table of a fault, which begins with the first request after `at`."""
+    return (f'[[fault]]\nkind = "{kind}"\non = "oven"\nat = "{at} s"\nlasts = "{lasts} s"',)
+
+
+@pytest.mark.parametrize(
+    "scene", [fault(kind, 30, 1) for kind in ("no_reply", "connection_refused", "device_failure")], indirect=True
+)
+def test_a_device_that_is_silent_beside_a_real_bench_costs_no_point_and_is_read_again(
+    lab: str, palpate: Palpate
+) -> None:
+    found = palpate(*SWEPT, "--bench", lab).object
+    assert [(p["valid"], p["flags"]) for p in found["points"]] == [(True, ["surroundings"]), (True, [])]
+    assert [p["beside_room_degC"] for p in found["points"]] == [None, 20.0]
+    assert [(each["readings"], each["silent"]) for each in found["beside"]] == [(1, 1)]
+    events = palpate("runs", "show", found["run"], "--json").object["events"]
+    (told,) = [event["message"] for event in events if event["kind"] == "beside"]
+    assert told.startswith("room could not be read: oven at 127.0.0.1:")
+
+
+@pytest.mark.parametrize("scene", [fault("no_reply", 0, 1000)], indirect=True)
+def test_a_device_beside_that_is_not_there_at_all_is_told_before_anything_is_measured(
+    lab: str, palpate: Palpate
+) -> None:
+    said = palpate(*SWEPT, "--bench", lab)
+    assert said.status == 1
+    assert "oven at 127.0.0.1:" in said.complaint
+    assert "check unit in [device.oven]" in said.complaint

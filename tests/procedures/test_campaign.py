@@ -11,28 +11,9 @@ from pathlib import Path
 import pytest
 
 import palpate
-from palpate.procedures.records.record import locked
+from palpate.procedures.records.record import Recorder, locked
+from tests.campaigns import NIGHTLY
 from tests.procedures.conftest import Palpate
-
-NIGHTLY = """
-name = "nightly"
-scene = "noisy_lab"
-
-[step.sweep]
-procedure = "sweep-loads"
-needs = ["films"]
-settings = { samples = "1,2", loads = ["2 N", "3 N"], dwell = "0.5 s" }
-
-[step.films]
-procedure = "calibrate-films"
-needs = ["cell"]
-due = "7 d"
-settings = { loads = "1.5 N, 2 N, 3 N, 4 N", dwell = "0.5 s" }
-
-[step.cell]
-procedure = "calibrate-load-cell"
-due = "30 d"
-"""
 
 
 @pytest.fixture
@@ -109,6 +90,25 @@ def test_killed_anywhere_it_goes_on_and_gives_the_same(
     assert len(list(Path("runs").glob("*/run.record"))) == 3
 
 
+def test_on_a_real_bench_the_part_of_a_person_is_told_beforehand_and_how_to_go_on_afterwards(
+    lab: str, palpate: Palpate, on_progress: Callable[[Callable[[int, int, str], None]], None]
+) -> None:
+    Path("real.toml").write_text(NIGHTLY.replace('scene = "noisy_lab"', f'bench = "{lab}"'), encoding="utf-8")
+    steps = palpate("campaign", "real.toml", "--dry-run", "--json").object["steps"]
+    told = {step["name"]: step["person"] for step in steps}
+    assert told["cell"] == "places the weights, confirms what is mounted"
+    assert told["sweep"] == "confirms what is mounted"
+
+    def cut(_done: int, _total: int, _what: str) -> None:
+        raise KeyboardInterrupt
+
+    on_progress(cut)
+    said = palpate("campaign", "real.toml", "--out", "cut", "--assume-mounted")
+    assert "this was step cell of the campaign; go on with: palpate campaign real.toml --out cut --assume-mounted" in (
+        said.err
+    )
+
+
 def test_a_count_of_runs_or_a_drift_makes_a_step_due(palpate: Palpate, file: str) -> None:
     drift = 'drift = {}\nof = "sensitivity_mV_per_N"'
 
@@ -130,6 +130,67 @@ def test_a_count_of_runs_or_a_drift_makes_a_step_due(palpate: Palpate, file: str
     assert cell(drift.format(0.5)) == (False, why)
 
 
+def past(name: str, procedure: str, hours: float, scene: str = "noisy_lab", **summary: float) -> None:
+    """A complete run in the store, which began so long ago."""
+    began = (datetime.now(UTC) - timedelta(hours=hours)).isoformat()
+    header = {"procedure": procedure, "simulated": True, "started": began, "scene": {"name": scene}}
+    Recorder.create(Path("runs") / name, header).finish("complete", summary)
+
+
+def due(palpate: Palpate, file: str, *changes: tuple[str, str]) -> dict[str, tuple[bool, str]]:
+    """Whether each step of a changed file is due, and why."""
+    text = NIGHTLY
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    Path(file).write_text(text, encoding="utf-8")
+    steps = palpate("campaign", file, "--dry-run", "--json").object["steps"]
+    return {step["name"]: (step["due"], step["why"]) for step in steps}
+
+
+def test_an_age_counts_by_the_clock_and_a_run_of_a_time_to_come_proves_nothing(palpate: Palpate, file: str) -> None:
+    past("first", "calibrate-load-cell", 29 * 24)
+    assert due(palpate, file)["cell"][0] is False
+    past("ahead", "calibrate-load-cell", -5)
+    (is_due, why) = due(palpate, file)["cell"]
+    assert (is_due, "is later than this computer's clock" in why) == (True, True)
+
+
+def test_runs_of_another_bench_and_those_that_are_not_simulated_do_not_count(palpate: Palpate, file: str) -> None:
+    past("other", "calibrate-load-cell", 1, scene="ideal")
+    began = {"procedure": "calibrate-load-cell", "simulated": False, "started": datetime.now(UTC).isoformat()}
+    Recorder.create(Path("runs/real"), {**began, "bench": 'name = "noisy_lab"'}).finish("complete", {})
+    assert due(palpate, file)["cell"] == (True, "there is none on this bench yet")
+
+
+def test_runs_that_began_with_the_last_one_count_and_a_drift_is_compared_as_it_is_given(
+    palpate: Palpate, file: str
+) -> None:
+    every = ('due = "30 d"', "every = 1")
+    now = datetime.now(UTC)
+    for name, procedure in (("cell", "calibrate-load-cell"), ("sweep", "sweep-loads")):
+        header = {"procedure": procedure, "simulated": True, "started": now.isoformat(), "scene": {"name": "noisy_lab"}}
+        Recorder.create(Path("runs") / name, header).finish("complete", {"value": 10.15})
+    assert due(palpate, file, every)["cell"] == (True, "1 runs since the last one")
+    past("before", "calibrate-load-cell", 1, value=10.0)
+    for drift, expected in ((0.014, True), (0.016, False)):
+        rule = ('due = "30 d"', f'drift = {drift}\nof = "value"')
+        assert due(palpate, file, rule)["cell"] == (expected, "value changed by 1.5 % between the last two")
+
+
+def test_only_what_a_step_needs_makes_it_due(palpate: Palpate, file: str) -> None:
+    for name, procedure, hours in (
+        ("cell", "calibrate-load-cell", 31 * 24), ("films", "calibrate-films", 1), ("sweep", "sweep-loads", 1),
+    ):  # fmt: skip
+        past(name, procedure, hours)
+    daily = ('needs = ["films"]', 'needs = ["films"]\ndue = "1 d"')
+    alone = ('needs = ["cell"]', "needs = []")
+    assert {name: each[0] for name, each in due(palpate, file, daily, alone).items()} == {
+        "films": False, "cell": True, "sweep": False,
+    }  # fmt: skip
+    assert all(each[0] for each in due(palpate, file, daily).values())
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
@@ -144,6 +205,8 @@ def test_a_count_of_runs_or_a_drift_makes_a_step_due(palpate: Palpate, file: str
         ("step.films", 'step."../films"', "'../films' is no name"),
         ('scene = "noisy_lab"', 'scene = "noisy_lab"\nbench = "lab.toml"', "--scene"),
         ('"1,2"', '"1,99"', "unknown sample '99'"),
+        ('"0.5 s" }', "0.5 }", "nightly.toml: step.sweep.settings.dwell: 0.5 is no setting; write it in quotes"),
+        ('["2 N", "3 N"]', "[2.5, 3]", "nightly.toml: step.sweep.settings.loads: [2.5, 3] is no setting"),
     ],
 )
 def test_a_campaign_that_cannot_be_is_refused_before_anything_is_begun(
@@ -151,7 +214,7 @@ def test_a_campaign_that_cannot_be_is_refused_before_anything_is_begun(
 ) -> None:
     Path(file).write_text(NIGHTLY.replace(old, new), encoding="utf-8")
     said = palpate("campaign", file)
-    assert (said.status, told in said.err) == (2, True), said.err
+    assert (said.status, told in said.complaint) == (2, True), said.err
     assert not Path("runs").exists()
 
 
@@ -189,20 +252,29 @@ def test_a_campaign_belongs_to_the_store_of_its_runs_and_to_one_process(
     assert (said.status, "was begun with the runs in" in said.err) == (2, True), said.err
 
 
-@pytest.mark.parametrize(("high", "status", "verdict"), [(1.0, 0, "pass"), (0.1, 3, "fail")])
+@pytest.mark.parametrize(
+    ("limit", "status", "verdict"),
+    [
+        ('["force ratio of sample 1"]\nhigh = 1.0', 0, "pass"),
+        ('["force ratio of sample 1"]\nhigh = 0.1', 3, "fail"),
+        ('[load_N]\nhigh = "9 N"', 4, "undecided"),
+    ],
+)
 def test_what_needs_a_step_that_does_not_pass_its_limits_is_left_out(
-    palpate: Palpate, file: str, high: float, status: int, verdict: str
+    palpate: Palpate, file: str, limit: str, status: int, verdict: str
 ) -> None:
-    Path("limits.toml").write_text(f'["force ratio of sample 1"]\nhigh = {high}', encoding="utf-8")
-    after = '[step.after]\nprocedure = "sweep-loads"\nneeds = ["sweep"]\nsettings = { samples = "1", loads = "2 N" }'
+    Path("limits.toml").write_text(limit, encoding="utf-8")
+    one = '[step.{}]\nprocedure = "sweep-loads"\nneeds = ["{}"]\nsettings = {{ samples = "1", loads = "2 N" }}\n'
+    after = one.format("after", "sweep") + one.format("last", "after")
     limits = '[step.sweep]\nlimits = "limits.toml"\nprocedure'
     Path(file).write_text(NIGHTLY.replace("[step.sweep]\nprocedure", limits) + after, encoding="utf-8")
     said = palpate("campaign", file, "--json", "--out", "one")
     assert said.status == status, said.err
     rows = {row["name"]: row for row in json.loads(said.out)["steps"]}
     assert rows["sweep"]["verdict"] == verdict
-    assert rows["after"]["due"] == (status == 0)
-    assert status == 0 or rows["after"]["why"] == "sweep did not pass"
+    assert [rows[name]["due"] for name in ("after", "last")] == [status == 0] * 2
+    if status:
+        assert [rows[name]["why"] for name in ("after", "last")] == ["sweep did not pass", "after did not pass"]
     said = palpate("campaign", file, "--out", "one")
     assert (said.status, verdict in said.out) == (status, True)
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import palpate
-from palpate.testing import InStep
+from palpate.testing import InStep, steps
 from tests.procedures.conftest import Palpate
 
 SWEEP = palpate.LoadSweep(samples=("1", "2"), loads=(2.0, 3.0), dwell=0.2)
@@ -120,6 +120,30 @@ with palpate.open_bench(scene="noisy_lab", seed=4) as bench:
     whole = list(palpate.watch(tmp_path / "run"))
     assert [event.kind for event in whole if event.kind in ("point", "ended")] == ["point"] * 4 + ["ended"]
     assert done.run.digest() == swept(tmp_path / "whole").digest()
+
+
+def test_a_watcher_that_comes_while_a_stopped_run_is_resumed_hears_it_to_its_new_end(tmp_path: Path) -> None:
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with palpate.open_bench(scene="noisy_lab", seed=4) as bench, pytest.raises(KeyboardInterrupt):
+        palpate.run(SWEEP, bench, out=tmp_path / "run", listeners=[steps(stop)])
+    assert list(palpate.watch(tmp_path / "run"))[-1].data["status"] == "stopped"
+    heard: list[palpate.Event] = []
+    watcher = threading.Thread(target=lambda: heard.extend(palpate.watch(tmp_path / "run")))
+
+    def look(event: palpate.Event) -> None:
+        if event.kind == "begun":
+            watcher.start()
+            while not any(each.kind == "incident" for each in heard):  # it has read to the end of the stopped run
+                watcher.join(0.01)
+
+    palpate.resume(tmp_path / "run", listeners=[InStep(look)])
+    watcher.join()
+    ends = [event.data["status"] for event in heard if event.kind == "ended"]
+    assert ends == ["complete"]
+    assert [event.data["id"] for event in heard if event.kind == "point"] == [1, 2, 3, 4]
 
 
 def test_nothing_is_told_of_a_run_that_is_none_and_a_damaged_one_is_named(tmp_path: Path) -> None:

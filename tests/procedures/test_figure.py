@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
+from typing import Annotated
+from xml.etree import ElementTree
 
 import pytest
+from matplotlib.container import ErrorbarContainer
+from matplotlib.figure import Figure
+from PIL import Image
 
-from palpate.procedures.showing.figure import logarithmic, new_figure, plot_over_loads
+from palpate.extend import Column
+from palpate.procedures.showing.figure import logarithmic, name_all, new_figure, plot_over_loads, with_u, write
+from tests.procedures.conftest import Palpate
 
 
 @pytest.mark.parametrize("limits", [(24.0, 115.0), (31.0, 33.0), (2.0, 5000.0)])
@@ -47,3 +55,94 @@ def test_bars_and_bands_do_not_cover_the_stamp() -> None:
     assert stamp.get_text() == "SIMULATED"
     drawn = max(each.get_zorder() for each in (*axes.patches, *axes.lines, *axes.collections))
     assert drawn < stamp.get_zorder() < axes.legend([], []).get_zorder()
+
+
+# --- the file: its format, and its text for who cannot see it -------------------------------------------
+
+
+def drawn() -> Figure:
+    figure, (left, right) = new_figure(True, 2, "films <1> & 2")
+    left.plot([0, 1], [0, 1], label="F1")
+    left.set(xlabel="load (N)", ylabel="voltage (mV)")
+    right.set(xlabel="time (s)", ylabel="change (%)")
+    name_all(left)
+    return figure
+
+
+TOLD = "SIMULATED: films <1> & 2. Panel 1: voltage (mV) over load (N); F1. Panel 2: change (%) over time (s)."
+
+
+def test_a_png_says_what_it_shows(tmp_path: Path) -> None:
+    write(drawn(), tmp_path / "plot.png")
+    with Image.open(tmp_path / "plot.png") as image:
+        assert image.info["Title"] == "SIMULATED: films <1> & 2"
+        assert image.info["Description"] == TOLD
+
+
+def test_an_svg_says_what_it_shows_and_is_the_same_each_time(tmp_path: Path) -> None:
+    write(drawn(), tmp_path / "one.svg")
+    write(drawn(), tmp_path / "other.svg")
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
+    root = ElementTree.parse(tmp_path / "one.svg").getroot()
+    assert [(each.tag.partition("}")[2], each.text) for each in root[:2]] == [
+        ("title", "SIMULATED: films <1> & 2"),
+        ("desc", TOLD),
+    ]
+
+
+def test_a_legend_covers_no_point() -> None:
+    figure = drawn()
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    assert axes.get_legend().get_window_extent().y0 >= axes.get_window_extent().y1
+
+
+@dataclass(frozen=True)
+class Pressed:
+    volts: Annotated[tuple[float, ...], Column("voltages", "V", u="volts_u")]
+    volts_u: tuple[float, ...]
+    mean: Annotated[float | None, Column("mean", "V")] = None
+
+
+def test_values_for_a_plot_have_the_uncertainties_of_their_column() -> None:
+    rows = [Pressed((1.0, 2.0), (0.1, 0.2)), Pressed((3.0, 4.0), (0.3, 0.4), 3.5)]
+    assert with_u(rows, "volts", 1e3, 1) == ([2e3, 4e3], [200.0, 400.0])
+    values, u = with_u(rows, "mean")
+    assert values == [pytest.approx(float("nan"), nan_ok=True), 3.5]
+    assert u is None
+    assert with_u([], "mean") == ([], None)
+
+
+# --- the plots of procedures ----------------------------------------------------------------------------
+
+WITHOUT_UNIT = ("strain", "sample", "object", "force ratio", "mean force ratio", "number of the set", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [
+        "sweep loads --samples 1,2 --loads 2N,3N",
+        "sweep frequency",
+        "sweep temperature",
+        "sweep position",
+        "calibrate load-cell",
+        "calibrate films",
+        "characterise",
+        "test modulus --sample 1",
+        "softness --samples 1,3",
+        "measure modulus --sample 1 --time 30min --relative-to-model",
+    ],
+)
+def test_a_plot_has_bars_units_and_a_legend_that_covers_no_point(
+    command: str, palpate: Palpate, figures: list[Figure]
+) -> None:
+    assert palpate(*command.split(), "--quiet").status == 0
+    (figure,) = figures
+    figure.draw_without_rendering()
+    assert any(each.has_yerr for each in figure.axes[0].containers if isinstance(each, ErrorbarContainer))
+    for axes in figure.axes:
+        if (legend := axes.get_legend()) is not None:
+            assert legend.get_window_extent().y0 >= axes.get_window_extent().y1
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert "(" in label or label in WITHOUT_UNIT, label

@@ -120,10 +120,15 @@ def test_a_sweep_without_a_valid_point_can_be_plotted_and_printed(
 def test_the_plot_of_a_calibration_shows_the_deviation_from_the_line(figures: list[Figure], tmp_path: Path) -> None:
     plot_load_cell(CALIBRATION, True, tmp_path)
     left, right = figures[0].axes
-    (readings,) = (line for line in left.lines if line.get_label() == "loading")
-    (deviations,) = (line for line in right.lines if line.get_label() == "loading")
-    for load, reading, deviation in zip(*readings.get_data(), deviations.get_ydata(), strict=True):
+    readings, deviations = (
+        next(each for each in axes.containers if each.get_label() == "loading") for axes in (left, right)
+    )
+    for load, reading, deviation in zip(*readings[0].get_data(), deviations[0].get_ydata(), strict=True):
         assert deviation == pytest.approx(reading - THESIS_LOAD_CELL.reading(load))
+    shown = len(next(each.readings_mV for each in CALIBRATION.points if each.direction == "loading"))
+    for bars in (readings[2], deviations[2]):
+        for (_, low), (_, high) in bars[0].get_segments():
+            assert high - low == pytest.approx(2 * THESIS_LOAD_CELL.reading_u(shown))
 
 
 def test_a_plot_that_is_slow_to_place_its_legend_gives_no_warning(
@@ -208,11 +213,14 @@ def test_names_and_messages_are_shown_as_they_are(capsys: pytest.CaptureFixture[
 
 def test_a_table_that_is_wider_than_the_terminal_loses_no_figure(capsys: pytest.CaptureFixture[str]) -> None:
     figures = [f"{1e12 + i:.0f}" for i in range(2 * PIPE_WIDTH // 13)]
+    first, *others = figures
     table = new_table(None, *figures)
     table.add_row(*figures)
     print_all(table, "after it")
     text = capsys.readouterr().out
-    assert [text.count(figure) for figure in figures] == [2] * len(figures)
+    assert [text.count(figure) for figure in others] == [2] * len(others)
+    assert text.count(first) == 2 * text.count("─ \n") > 2  # in each part
+    assert max(map(len, text.splitlines())) <= PIPE_WIDTH
     assert text.endswith("\nafter it\n")
 
 

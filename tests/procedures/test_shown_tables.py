@@ -10,7 +10,7 @@ from rich.console import Console
 
 from palpate.instrument.quantity import counted
 from palpate.procedures.showing import text
-from palpate.procedures.showing.text import blocks, new_table, number, percent, print_all, stamped
+from palpate.procedures.showing.text import PIPE_WIDTH, new_table, number, percent, print_all, stamped
 
 SHOWING = Path(text.__file__).parent
 COLUMNS = ("id", *(f"quantity_{n}" for n in range(20)))
@@ -24,7 +24,7 @@ def test_a_table_too_wide_for_the_terminal_is_printed_in_blocks_that_repeat_its_
     table = new_table(stamped(False, "T"), *COLUMNS)
     for row in range(2):
         table.add_row(str(row), *(f"{row}.{n}" for n in range(20)))
-    print_all(*blocks(table))
+    print_all(table)
     lines = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
     assert all(len(line.rstrip()) <= width for line in lines)
     heads = [line.split() for line in lines if "quantity_" in line]
@@ -56,9 +56,13 @@ def test_a_terminal_gets_no_line_wider_than_itself_but_one_that_a_single_word_ma
     ]
 
 
-def test_where_the_output_is_no_terminal_a_table_stays_whole() -> None:
+def test_where_the_output_is_no_terminal_a_table_has_eighty_columns_at_most(capsys: pytest.CaptureFixture[str]) -> None:
     table = new_table(None, *COLUMNS)
-    assert blocks(table) == [table]
+    table.add_row("0", *(f"0.{n}" for n in range(20)))
+    print_all(table)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= PIPE_WIDTH == 80
+    assert [head.split()[0] for head in lines if "quantity_" in head] == ["id"] * 4
 
 
 def test_where_the_output_is_no_terminal_a_line_stays_whole(capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,7 @@ from palpate.procedures.measurements.characterise.result import (
     Characteristic,
 )
 from palpate.procedures.records.columns import columns_of
-from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import new_table, percent, stamped, taken
 
@@ -68,19 +68,20 @@ def plot_characteristics(result: CharacteriseResult, simulated: bool, folder: Pa
         color = f"C{number}"
         for direction, marker in ((LOADING, "^"), (UNLOADING, "v")):
             points = [p for p in result.points if p.direction == direction]
-            left.plot(
-                [p.load_measured_N for p in points], [1e3 * p.voltages_V[number] for p in points], marker, color=color,
-                ms=4, label=f"{film}, {direction}",
+            (load, load_u), (volts, u) = with_u(points, "load_measured_N"), with_u(points, "voltages_V", 1e3, number)
+            left.errorbar(
+                load, volts, u, load_u, fmt=marker, color=color, ms=4, lw=1, capsize=2, label=f"{film}, {direction}",
             )  # fmt: skip
         held = [p for p in result.points if p.direction == HOLDING]
         first = held[0].voltages_V[number]
-        right.plot(
-            [p.time_s for p in held], [100 * (p.voltages_V[number] / first - 1) for p in held],
-            f"{MARKERS[number % len(MARKERS)]}-", color=color, ms=4, label=film,
+        volts, u = with_u(held, "voltages_V", 100 / first, number)
+        right.errorbar(
+            [p.time_s for p in held], [value - 100 for value in volts], u, fmt=f"{MARKERS[number % len(MARKERS)]}-",
+            color=color, ms=4, lw=1, capsize=2, label=film,
         )  # fmt: skip
-    left.set(xlabel="load, peak to peak (N)", ylabel="voltage, peak to peak (mV)", yscale="log")
-    right.set(xlabel="time (s)", ylabel="change of the amplitude (%)")
+    left.set(xlabel="load, peak to peak (N)", ylabel="voltage, peak to peak (mV; bars: u)", yscale="log")
+    right.set(xlabel="time (s)", ylabel="change of the amplitude (%; bars: u)")
     if len(result.films) <= MOST_NAMED:
-        left.legend(fontsize=8)
-        right.legend(fontsize=8)
+        name_all(left, 2)
+        name_all(right)
     return save(figure, folder)

@@ -9,7 +9,7 @@ from palpate.instrument.quantity import counted, plus_minus
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.films.result import FilmResult
-from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.text import new_table, percent, stamped
 
 
@@ -68,16 +68,17 @@ def plot_films(result: FilmResult, design: Design, folder: Path) -> Path:
     figure, (left, right) = new_figure(c.simulated, 2, f"film calibration, design {c.design}")
     for number, (film, own) in enumerate(zip(c.films, design.films, strict=True)):
         mine = [p for p in result.points if p.tooth - 1 in own.teeth]
-        load = [p.load_measured_N for p in mine]
-        volts = [1e3 * p.voltages_V[number] for p in mine]
+        (load, load_u), (volts, u) = with_u(mine, "load_measured_N"), with_u(mine, "voltages_V", 1e3, number)
         marker = MARKERS[number % len(MARKERS)]
-        left.plot(load, volts, marker, ms=4, label=f"{film.name}: {film.sensitivity_mV_per_N:.3g} mV/N")
-        expected = [film.sensitivity_mV_per_N * x for x in load]
-        right.plot(load, [100 * (y / e - 1) for y, e in zip(volts, expected, strict=True)], marker, ms=4)
+        look: dict[str, Any] = {"fmt": marker, "ms": 4, "lw": 1, "capsize": 2}
+        left.errorbar(load, volts, u, load_u, **look, label=f"{film.name}: {film.sensitivity_mV_per_N:.3g} mV/N")
+        by_line = [100 / (film.sensitivity_mV_per_N * x) for x in load]
+        off = [each * y - 100 for each, y in zip(by_line, volts, strict=True)]
+        right.errorbar(load, off, [each * y for each, y in zip(by_line, u or (), strict=True)], load_u, **look)
         ends = [0.0, max(load)]
         left.plot(ends, [film.sensitivity_mV_per_N * x for x in ends], "k-", lw=0.7)
-    left.set(xlabel="load peak to peak (N)", ylabel="film voltage peak to peak (mV)")
+    left.set(xlabel="load peak to peak (N)", ylabel="film voltage peak to peak (mV; bars: u)")
     right.axhline(0, color="k", lw=1)
-    right.set(xlabel="load peak to peak (N)", ylabel="deviation from the sensitivity (%)")
-    left.legend(fontsize=7)
+    right.set(xlabel="load peak to peak (N)", ylabel="deviation from the line (%; bars: u)")
+    name_all(left, 2)
     return save(figure, folder)

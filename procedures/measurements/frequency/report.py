@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import Any
 
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.frequency_response import TACTILE
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.frequency.result import FrequencyPoint, FrequencyResult
 from palpate.procedures.records.columns import columns_of
-from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import legend, new_table, stamped
 
@@ -51,25 +52,22 @@ def plot_sweep(result: FrequencyResult, design: Design, simulated: bool, folder:
     frequency = [p.frequency_Hz for p in result.points]
     for i, (marker, film) in enumerate(zip(itertools.cycle(MARKERS), design.films)):
         responses = [p.films[i] for p in result.points]
-        left.errorbar(
-            frequency, [1e3 * r.gain_V_per_N for r in responses], [1e3 * r.gain_u for r in responses], marker=marker,
-            ms=4, lw=1, capsize=2, label=film.name,
-        )  # fmt: skip
-        middle.errorbar(
-            frequency, [r.phase_deg for r in responses], [r.phase_u for r in responses], marker=marker, ms=4, lw=1,
-            capsize=2,
-        )  # fmt: skip
+        look: dict[str, Any] = {"marker": marker, "ms": 4, "lw": 1, "capsize": 2}
+        left.errorbar(frequency, *with_u(responses, "gain_V_per_N", 1e3), **look, label=film.name)
+        middle.errorbar(frequency, *with_u(responses, "phase_deg"), **look)
         corner = result.corners[film.name]
         if corner is not None:
             left.axvline(corner.corner_Hz, color=f"C{i % 10}", lw=1, ls=":", label="" if i else "corner")
-    right.plot(frequency, [p.response_N_per_V for p in result.points], "ko-", ms=4, lw=1)
+    response = [p.response_N_per_V for p in result.points]
+    u = [p.response_N_per_V * p.load_measured_u / p.load_measured_N for p in result.points]
+    right.errorbar(frequency, response, u, fmt="ko-", ms=4, lw=1, capsize=2)
     for ax in (left, middle, right):
         ax.set_xscale("log")
         ax.axvspan(min(*frequency, TACTILE), TACTILE, color="tab:green", alpha=0.08, label=f"touch, to {TACTILE:g} Hz")
         ax.set_xlabel("frequency (Hz)")
     left.set_yscale("log")
-    left.set_ylabel("gain (mV/N; bars: standard uncertainty)")
-    middle.set_ylabel("phase before the first base film (degrees)")
-    right.set_ylabel("load for the drive (N/V)")
-    left.legend(fontsize=8)
+    left.set_ylabel("gain (mV/N; bars: u)")
+    middle.set_ylabel("phase before first base film (°; bars: u)")
+    right.set_ylabel("load for the drive (N/V; bars: u of the load)")
+    name_all(left)
     return save(figure, folder)

@@ -36,7 +36,7 @@ from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import Predicted
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.lab.lab import MOUNTING
-from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SETTLING
+from palpate.procedures.measurements.load_cell.result import INTERVAL, PLACING, REPEATS, SENSITIVITY, SETTLING
 from palpate.procedures.measurements.prospects import binding, display_scatter, reachable, share
 from palpate.procedures.showing.plan import duration
 
@@ -45,8 +45,6 @@ from palpate.procedures.showing.plan import duration
 # It is that of the line through the mean readings, which the fit itself gives for readings without an error of their
 # own. A reading is off by the display's steps and its noise (`displayed_curve`). The cell is assumed to be straight
 # and to repeat [A]: what it does else is found by the run alone.
-
-SENSITIVITY = "sensitivity"
 
 
 def expected_sensitivity(

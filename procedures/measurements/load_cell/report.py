@@ -9,7 +9,7 @@ from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.load_cell.result import LOADING, UNLOADING, LoadCellPoint, LoadCellResult
 from palpate.procedures.records.columns import Column, columns_of
-from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.figure import name_all, new_figure, save
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import new_table, stamped
@@ -77,15 +77,17 @@ def plot_load_cell(result: LoadCellResult, simulated: bool, folder: Path) -> Pat
     figure, (left, right) = new_figure(simulated, 2, "load-cell calibration")
     c = result.calibration
     for direction, marker in (("loading", "^"), ("unloading", "v")):
-        load = [p.load_N for p in result.points if p.direction == direction]
-        reading = [p.reading_mV for p in result.points if p.direction == direction]
-        left.plot(load, reading, marker, label=direction)
-        right.plot(load, [y - c.reading(x) for x, y in zip(load, reading, strict=True)], marker, label=direction)
+        points = [p for p in result.points if p.direction == direction]
+        load, reading = [p.load_N for p in points], [p.reading_mV for p in points]
+        off = [p.reading_mV - c.reading(p.load_N) for p in points]
+        u = [c.reading_u(len(p.readings_mV)) for p in points]
+        for axes, values in ((left, reading), (right, off)):
+            axes.errorbar(load, values, u, fmt=marker, capsize=2, label=direction)
     grid = [c.greatest_N * i / 50 for i in range(51)]
     left.plot(grid, [c.reading(x) for x in grid], "k-", lw=1, label=f"{c.sensitivity_mV_per_N:z.3f} mV/N")
-    left.set(xlabel="load (N)", ylabel="reading (mV)")
+    left.set(xlabel="load (N)", ylabel="reading (mV; bars: u)")
     right.axhline(0, color="k", lw=1)
-    right.set(xlabel="load (N)", ylabel="deviation from the curve (mV)")
-    left.legend(fontsize=8)
-    right.legend(fontsize=8)
+    right.set(xlabel="load (N)", ylabel="deviation from the curve (mV; bars: u)")
+    name_all(left)
+    name_all(right)
     return save(figure, folder)

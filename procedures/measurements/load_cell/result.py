@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
@@ -11,7 +12,7 @@ import numpy as np
 from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.uncertainty.budget import Budget
+from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column
 
@@ -21,6 +22,7 @@ REPEATS = 10  # readings of each weight
 INTERVAL = 0.1  # s between two readings: the display is updated ten times a second
 PLACING = 10.0  # s that a person takes to change the weights [A]
 CREEP, ZERO_BEFORE, ZERO_AFTER, LOADING, UNLOADING = "creep", "zero_before", "zero_after", "loading", "unloading"
+SENSITIVITY = "sensitivity"
 CREEP_TIMES = (30.0, 300.0)  # s after the weight was placed, ISO 376
 
 
@@ -76,15 +78,13 @@ class LoadCellResult:
         }
 
     @property
-    def unbudgeted(self) -> dict[str, tuple[float, float]]:
-        """The sensitivity and its standard uncertainty [mV/N], which the budgets of loads contain."""
-        return {"sensitivity": (self.calibration.sensitivity_mV_per_N, self.calibration.sensitivity_u)}
-
-    @property
     def budgets(self) -> tuple[Budget, ...]:
-        """The budgets of the least load, of the middle of the range, and of the greatest load."""
+        """The budgets of the sensitivity, and of the least, the middle and the greatest load."""
         c = self.calibration
-        return tuple(load_budget(c, load) for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N))
+        freedom = math.inf if c.degrees_of_freedom is None else float(c.degrees_of_freedom)
+        curve = Component("curve through the loads", c.sensitivity_u, 1.0, freedom, "A")
+        loads = (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N)
+        return Budget(SENSITIVITY, c.sensitivity_mV_per_N, "mV/N", (curve,)), *(load_budget(c, load) for load in loads)
 
 
 def runs_of(points: Sequence[LoadCellPoint], loads: int) -> Iterator[WeightRun]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -14,7 +13,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.loads.result import LoadPoint, SampleMean, SweepResult
 from palpate.procedures.records.columns import Column, columns_of
-from palpate.procedures.showing.figure import new_figure, plot_over_loads, save
+from palpate.procedures.showing.figure import name_all, new_figure, plot_over_loads, save, with_u
 from palpate.procedures.showing.tables import NOTHING, table_of
 from palpate.procedures.showing.text import legend, new_table, percent, stamped
 
@@ -121,21 +120,13 @@ def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Pat
     if invalid := [p for p in result.points if not p.valid]:
         left.plot([p.load_N for p in invalid], [p.force_ratio for p in invalid], "rx", ms=10, label="not valid")
     left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)", ylim=(0, None))
-    left.legend(fontsize=8, ncols=2)
+    name_all(left, 4)
     shown = [s for s in result.samples if s.valid_points]
     place = range(len(shown))
-    ratio, ratio_u, thesis = (
-        [math.nan if value is None else value for value in values]
-        for values in (
-            [s.force_ratio for s in shown],
-            [s.force_ratio_u for s in shown],
-            [s.thesis_force_ratio for s in shown],
-        )
-    )
-    right.errorbar(place, ratio, ratio_u, fmt="o", capsize=3, label="this run")
+    right.errorbar(place, *with_u(shown, "force_ratio"), fmt="o", capsize=3, label="this run")
     if design.thesis_force_ratio:
-        right.plot(place, thesis, "k_", ms=16, label="thesis, mean of its tables")
-    right.set(xlabel="sample", ylabel="mean force ratio", ylim=(0, None))
+        right.plot(place, with_u(shown, "thesis_force_ratio")[0], "k_", ms=16, label="thesis, mean of its tables")
+    right.set(xlabel="sample", ylabel="mean force ratio (bars: u)", ylim=(0, None))
     right.set_xticks(list(place), [s.sample for s in shown])
-    right.legend(fontsize=8)
+    name_all(right)
     return save(figure, folder)

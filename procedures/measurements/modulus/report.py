@@ -12,7 +12,7 @@ from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.columns import Column
-from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.figure import name_all, new_figure, save
 from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import MARKS, OUTSIDE, legend, new_table, stamped
 
@@ -82,10 +82,10 @@ def plot_modulus(result: ModulusResult, simulated: bool, folder: Path) -> Path:
         right.plot(strain, 1e-3 * thesis.values("modulus_Pa"), "k_", ms=10, label=label)
     tangent = result.compression.tangent
     right.axhline(1e-3 * tangent.value, color="k", lw=1, label="tangent modulus")
-    left.set(xlabel="strain", ylabel="stress (kPa)")
-    right.set(xlabel="strain", ylabel="secant modulus (kPa)", ylim=(0, None))
-    left.legend(fontsize=8)
-    right.legend(fontsize=8)
+    left.set(xlabel="strain", ylabel="stress (kPa; bars: u)")
+    right.set(xlabel="strain", ylabel="secant modulus (kPa; bars: u)", ylim=(0, None))
+    name_all(left)
+    name_all(right, 2)
     return save(figure, folder)
 
 

@@ -17,7 +17,7 @@ from palpate.procedures.measurements.object_modulus.course import (
 )
 from palpate.procedures.measurements.object_modulus.planning import planned_lines, scatter_told
 from palpate.procedures.measurements.prospects import share
-from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.figure import name_all, new_figure, save, with_u
 from palpate.procedures.showing.moduli import between
 from palpate.procedures.showing.text import stamped, taken
 
@@ -87,12 +87,13 @@ def plot_modulus(result: ObjectModulusResult, simulated: bool, folder: Path) -> 
     for number in mountings:
         own = [(place, p) for place, p in enumerate(result.points, 1) if p.mounting == number and p.valid]
         label = f"mounting {number}" if len(mountings) <= MOST_NAMED else None
-        left.plot([place for place, _ in own], [p.force_ratio for _, p in own], "o", label=label)
+        ratios = with_u([p for _, p in own], "force_ratio")
+        left.errorbar([place for place, _ in own], *ratios, fmt="o", ms=4, lw=1, capsize=2, label=label)
     if result.answer is not None:
         ratio = result.answer.ratio
         left.axhspan(*ratio.interval(), alpha=0.2, label="mean, 95 %")
-    left.set(xlabel="set", ylabel="force ratio")
-    left.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    left.set(xlabel="number of the set", ylabel="force ratio (bars: standard uncertainty)")
+    name_all(left, 4)
     shares = sorted(result.shares.items(), key=lambda each: each[1])
     right.barh([name for name, _ in shares], [100 * value for _, value in shares])
     right.set(xlabel="share of the variance (%)")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +16,7 @@ from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.position.expected import name_of
 from palpate.procedures.measurements.position.result import DOUBT, FoundPlace, PositionPoint, PositionResult
 from palpate.procedures.records.columns import Column, columns_of
-from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.figure import name_all, new_figure, save, with_u
 from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import legend, stamped, taken
 
@@ -63,15 +62,14 @@ def plot_sweep(result: PositionResult, design: Design, sample: Sample, simulated
     along = np.linspace(0.0, design.plate.length, ALONG)
     models = shares_along(design, sample, along)
     for side, model, color in zip(("left", "right"), models, ("tab:blue", "tab:orange"), strict=True):
-        share, share_u, thesis = (
-            [math.nan if (value := getattr(p, name)) is None else value for p in result.points]
-            for name in (f"share_{side}", f"share_{side}_u", f"thesis_share_{side}")
+        thesis = with_u(result.points, f"thesis_share_{side}")[0]
+        left.errorbar(
+            x, *with_u(result.points, f"share_{side}"), fmt="o", ms=4, capsize=2, color=color, label=f"{side} tooth"
         )
-        left.errorbar(x, share, share_u, fmt="o", ms=4, capsize=2, color=color, label=f"{side} tooth")
         left.plot(1e3 * along, model, "-", lw=1, color=color, label=f"{side}, model")
         left.plot(x, thesis, "x", ms=5, color=color, label=f"{side}, thesis A2.7")
     left.set(xlabel="place of the load (mm)", ylabel="share of the force (bars: standard uncertainty)")
-    left.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    name_all(left)
     places: Sequence[FoundPlace | PositionPoint] = result.places or result.points
     at, off = [p.position_mm for p in places], [p.found_mm - p.position_mm for p in places]
     spread = [[p.found_mm - p.found_low_mm for p in places], [p.found_high_mm - p.found_mm for p in places]]

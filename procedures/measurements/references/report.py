@@ -14,8 +14,8 @@ from palpate.instrument.quantity import counted, show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.references.result import ReferencesResult
 from palpate.procedures.showing import moduli
-from palpate.procedures.showing.figure import logarithmic, new_figure, save
-from palpate.procedures.showing.text import blocks, new_table, number, stamped
+from palpate.procedures.showing.figure import logarithmic, name_all, new_figure, save
+from palpate.procedures.showing.text import new_table, number, stamped
 
 
 def show_references(result: ReferencesResult, films: FilmCalibration | None, outcome: Outcome) -> list[object]:
@@ -34,7 +34,7 @@ def show_references(result: ReferencesResult, films: FilmCalibration | None, out
     spread = "not known" if c.spread is None else f"{100 * c.spread:.2g} % of the ratio"
     freedom = "" if c.spread_degrees_of_freedom is None else f" ({moduli.degrees(c.spread_degrees_of_freedom)})"
     return [
-        *blocks(table),
+        table,
         f"constant       {math.exp(c.constant):z.4f}, by which the model's ratios are divided",
         f"spread         {spread}{freedom}: {c.prior}",
         moduli.absolute_line(result.line),
@@ -88,12 +88,12 @@ def plot_references(result: ReferencesResult, curve: RatioCurve, folder: Path) -
     )  # fmt: skip
     left.set(xlabel="modulus (kPa)", ylabel="force ratio")
     logarithmic(left, 1e-3 * moduli_Pa[0], 1e-3 * moduli_Pa[-1])
-    left.legend(fontsize=7)
+    name_all(left, 2)
     places, errors = range(len(c.references)), [100 * each.ln_error for each in c.references]
     right.errorbar(places, errors, [100 * each.ln_error_u for each in c.references], fmt="o", capsize=2)
     right.axhline(100 * c.constant, color="k", lw=1)
     if c.spread is not None:
         right.axhspan(100 * (c.constant - c.spread), 100 * (c.constant + c.spread), color="0.85")
     right.set(xticks=places, xticklabels=[each.name for each in c.references])
-    right.set(xlabel="reference (line: constant, band: spread)", ylabel="ln of model over measured ratio (%)")
+    right.set(xlabel="reference (line: constant, band: spread)", ylabel="ln of model over measured (%; bars: u)")
     return save(figure, folder)

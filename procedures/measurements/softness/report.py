@@ -13,7 +13,7 @@ from palpate.procedures.measurements.softness.ranking import ranked_lines
 from palpate.procedures.measurements.softness.result import Softness, SoftnessPoint, SoftnessResult
 from palpate.procedures.records.columns import LAST, Column, columns_of
 from palpate.procedures.showing import moduli
-from palpate.procedures.showing.figure import logarithmic, new_figure, plot_over_loads, save
+from palpate.procedures.showing.figure import logarithmic, name_all, new_figure, plot_over_loads, save
 from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import MARKS, legend, stamped
 
@@ -75,7 +75,7 @@ def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path
         points = [p for p in result.points if p.object == each.object]
         plot_over_loads(left, place, each.object, points)
     left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)")
-    left.legend(fontsize=8, title="object", ncols=6, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    name_all(left, 6, title="object")
     known = [each for each in result.objects if each.scale_low_Pa or each.scale_high_Pa]
     for place, each in enumerate(known):
         if each.absolute_low_Pa or each.absolute_high_Pa:

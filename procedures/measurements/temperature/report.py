@@ -9,7 +9,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.temperature.result import TemperaturePoint, TemperatureResult
 from palpate.procedures.records.columns import columns_of
-from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import legend, stamped
 
@@ -33,12 +33,13 @@ def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folde
     figure, (left, right) = new_figure(simulated, 2, f"warming films, design {design.name}")
     change = [p.step_K for p in result.points]
     for i, (marker, film) in enumerate(zip(itertools.cycle(MARKERS), design.films)):
-        left.plot(change, [p.films[i].offset_N for p in result.points], marker, ms=5, label=film.name)
-    left.set(xlabel="change of temperature (K)", ylabel="apparent force (N)")
-    left.legend(fontsize=8)
+        offsets = with_u([p.films[i] for p in result.points], "offset_N")
+        left.errorbar(change, *offsets, fmt=marker, ms=5, lw=1, capsize=2, label=film.name)
+    left.set(xlabel="change of temperature (K)", ylabel="apparent force (N; bars: u)")
+    name_all(left)
     right.plot(change, [100 * p.error_lock_in for p in result.points], "o", ms=5, label="lock-in amplifier")
     right.plot(change, [100 * p.error_rms for p in result.points], "s", ms=5, label="voltmeter (RMS)")
     right.axhline(0, color="k", lw=1, label="fit with trend")
     right.set(xlabel="change of temperature (K)", ylabel="error of the force ratio (%)")
-    right.legend(fontsize=8)
+    name_all(right)
     return save(figure, folder)
