@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from typing import Any
 
 from palpate.drivers.clock import WallClock
 from palpate.drivers.roles import LoadIndicator
@@ -48,11 +49,10 @@ def recorded_outcome(run: Run, lab: Lab) -> Outcome:
 
     Raises ConfigError: its scene is wrong.
     """
-    header, summary = run.header, dict(run.summary)
-    seconds = summary.get("bench_seconds", math.nan)
-    assert isinstance(seconds, float)
+    header, summary = run.header, run.summary
+    seconds: Any = summary.get("bench_seconds", math.nan)
     found = outcome_of(lab, run.folder, scene_in(header, run.folder), mounting_in(header), header, seconds, math.nan)
-    promise: Promise = {key: summary[key] for key in Promise.__annotations__ if key in summary}  # type: ignore[assignment]
+    promise: Any = {key: summary[key] for key in Promise.__annotations__ if key in summary}
     kept = str(run.folder / KEPT)
     return {
         **found,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -27,6 +28,6 @@ def measure() -> Iterator[Row]:
             )
             times.append(time.perf_counter() - start)
         size = (store / "0.html").stat().st_size
-    seconds = min(times)
+    seconds = statistics.median(times)
     yield Row("report of 36 points", f"{seconds:.2f} s", f"<= {SECONDS:g} s", seconds <= SECONDS)
     yield Row("its size", f"{size / 1e6:.2f} MB", f"<= {BYTES / 1e6:g} MB", size <= BYTES)
