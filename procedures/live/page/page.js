@@ -291,7 +291,7 @@ function showAll() {
   state.dirty = false;
   const { step, promise, planned } = state, whole = (step && step.points) || (planned && planned.points) || 0;
   $("status").textContent = state.status;
-  $("status").className = { complete: "good", running: "", paused: "warn" }[state.status] 
+  $("status").className = { complete: "good", running: "", paused: "warn" }[state.status]
     ?? (/^(pauses|waiting)/.test(state.status) ? "warn" : "bad");
   $("pause").textContent = state.status === "paused" ? "Go on" : "Pause";
   $("pause").disabled = $("stop").disabled = !/^(running|paus)/.test(state.status);
