@@ -515,9 +515,7 @@ class CanopenSensorNode(CanopenDevice):
         """Sample for `duration` [s] together with `others`, with SYNC from this node. See the function `acquire`."""
         return acquire([self, *others], duration)
 
-    def pieces_with(
-        self, others: Sequence[CanopenSensorNode], duration: float
-    ) -> Generator[list[Recording], None, None]:
+    def pieces_with(self, others: Sequence[CanopenSensorNode], duration: float) -> Pieces:
         """The same while it lasts. See the function `in_pieces`."""
         return in_pieces([self, *others], duration)
 

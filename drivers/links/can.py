@@ -108,7 +108,7 @@ class Cyclic:
 
 for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever fails is raised
     logging.getLogger(_name).addHandler(logging.NullHandler())
-canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
+canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing a real bus waits for one cycle, the default is a second
 
 HEARTBEAT = 0x700  # identifier of a heartbeat, without the node id
 OPERATIONAL = b"\x05"  # state that it tells

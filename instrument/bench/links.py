@@ -118,18 +118,41 @@ def arrived(bus: Any) -> list[Any]:
     return frames
 
 
-def leave(network: Any) -> None:
-    """Disconnect canopen's network from its bus, without a wait if the bus lies within this process.
+class _Gone:
+    """The only listener of a bus that is being left; it hears nothing, and takes the error by which its thread ends."""
 
-    python-can's thread looks every `NOTIFIER_CYCLE` whether it shall stop. On its virtual bus anything that is
-    put into the thread's queue wakes it; listeners are gone by then, so that nobody hears of it.
+    def __init__(self, notifier: Any) -> None:
+        self._notifier = notifier
+
+    def __call__(self, message: object) -> None:
+        """Do nothing."""
+
+    def on_error(self, error: Exception) -> None:
+        """Forget the error, which would count as one of the bus."""
+        self._notifier.exception = None
+
+
+def leave(network: Any) -> None:
+    """Disconnect canopen's network from its bus, without a wait if the bus lies within this process or machine.
+
+    python-can's thread looks every `NOTIFIER_CYCLE` whether it shall stop. On its virtual bus anything that is put into
+    the thread's queue wakes it. On a multicast socket it wakes when nothing can be received there any more.
     """
-    received = getattr(network.bus, "queue", None)
-    if network.notifier is not None and received is not None:
-        network.notifier.listeners.clear()
-        network.notifier._stopped = True
+    notifier, received = network.notifier, getattr(network.bus, "queue", None)
+    if notifier is not None and received is not None:
+        _end(notifier)
         received.put(True)
+    elif notifier is not None:
+        with suppress(OSError, NotImplementedError), socket.socket(fileno=os.dup(network.bus.fileno())) as end:
+            if end.family in OWN_GROUPS:
+                _end(notifier)
+                end.shutdown(socket.SHUT_RD)  # it wakes although it is refused, as no peer is connected
     network.disconnect()
+
+
+def _end(notifier: Any) -> None:
+    notifier.listeners[:] = [_Gone(notifier)]
+    notifier._stopped = True
 
 
 # -------------------------------------------------------------------------------------------------------

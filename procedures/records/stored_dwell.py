@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.instrument.errors import RangeError
 from palpate.procedures.records.chain import ChainFile, Content
 from palpate.procedures.records.record_file import IN_A_FRAME, as_samples, wave_frame, waves
 from palpate.procedures.records.run import telling_damage
@@ -29,22 +30,25 @@ class StoredDwell:
         self._begins, self._waveforms = 0, 0
 
     def add(self, waveforms: Mapping[str, tuple[float, np.ndarray]]) -> None:
-        """Store the next samples of all waveforms, as many of each; they are durable on return.
+        """Store the next samples of all waveforms; they are durable on return.
 
         Raises:
-            RangeError: as `Recorder.point`. RecordError: they cannot be stored.
+            RangeError: as `Recorder.point`, or they are not as many of each, or too many for a row of the record.
+            RecordError: they cannot be stored.
         """
         named = {name: (rate, as_samples(name, rate, samples)) for name, (rate, samples) in waveforms.items()}
-        count = min(samples.size for _, samples in named.values())
-        for at in range(0, count, IN_A_FRAME):
-            frames = [
-                wave_frame(self.point_id, name, rate, samples[at : at + IN_A_FRAME], self.samples, self.number)
+        counts = {samples.size for _, samples in named.values()}
+        if len(counts) != 1 or max(counts) > IN_A_FRAME:
+            raise RangeError(f"a piece of a dwell has {counts} samples; give as many of each, {IN_A_FRAME} at most")
+        begins = self._store(
+            [
+                wave_frame(self.point_id, name, rate, samples, self.samples, self.number)
                 for name, (rate, samples) in named.items()
             ]
-            begins = self._store(frames)
-            if not self.samples:
-                self._begins, self._waveforms = begins, len(named)
-            self.samples += min(IN_A_FRAME, count - at)
+        )
+        if not self.samples:
+            self._begins, self._waveforms = begins, len(named)
+        self.samples += counts.pop()
 
     def pieces(self) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
         """All samples again: of each piece the number of its first sample, from 0, and the samples by name.

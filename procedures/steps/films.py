@@ -22,7 +22,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit, fit_pieces, fit_sine
 from palpate.instrument.signals.long_fit import joined
 from palpate.instrument.signals.sine_columns import sine_columns
-from palpate.procedures.records.record_file import InPieces
+from palpate.procedures.records.record_file import IN_A_FRAME, InPieces
 from palpate.procedures.records.stored_dwell import StoredDwell
 
 if TYPE_CHECKING:
@@ -144,9 +144,11 @@ class LongFilmRecord:
         self.rate = piece.rate
         self.clips, self.gaps = self.clips | piece.clips, self.gaps | piece.gaps
         self.silent = self.silent & piece.silent
-        if piece.clipped.any():
-            self._clipped[self._dwell.samples] = piece.clipped
-        self._dwell.add(dict(zip(self._names, ((piece.rate, volts) for volts in piece.voltage), strict=True)))
+        for at in range(0, piece.samples, IN_A_FRAME):
+            volts, clipped = piece.voltage[:, at : at + IN_A_FRAME], piece.clipped[:, at : at + IN_A_FRAME]
+            if clipped.any():
+                self._clipped[self._dwell.samples] = clipped
+            self._dwell.add(dict(zip(self._names, ((piece.rate, each) for each in volts), strict=True)))
 
     @property
     def samples(self) -> int:

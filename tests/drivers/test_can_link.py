@@ -20,6 +20,7 @@ from palpate.instrument.bench import links
 from palpate.instrument.bench.can_block import Block, time_of
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
+from palpate.simulators.wire.can_bus import own_channel
 
 
 class Bus(can.BusABC):
@@ -245,10 +246,13 @@ def test_a_closed_link_is_not_open(link: CanLink, monkeypatch: pytest.MonkeyPatc
         link.subscribe(0x181, lambda *_: None)
 
 
-def test_closing_a_bus_within_this_process_wakes_the_thread_that_listens(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("interface", ["virtual", MULTICAST])
+def test_closing_a_bus_within_this_machine_wakes_the_thread_that_listens(
+    interface: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(canopen.Network, "NOTIFIER_CYCLE", 300.0)  # without being woken it would listen for so long
     heard: list[tuple[bool, can.Message]] = []
-    link = CanLink(links.CanBus(interface="virtual", channel="woken"))
+    link = CanLink(links.CanBus(interface=interface, channel=own_channel(interface)))
     link.tap(lambda sent, message: heard.append((sent, message)))
     before = set(threading.enumerate())
     link.open()

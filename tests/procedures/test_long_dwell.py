@@ -13,7 +13,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.errors import RecordError
+from palpate.instrument.errors import RangeError, RecordError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.lab import operator
@@ -22,6 +22,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import IN_A_FRAME, InPieces
 from palpate.procedures.records.run import Run, reading
 from palpate.procedures.records.stored_dwell import StoredDwell
+from palpate.procedures.steps import films
 from palpate.procedures.steps.films import FilmRecord, Films, LongFilmRecord
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
@@ -185,11 +186,21 @@ def test_of_several_dwells_at_a_point_the_one_counts_that_the_point_names(tmp_pa
 def test_samples_in_pieces_have_the_digest_of_samples_that_are_stored_at_once(tmp_path: Path) -> None:
     with begun(tmp_path / "pieces") as record:
         dwell = record.begin_dwell()
-        dwell.add(samples(0, IN_A_FRAME + 2))
+        dwell.add(samples(0, 100))
+        dwell.add(samples(100, IN_A_FRAME))
         record.point({"a": 1}, listed(dwell), 7)
     with begun(tmp_path / "whole") as record:
-        record.point({"a": 1}, samples(0, IN_A_FRAME + 2), 7)
+        record.point({"a": 1}, samples(0, IN_A_FRAME + 100), 7)
     assert Run.open(tmp_path / "pieces").digest() == Run.open(tmp_path / "whole").digest()
+
+
+def test_a_piece_that_is_no_row_of_a_record_is_refused(tmp_path: Path) -> None:
+    with begun(tmp_path) as record:
+        dwell = record.begin_dwell()
+        for piece in (samples(0, IN_A_FRAME + 1), {**samples(0, 5), "third": (RATE, np.ones(4))}):
+            with pytest.raises(RangeError, match="give as many of each, 262144 at most"):
+                dwell.add(piece)
+        assert dwell.samples == 0
 
 
 def test_a_repair_says_what_it_leaves_out(tmp_path: Path) -> None:
@@ -246,7 +257,7 @@ def test_a_piece_that_was_not_acknowledged_does_not_count(tmp_path: Path) -> Non
 # --- the films -----------------------------------------------------------------------------------------
 
 
-def test_the_films_of_a_long_dwell_do_what_films_in_memory_do(tmp_path: Path) -> None:
+def test_the_films_of_a_long_dwell_do_what_films_in_memory_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     count = 40_000
     time = np.arange(1, count + 1) / RATE
     drive = np.outer([0.2, 0.3], np.cos(2 * np.pi * FREQUENCY * time))
@@ -257,8 +268,10 @@ def test_the_films_of_a_long_dwell_do_what_films_in_memory_do(tmp_path: Path) ->
     memory = FilmRecord(RATE, time, volts, clipped)
     with begun(tmp_path) as record:
         stored = LongFilmRecord(record.begin_dwell(), ["film", "total"])
-        for part in np.split(np.arange(count), [15_000, 30_000]):
-            stored.add(FilmRecord(RATE, time[part], volts[:, part], clipped[:, part]))
+        with monkeypatch.context() as patched:
+            patched.setattr(films, "IN_A_FRAME", 10_000)  # a piece of more samples is several rows
+            for part in np.split(np.arange(count), [15_000, 30_000]):
+                stored.add(FilmRecord(RATE, time[part], volts[:, part], clipped[:, part]))
         for one, other in (
             (stored, memory),
             (stored.first(50.0), memory.first(50.0)),
@@ -286,12 +299,12 @@ def test_nodes_that_give_no_pieces_are_stored_in_pieces_too(bench: Bench, tmp_pa
         def __init__(self, node: SensorNode) -> None:
             self.acquire_with = node.acquire_with
 
-    films = Films(bench, get_design("single"), FREQUENCY, 4.0)
+    sampled = Films(bench, get_design("single"), FREQUENCY, 4.0)
     found = []
-    for name, nodes in (("pieces", films._nodes), ("whole", [Whole(films._nodes[0])])):
-        films._nodes = nodes  # type: ignore[assignment]
+    for name, nodes in (("pieces", sampled._nodes), ("whole", [Whole(sampled._nodes[0])])):
+        sampled._nodes = nodes  # type: ignore[assignment]
         with begun(tmp_path / name) as record:
-            recorded = films.recorded(70.0, record)
+            recorded = sampled.recorded(70.0, record)
             assert isinstance(recorded, LongFilmRecord)
             found.append((recorded.samples, recorded.rate, recorded.usable(clipped=False)[0].tolist()))
     assert found[0] == found[1]
