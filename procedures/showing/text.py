@@ -42,7 +42,7 @@ def print_all(*things: object) -> None:
         if isinstance(thing, str) and out.is_terminal:
             thing = "\n".join(folded(line, width) for line in thing.splitlines())
         for part in blocks(thing, width) if isinstance(thing, Table) else [thing]:
-            out.width = max(width, _widest(part)) if isinstance(part, Table) and _is_whole(part) else width
+            out.width = max(width, sum(_least_widths(part))) if isinstance(part, Table) else width
             out.print(part, soft_wrap=not isinstance(part, Table))
 
 
@@ -75,9 +75,9 @@ def blocks(table: Table, width: int) -> list[Table]:
 
     These are as many as tell its rows apart, or the first alone where they take more than two thirds of the width.
     """
-    if not _is_whole(table) or _widest(table) <= width:
+    widths = _least_widths(table)
+    if sum(widths) <= width:
         return [table]
-    widths = [_widest(_part(table, [number])) for number in range(len(table.columns))]
     rows = list(zip(*(map(str, column.cells) for column in table.columns), strict=True))
     key = next((n for n in range(1, len(widths)) if len({row[:n] for row in rows}) == len(rows)), 1)
     if sum(widths[:key]) > 2 * width // 3:
@@ -95,22 +95,20 @@ def blocks(table: Table, width: int) -> list[Table]:
     return found
 
 
-def _is_whole(table: Table) -> bool:
-    """Whether no cell of a table may be broken into lines."""
-    return all(column.no_wrap for column in table.columns)
-
-
-def _widest(table: Table) -> int:
-    """Columns that a table takes on one line."""
+def _least_widths(table: Table) -> list[int]:
+    """How wide each column of a table must be: its longest line, or its longest word where lines may be folded."""
     out = console()
-    return out.measure(table, options=out.options.update(width=WIDEST)).maximum
+    wide = out.options.update(width=WIDEST)
+    parts = ((_part(table, [number]), column.no_wrap) for number, column in enumerate(table.columns))
+    found = [(out.measure(part, options=wide), whole) for part, whole in parts]
+    return [measure.maximum if whole else measure.minimum for measure, whole in found]
 
 
 def _part(table: Table, columns: Sequence[int]) -> Table:
     part = new_table(None, *(str(table.columns[i].header) for i in columns))
     cells = [list(table.columns[i].cells) for i in columns]
     for own, i in zip(part.columns, columns, strict=True):
-        own.justify = table.columns[i].justify
+        own.justify, own.no_wrap = table.columns[i].justify, table.columns[i].no_wrap
     for row in zip(*cells, strict=True):
         part.add_row(*map(str, row))
     return part

@@ -118,7 +118,7 @@ def test_a_page_needs_nothing_else_and_takes_no_text_of_a_run_for_markup(palpate
     assert "svg" in page.tags and "".join(page.texts).count(EVIL) > 3
     assert [link for link in page.links if not link.startswith("#")] == []
     assert len(page.ids) == len(set(page.ids))
-    label = re.search('aria-label="(.*?)"', Path(file).read_text(encoding="utf-8"))
+    label = re.search("<desc>(.*?)</desc>", Path(file).read_text(encoding="utf-8"))
     assert label is not None and EVIL in html.unescape(label[1])
     assert "http" not in "".join(page.links)
     assert 10_000 < Path(file).stat().st_size < 2_000_000
