@@ -289,7 +289,7 @@ class Bench(Fitted):
         self.incidents = Incidents(self.clock)
         self.attended = False
         self.waits: Callable[[str], object] = lambda _why: None  # called with the reason before a wait for others
-        # called with the bench time [ns] and what the films show then: "films", "rate" [Hz], "voltage" (films, n) [V]
+        # called with a bench time before [ns] and what the films show: "films", "rate" [Hz], "voltage" (films, n) [V]
         self.sampled: Callable[[int, Mapping[str, object]], object] = lambda _bench_ns, _shown: None
         self._safe = True
         for device in self.devices:

@@ -40,6 +40,7 @@ class WatchedClock:
     def __init__(self, clock: BenchClock) -> None:
         """Make the clock of a bench from the one that keeps the time. It has no exciter to watch yet."""
         self._clock = clock
+        self.read_ns = 0  # time that was read last [ns]; a bus log notes each time that is read anew
         self._exciter: Watched | None = None
         self._guard: Fed | None = None
         self._longest = LOOKS
@@ -79,7 +80,7 @@ class WatchedClock:
             self._fed_ns = self._clock.now_ns()  # it has just been enabled
 
     def now_ns(self) -> int:
-        now = self._clock.now_ns()
+        now = self.read_ns = self._clock.now_ns()
         self._heard(now)
         return now
 

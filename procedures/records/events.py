@@ -52,7 +52,7 @@ class Event:
 
     Attributes:
         kind: what it is.
-        bench_ns: bench time [ns].
+        bench_ns: bench time [ns]; of a trace the time that was last read before it.
         data: what is told of it: values of JSON under the names above; the voltage of a trace is an array.
     """
 

@@ -349,7 +349,7 @@ class Films:
         first = recordings[0]
         voltage = np.array([recordings[node].voltage[channel - 1] for node, channel in self._places])
         shown = {"films": [film.name for film in self.design.films], "rate": first.rate, "voltage": voltage}
-        self.bench.sampled(self.bench.clock.now_ns(), shown)
+        self.bench.sampled(self.bench.clock.read_ns, shown)
         clipped = np.array([recordings[node].saturated[channel - 1] for node, channel in self._places])
         return FilmRecord(first.rate, first.time, voltage, clipped)
 

@@ -156,7 +156,7 @@ def test_the_trigger_is_where_the_film_crosses_the_level_that_was_typed(page: Pa
 def test_frozen_films_stay_until_the_oscilloscope_runs_again(page: Page, tmp_path: Path) -> None:
     with served(tmp_path, *LONG, "--live") as live:
         page.driver.get(live.address)
-        page.until(lambda: page.text("#trace").startswith("as sampled until bench time"))
+        page.until(lambda: page.text("#trace").startswith("sampled after bench time"))
         page.driver.find_element("id", "freeze").click()
         frozen, points = page.text("#trace"), page.js("return state.last")
         page.until(lambda: page.js("return state.last") > points + 20)

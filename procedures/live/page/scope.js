@@ -10,7 +10,7 @@ const HYSTERESIS = 0.1; // of peak to peak
 
 class Oscilloscope {
   constructor() {
-    this.trace = null; // {rate, films, rows (of Float32Array, V), end (bench time in s), point, arrived (ms)}
+    this.trace = null; // {rate, films, rows (of Float32Array, V), begun (bench time in s), point, arrived (ms)}
     this.paced = false; // whether a trace is played at the pace at which it was acquired
     this.frozen = false;
     this.hidden = new Set();
@@ -38,7 +38,7 @@ class Oscilloscope {
     const all = new Float32Array(bytes.buffer);
     const rows = told.films.map((_, i) => all.subarray(i * told.samples, (i + 1) * told.samples));
     const before = this.trace;
-    this.trace = { rate: told.rate, films: told.films, rows, samples: told.samples, end: told.bench_ns / 1e9,
+    this.trace = { rate: told.rate, films: told.films, rows, samples: told.samples, begun: told.bench_ns / 1e9,
       point: told.point, arrived: performance.now() };
     if (!before || before.films.join("\n") !== told.films.join("\n")) { this.window = null; this.build(); }
     this.changed = true;
@@ -138,7 +138,7 @@ class Oscilloscope {
     this.plot.setData([t, ...rows]);
     this.draws++;
     this.read();
-    $("trace").textContent = (trace.point === undefined ? `as sampled until bench time ${trace.end.toFixed(3)} s, not recorded`
+    $("trace").textContent = (trace.point === undefined ? `sampled after bench time ${trace.begun.toFixed(3)} s, not recorded`
       : `point ${trace.point}, as recorded`) + ` · ${trace.samples} samples at ${Number(trace.rate.toPrecision(6))} Hz`
       + (this.triggered ? "" : " · no trigger");
   }
