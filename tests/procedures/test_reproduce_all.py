@@ -13,7 +13,7 @@ import pytest
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
 from palpate.instrument.findings.film_forces import ToothPoint
-from palpate.instrument.models.evidence import Evidence, ratio_by
+from palpate.instrument.models.evidence import Evidence, EvidencePart, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.harmonics import Distortion
@@ -91,6 +91,11 @@ def traces(found: SweepResult) -> Traces:
     return {(p.sample, p.load_N): PointTraces(ScopeReading(of_load * p.load_N, 0.1, 0.15), clean) for p in found.points}
 
 
+def compared(arrangement: experiments.Arrangement, found: SweepResult, by: EvidencePart = MEANS) -> list[RowTable]:
+    """Every table of the arrangement beside this sweep."""
+    return list(experiments.compare(arrangement, found, traces(found), by))
+
+
 def pressed(sample: str) -> ModulusResult:
     return ModulusResult(get_sample(sample), compress(*three(), THESIS_LOAD_CELL, 1e-4, 1e-6))
 
@@ -129,8 +134,7 @@ def test_a_row_is_within_two_standard_uncertainties_and_without_any_it_is_not_ju
 def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
     arrangement: experiments.Arrangement, cells: int
 ) -> None:
-    found = swept(arrangement)
-    tables = list(experiments.compare(arrangement, found, traces(found), MEANS))
+    tables = compared(arrangement, swept(arrangement))
     assert [table.number for table in tables] == [*arrangement.tables.values(), arrangement.summary]
     judged = [row.within for table in tables for row in table.judged]
     assert len(judged) == cells
@@ -142,10 +146,9 @@ def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
 
 def test_a_row_outside_says_whose_scatter_it_is() -> None:
     """Forces of ours are 1.029 of the load, times the factor."""
-    high = swept(SINGLE, 1.33)
     outside = {
         (table.number, r.row, r.quantity): r.because
-        for table in experiments.compare(SINGLE, high, traces(high), MEANS)
+        for table in compared(SINGLE, swept(SINGLE, 1.33))
         for r in table.rows
         if r.within is False
     }
@@ -157,7 +160,7 @@ def test_a_row_outside_says_whose_scatter_it_is() -> None:
 
 def test_a_wrong_order_of_softness_is_said() -> None:
     wrong = replace(swept(DIFFERENT), softness_order=["2", "1", "3", "4", "5", "6"])
-    (table,) = experiments.compare(DIFFERENT, wrong, traces(wrong), MEANS)
+    (table,) = compared(DIFFERENT, wrong)
     assert table.sentences[0].endswith("WRONG: the thesis' figure has 1 > 6 > 4 > 3 > 5 > 2")
     assert not experiments.order_is_right(wrong, get_design("different_base"))
 

@@ -30,7 +30,7 @@ from palpate.procedures.reproduce.judging.rows import (
 )
 from palpate.procedures.reproduce.page import Everything
 from tests.procedures.conftest import Palpate
-from tests.procedures.test_reproduce_all import COMMON, DIFFERENT, MEANS, SINGLE, quick, row, swept
+from tests.procedures.test_reproduce_all import COMMON, DIFFERENT, SINGLE, compared, quick, row, swept
 
 __all__ = ["quick"]  # few trials, used by name
 
@@ -55,7 +55,7 @@ def test_forces_that_are_off_in_the_mean_are_biased_though_each_cell_may_lie_wit
     factor: float, biased: bool
 ) -> None:
     """The thesis' own base films tell of 1.11 times the set load: ours, at the set load, are not off for that."""
-    tables = list(experiments.compare(DIFFERENT, swept(DIFFERENT, factor), MEANS))
+    tables = compared(DIFFERENT, swept(DIFFERENT, factor))
     found = judge(tables)[INPUT].biased
     assert [mean.kind for mean in found] == (["forces and voltages"] if biased else [])
     assert all(math.copysign(1, mean.mean) == math.copysign(1, factor - 1 / 1.029) for mean in found)
@@ -75,15 +75,15 @@ def test_biases_are_told_beside_what_chance_would_put_there() -> None:
 
 
 def test_a_bias_that_hides_in_every_table_is_found_over_all_of_an_arrangement() -> None:
-    found = judge(experiments.compare(SINGLE, swept(SINGLE, 0.95 / 1.029), MEANS))[INPUT]
+    found = judge(compared(SINGLE, swept(SINGLE, 0.95 / 1.029)))[INPUT]
     assert [mean.of for mean in found.biased] == ["all tables of single"]
-    assert not judge(experiments.compare(SINGLE, swept(SINGLE, 1 / 1.029), MEANS))[INPUT].biased
+    assert not judge(compared(SINGLE, swept(SINGLE, 1 / 1.029)))[INPUT].biased
 
 
 def test_what_every_table_shares_does_not_average_out_over_an_arrangement() -> None:
-    means = all_means(experiments.compare(SINGLE, swept(SINGLE), MEANS))
+    means = all_means(compared(SINGLE, swept(SINGLE)))
     assert {mean.kind for mean in means if "all tables of" in mean.of} == {
-        "force_ratio", "forces and voltages",
+        "force_ratio", "forces and voltages", "oscilloscope_mV",
     }  # fmt: skip
     assert {mean.u for mean in means if mean.kind == "meter_reading_mV"} == {1.0}
 
@@ -206,7 +206,7 @@ def test_a_mean_that_went_in_is_met_to_our_own_uncertainty_and_a_predicted_one_t
     arrangement: experiments.Arrangement, number: str
 ) -> None:
     def mean(by: str) -> Row:
-        tables = experiments.compare(arrangement, swept(arrangement), ratio_by(by))
+        tables = compared(arrangement, swept(arrangement), ratio_by(by))
         chosen = next(each for each in tables if each.number == number)
         return next(each for each in chosen.rows if each.kind == "mean force ratio")
 
@@ -218,7 +218,7 @@ def test_a_mean_that_went_in_is_met_to_our_own_uncertainty_and_a_predicted_one_t
 
 def test_the_cells_of_table_5_7_are_the_means_that_went_in() -> None:
     def ratio(by: str) -> float:
-        (found,) = experiments.compare(DIFFERENT, swept(DIFFERENT), ratio_by(by))
+        (found,) = compared(DIFFERENT, swept(DIFFERENT), ratio_by(by))
         return next(each.u or 0 for each in found.rows if each.kind == "force_ratio")
 
     assert ratio("solid") == pytest.approx(math.sqrt(2) * ratio("experiment"), rel=1e-6)
@@ -236,7 +236,7 @@ def test_the_cells_of_table_5_7_are_the_means_that_went_in() -> None:
 def test_without_scatter_a_film_gives_its_own_sensitivity_times_its_share_of_the_force(
     design: str, expected: dict[str, float]
 ) -> None:
-    found = {each.column: each.expected(3.0, 0.25) for each in quantities(theory.get_design(design))}
+    found = {each.column: each.expected(3.0, 0.25) for each in quantities(theory.get_design(design), {}, ())}
     assert {name: value for name, value in found.items() if name.endswith("_mV")} == pytest.approx(
         {**expected, "meter_reading_mV": math.nan}, rel=1e-12, nan_ok=True
     )
