@@ -16,6 +16,7 @@ from palpate.drivers.roles import SensorNode
 from palpate.instrument.errors import RangeError, RecordError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
+from palpate.procedures.engine.again import Unrecorded
 from palpate.procedures.lab import operator
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
@@ -267,13 +268,15 @@ def test_the_films_of_a_long_dwell_do_what_films_in_memory_do(tmp_path: Path, mo
     volts[0, 35_000:35_010] = np.nan
     memory = FilmRecord(RATE, time, volts, clipped)
     with begun(tmp_path) as record:
-        stored = LongFilmRecord(record.begin_dwell(), ["film", "total"])
+        stored, held = (LongFilmRecord(each.begin_dwell(), ["film", "total"]) for each in (record, Unrecorded()))
         with monkeypatch.context() as patched:
             patched.setattr(films, "IN_A_FRAME", 10_000)  # a piece of more samples is several rows
             for part in np.split(np.arange(count), [15_000, 30_000]):
-                stored.add(FilmRecord(RATE, time[part], volts[:, part], clipped[:, part]))
+                for each in (stored, held):
+                    each.add(FilmRecord(RATE, time[part], volts[:, part], clipped[:, part]))
         for one, other in (
             (stored, memory),
+            (held, memory),  # as a run is done again
             (stored.first(50.0), memory.first(50.0)),
             (stored.last(100.0), memory.last(100.0)),
             (stored.last(100.0).first(30.0), memory.last(100.0).first(30.0)),
