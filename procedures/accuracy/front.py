@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from palpate.instrument.allocation.lines import budget
-from palpate.instrument.allocation.table import ROUNDING, OutOfReach, Table
+from palpate.instrument.allocation.table import ROUNDING, OutOfReach
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGES
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, SCATTER
@@ -152,6 +152,7 @@ class ModulusFront:
             )
         if found.validation.u is None and not plans.wanted.relative:
             plans = plans.asking(relative=True)
+        rows = [row for row in plans.table.front_rows() if plans.table.half[row] <= LARGEST_TOLERANCE]
         asked, why, less, more = None, "", None, None
         offered: Sequence[Alternative]
         try:
@@ -161,11 +162,11 @@ class ModulusFront:
             offered = [] if quickest is None else [quickest]
         else:
             offered, mean = plans.alternatives(asked.plan), asked.plan.times.mean
-            less, more = (_in_time(plans, mean + change) for change in (-MINUTE, MINUTE))
+            less, more = (_in_time(plans, rows, mean + change) for change in (-MINUTE, MINUTE))
         return cls(
             modulus=modulus,
             plans=plans,
-            points=tuple(_points(plans, command)),
+            points=tuple(_points(plans, rows, command)),
             targets=tuple((each, _reached(plans, command, each)) for each in TARGETS),
             asked=asked,
             why=why,
@@ -228,12 +229,11 @@ class ModulusFront:
         }
 
 
-def _points(plans: ModulusPlans, command: Sequence[str]) -> list[FrontPoint]:
+def _points(plans: ModulusPlans, rows: Sequence[int], command: Sequence[str]) -> list[FrontPoint]:
     """The front, thinned out to points about as far apart in time; none that takes longer and gives less is kept."""
-    rows = _front_rows(plans.table)
     if not rows:
         return []
-    times = np.log(plans.table.mean[rows])
+    times = np.log(plans.table.mean[list(rows)])
     numbers = np.unique([int(np.abs(times - each).argmin()) for each in np.linspace(times[0], times[-1], POINTS)])
     points: list[FrontPoint] = []
     for number in numbers:
@@ -241,11 +241,6 @@ def _points(plans: ModulusPlans, command: Sequence[str]) -> list[FrontPoint]:
         if not points or point.plan.times.mean > points[-1].plan.times.mean:
             points.append(point)
     return points
-
-
-def _front_rows(table: Table) -> list[int]:
-    """Numbers of the rows of the front that a tolerance can ask for."""
-    return [row for row in table.front_rows() if table.half[row] <= LARGEST_TOLERANCE]
 
 
 def _typed(half: float) -> float:
@@ -267,9 +262,9 @@ def _reached(plans: ModulusPlans, command: Sequence[str], tolerance: float) -> F
         return None
 
 
-def _in_time(plans: ModulusPlans, seconds: float) -> float | None:
+def _in_time(plans: ModulusPlans, rows: Sequence[int], seconds: float) -> float | None:
     """The least tolerance that runs reach in so much time on average [s], further mountings included; None: none."""
-    table, rows = plans.table, _front_rows(plans.table)
+    table = plans.table
 
     def lasts(row: int) -> float:
         return plans.by(table.row(row), float(table.half[row])).times.mean
