@@ -21,7 +21,7 @@ from palpate.procedures.engine.recorded import RecordedResult, result_of
 from palpate.procedures.engine.settings import asked_of, shown
 from palpate.procedures.engine.verdict import Judgement, judge
 from palpate.procedures.records.damage import check, repair
-from palpate.procedures.records.run import Run, storing
+from palpate.procedures.records.run import Run, storing, telling_damage
 from palpate.procedures.showing.budget import show_budgets
 from palpate.procedures.showing.page import figure, of_things, page, pairs, rows, section, warning
 from palpate.procedures.showing.points import show_result
@@ -100,7 +100,8 @@ def reported(folders: Iterable[Path], limits: LimitsFile | None = None) -> Itera
             faults = check(folder).faults
             if faults:
                 salvaged = Path(stack.enter_context(tempfile.TemporaryDirectory())) / folder.absolute().name
-                repair(folder, salvaged)
+                with telling_damage(folder):
+                    repair(folder, salvaged)
             run = Run.open(salvaged if faults else folder)
             if faults and limits:
                 raise UsageError(f"{folder} is damaged, so it cannot be judged; leave out --limits")
@@ -162,7 +163,7 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
     sources = ((each["name"], f"{sentence(each)}, {each['field']} of {each['device']}") for each in beside)
     yield told("Beside the points", pairs(sources))
     yield told("Settings", rows(("setting", "value", "meaning"), _settings(run)))
-    serials = header.get("devices", {})
+    serials = _part(header, "devices")
     yield told("Devices", rows(("device", "serial number"), [(name, serials[name] or "-") for name in serials]))
     heads = ("calibration of", "source", "device", "created", "expires", "SHA-256", "rests on")
     yield told("Calibrations", rows(heads, _calibrations(header)))
@@ -182,12 +183,11 @@ def _shown(found: RecordedResult, name: str) -> Iterator[str]:
 
 
 def _settings(run: Run) -> Iterator[tuple[str, str, str]]:
-    given: Any = run.header.get("settings", {})
     try:
         known = {each.name: each.setting for each in asked_of(procedure_class(run.procedure))}
     except PalpateError:
         known = {}
-    for name, value in given.items():
+    for name, value in _part(run.header, "settings").items():
         setting = known.get(name)
         value = tuple(map(_words, value)) if isinstance(value, list) else value
         unit = setting.unit if setting else ""
@@ -202,9 +202,9 @@ def _words(value: object) -> object:
 
 def _calibrations(header: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for key, (what, file) in CALIBRATED.items():
-        if isinstance(known := header.get(key), dict):
+        if known := _part(header, key):
             told = (str(known.get(name) or "-") for name in ("source", "device", "created", "expires"))
-            stored = header.get("calibration_files", {}).get(file) or {}
+            stored = _part(_part(header, "calibration_files"), file)
             yield what, *told, stored.get("sha256") or "-", _basis(key, known)
 
 
@@ -220,7 +220,13 @@ def _basis(key: str, known: Mapping[str, Any]) -> str:
 
 def _software(header: Mapping[str, Any]) -> dict[str, str]:
     own = {name: str(header.get(name) or "-") for name in ("commit", "contracts")}
-    return {**header.get("versions", {}), **own, **header.get("arithmetic", {})}
+    return {**_part(header, "versions"), **own, **_part(header, "arithmetic")}
+
+
+def _part(header: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A table of a header; empty: there is none."""
+    found = header.get(key)
+    return found if isinstance(found, dict) else {}
 
 
 # --- the comparison ------------------------------------------------------------------------------------
@@ -261,7 +267,7 @@ def _side_by_side(reports: Sequence[Reported]) -> Iterator[list[str]]:
     headers: list[Mapping[str, Any]] = [each.run.header for each in reports]
     parts = [
         [{name: value for name, value, _ in _settings(each.run)} for each in reports],
-        [{name.partition(" at ")[0]: serial for name, serial in each.get("devices", {}).items()} for each in headers],
+        [{name.partition(" at ")[0]: serial for name, serial in _part(each, "devices").items()} for each in headers],
         [{f"calibration of {name}": " ".join(rest[:5]) for name, *rest in _calibrations(each)} for each in headers],
         list(map(_software, headers)),
     ]

@@ -184,6 +184,18 @@ def test_a_run_that_ended_early_is_shown_with_the_points_that_it_has(
         assert any(f"{points} point" in text for text in texts) and "Devices" in texts
 
 
+def test_a_header_of_another_kind_makes_a_report_or_one_error(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    for number, key in enumerate(package.read("run").header):
+        copy = Path(shutil.copytree("run", f"{number}"))
+        rehash(copy, header=lambda header, key=key: header.update({key: EVIL}))  # type: ignore[misc]
+        said = palpate("runs", "report", str(copy), "--json")
+        if said.status:
+            assert said.complaint  # of one line, without a traceback
+        else:
+            assert "script" not in read(said.object["report"]).tags
+
+
 def test_a_run_that_another_version_computed_otherwise_is_told(palpate: Palpate) -> None:
     palpate(*SWEEP, "--out", "run")
     rehash(Path("run"), point=lambda data: data.update(force_ratio=0.5), number=1)
