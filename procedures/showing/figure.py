@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MARKERS = "osD^vP*X"
 FORMATS = (".png", ".svg")
-_as_svg = ContextVar("as_svg", default=False)
+_reported: ContextVar[Path | None] = ContextVar("reported", default=None)  # the run of whose figures a report makes SVG
 STAMP_ABOVE = 4  # above all bars, bands and curves (3 at most), which would cover it; below legends (5)
 
 
@@ -144,23 +144,23 @@ def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
 
     Returns its path. Raises RecordError: the file cannot be written, or the run not be read.
     """
-    path = folder / name
-    if _as_svg.get():
+    path, run = folder / name, _reported.get()
+    if run is not None:
         path = path.with_suffix(".svg")
-    if is_run(folder):
-        _add_beside(figure, Run.open(folder))
+    if is_run(run or folder):
+        _add_beside(figure, Run.open(run or folder))
     write(figure, path)
     return path
 
 
 @contextmanager
-def saved_as_svg() -> Iterator[None]:
-    """Inside, `save` writes SVG in the place of PNG."""
-    token = _as_svg.set(True)
+def saved_as_svg(run: Path) -> Iterator[None]:
+    """Inside, `save` writes figures of the run in this folder as SVG in the place of PNG, into any folder."""
+    token = _reported.set(run)
     try:
         yield
     finally:
-        _as_svg.reset(token)
+        _reported.reset(token)
 
 
 def _add_beside(figure: Figure, run: Run) -> None:

@@ -141,12 +141,12 @@ _GONE = re.compile(r"<\?xml.*?\?>|<!DOCTYPE.*?>|<metadata>.*?</metadata>|<!--.*?
 _IDS = re.compile(r'(\bid="|url\(#|href="#)')
 
 
-def figure(draw: Callable[[Path], Path], name: str) -> str:
-    """What `draw` draws into a folder, as SVG unless it saves a picture in another way.
+def figure(draw: Callable[[Path], Path], run: Path, name: str) -> str:
+    """What `draw` draws into a folder of a run, as SVG unless it saves a picture in another way.
 
     `name` is unlike those of other figures on the page. The figure's title and description are its alternative text.
     """
-    with tempfile.TemporaryDirectory() as folder, saved_as_svg():
+    with tempfile.TemporaryDirectory() as folder, saved_as_svg(run):
         content = draw(Path(folder)).read_bytes()
     if content.startswith(b"\x89PNG"):
         data = base64.b64encode(content).decode()

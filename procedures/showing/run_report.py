@@ -153,7 +153,7 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
 
     yield told("Run", pairs(each.facts.items()))
     if found is not None:
-        yield told("Result", *_shown(found, f"{run.procedure} {number}"))
+        yield told("Result", *_shown(found, run.folder, f"{run.procedure} {number}"))
     if each.judged is not None:
         yield told("Verdicts", of_things(show_verdicts(each.judged, run.simulated)))
     yield told("Uncertainty budgets", of_things(show_budgets(each.budgets, run.simulated)))
@@ -172,12 +172,12 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
     yield told("Software", pairs(_software(header).items()))
 
 
-def _shown(found: RecordedResult, name: str) -> Iterator[str]:
+def _shown(found: RecordedResult, run: Path, name: str) -> Iterator[str]:
     """The result and its figure, if its procedure shows what there is; after few points it may be no whole result."""
     try:
         yield of_things(show_result(found.report, found.result, found.outcome))
         if found.report is not None:
-            yield figure(found.report.draw, name)
+            yield figure(found.report.draw, run, name)
     except Exception as error:  # as in `_result`
         yield warning(f"it cannot be shown ({type(error).__name__}: {error})")
 
