@@ -50,7 +50,7 @@ def swept(tmp_path: Path, *tables: str) -> palpate.Finished[Any]:
 
 
 def test_a_device_of_another_package_is_read_beside_each_point_and_told_everywhere(
-    tmp_path: Path, palpate: Palpate, drawing: None
+    tmp_path: Path, palpate: Palpate
 ) -> None:
     with installed("oven"):
         chosen = ("--scene", str(scene_with(tmp_path, ROOM)), "--out", str(tmp_path / "run"))
@@ -66,7 +66,6 @@ def test_a_device_of_another_package_is_read_beside_each_point_and_told_everywhe
         assert report["runs"][0]["warning"] is None
         page = Path(report["report"]).read_text(encoding="utf-8")
         assert re.search("20 degC .u 0.3., [a-z_]+ of oven", page) and "beside_room_degC" in page
-        assert "room (degC; bars: u) over number of the point" in page  # of the figure
         weights = ("--scene", str(scene_with(tmp_path, ROOM)), "--out", str(tmp_path / "cell"))
         said = palpate("calibrate", "load-cell", *weights)
         assert "beside         room 20 degC (u 0.3)" in said.out

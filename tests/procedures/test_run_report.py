@@ -107,6 +107,14 @@ def test_a_report_says_who_what_by_which_devices_and_calibrations_and_by_which_s
     assert "Time over which each point is averaged." in text and "200 ms" in text
 
 
+def test_the_figure_of_a_report_has_what_stood_beside(palpate: Palpate, drawing: None) -> None:
+    beside = '[beside.sink]\ndevice = "shaker_amplifier"\nfield = "temperature"\nunit = "degC"\nu = 0.3\n'
+    Path("warm.toml").write_text(f'name = "warm"\npurpose = "Warm."\ndesign = "single"\n{beside}', encoding="utf-8")
+    palpate(*SWEEP, "--scene", "warm.toml", "--out", "run")
+    page = Path(palpate("runs", "report", "run", "--json").object["report"]).read_text(encoding="utf-8")
+    assert "sink (degC; bars: u) over number of the point" in page
+
+
 def test_a_page_needs_nothing_else_and_takes_no_text_of_a_run_for_markup(palpate: Palpate, drawing: None) -> None:
     palpate(*SWEEP, "--out", "run", "--about", f"what = {EVIL}")
     folder = Path("run").rename("<b>&'\"")
