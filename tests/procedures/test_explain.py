@@ -118,15 +118,16 @@ def test_the_text_says_path_reason_time_and_what_is_in_with_kind_cost_and_reason
     Path("played.toml").write_text(PLAYED)
     spoken = palpate("scene", "explain", "played.toml", "--prices").out
     assert "path: transitions: play operators move" in spoken
-    assert "40 transitions a second, 12.6 ms of processor time and 94 µs for each second of bench" in " ".join(
-        spoken.split()
-    )
-    lines = {line.split()[0]: line.split() for line in spoken.splitlines() if line.split()}
+    words = " ".join(spoken.split())
+    assert "40 transitions a second, 12.6 ms of processor time and 94 µs for each second of bench" in words
+    lines: dict[str, list[str]] = {}
+    for line in filter(None, map(str.split, spoken.splitlines())):
+        lines.setdefault(line[0], line)  # the column on its own, of a table that is wider than 80, comes later
     assert lines["hysteresis"][1:4] == ["hysteresis", "no", "0.0e+00"] and float(lines["hysteresis"][4]) > 1e-3
     assert lines["white_noise"][1:3] == ["additive", "no"] and 0 < float(lines["white_noise"][3]) < 1e-2
     assert lines["hysteresis"][5:7] == ["7.2", "13"]
     assert lines["white_noise"][5:8] == ["<", "0.3", "8"]
-    assert lines["adc"][5:] == ["-", "-", "called", "for"]
+    assert lines["adc"][5:] == ["-", "-"] and "adc called for" in words
     assert "settled" not in spoken
     assert palpate("scene", "explain", "played.toml", "--quiet").out == ""
 
