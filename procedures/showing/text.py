@@ -42,7 +42,7 @@ def print_all(*things: object) -> None:
         if isinstance(thing, str) and out.is_terminal:
             thing = "\n".join(folded(line, width) for line in thing.splitlines())
         for part in blocks(thing, width) if isinstance(thing, Table) else [thing]:
-            out.width = max(width, sum(_least_widths(part))) if isinstance(part, Table) else width
+            out.width = max(width, 1 + sum(_least_widths(part))) if isinstance(part, Table) else width
             out.print(part, soft_wrap=not isinstance(part, Table))
 
 
@@ -76,7 +76,7 @@ def blocks(table: Table, width: int) -> list[Table]:
     These are as many as tell its rows apart, or the first alone where they take more than two thirds of the width.
     """
     widths = _least_widths(table)
-    if sum(widths) <= width:
+    if 1 + sum(widths) <= width:
         return [table]
     rows = list(zip(*(map(str, column.cells) for column in table.columns), strict=True))
     key = next((n for n in range(1, len(widths)) if len({row[:n] for row in rows}) == len(rows)), 1)
@@ -87,7 +87,7 @@ def blocks(table: Table, width: int) -> list[Table]:
     for number, own in enumerate(widths[key:], key):
         if not parts or own > left:
             parts.append([])
-            left = width - sum(widths[:key])
+            left = width - 1 - sum(widths[:key])
         parts[-1].append(number)
         left -= own
     found = [_part(table, [*range(key), *part]) for part in parts]
@@ -96,12 +96,15 @@ def blocks(table: Table, width: int) -> list[Table]:
 
 
 def _least_widths(table: Table) -> list[int]:
-    """How wide each column of a table must be: its longest line, or its longest word where lines may be folded."""
+    """Columns that each column of a table takes, with the blank beside it; one more is left of all.
+
+    It takes its longest line, or its longest word where lines may be folded.
+    """
     out = console()
     wide = out.options.update(width=WIDEST)
     parts = ((_part(table, [number]), column.no_wrap) for number, column in enumerate(table.columns))
     found = [(out.measure(part, options=wide), whole) for part, whole in parts]
-    return [measure.maximum if whole else measure.minimum for measure, whole in found]
+    return [(measure.maximum if whole else measure.minimum) - 1 for measure, whole in found]
 
 
 def _part(table: Table, columns: Sequence[int]) -> Table:
