@@ -319,12 +319,11 @@ def print_everything(done: Everything) -> None:
     """Print each class of each table, the verdict on each class, and the place of everything else."""
     overview = new_table(
         stamped(True, "The thesis beside ours: rows within twice their stated scatter"),
-        "table", *(each.value for each in Evidence), "",
+        "table", *(each.value for each in Evidence),
     )  # fmt: skip
-    overview.columns[-1].justify = "left"
     for table in done.all_tables():
         mark = "*" if table.again else ""
-        overview.add_row(f"{table.number}{mark}", *map(str, counts(table).values()), table.title)
+        overview.add_row(f"{table.number}{mark}", *map(str, counts(table).values()))
     verdicts = []
     for evidence, verdict in done.verdicts().items():
         verdicts += [f"{evidence.value.upper()}: {evidence.meaning}", *(f"  {line}" for line in verdict.brief())]
@@ -335,6 +334,6 @@ def print_everything(done: Everything) -> None:
     ]
     print_all(
         overview, f"* {AGAIN}", "", *verdicts, "", *orders(done), *blind,
-        f"page      {done.page}   rows outside and why, what each table says, figures",
+        f"page      {done.page}   what each table is, rows outside and why, figures",
         f"tables    {done.models.folder}",
     )  # fmt: skip

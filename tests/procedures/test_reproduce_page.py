@@ -217,9 +217,8 @@ def test_the_terminal_has_the_tables_and_verdicts_and_leaves_the_rest_to_the_pag
     for evidence, verdict in whole.done.verdicts().items():
         assert f"{evidence.value.upper()}: {evidence.meaning}" in said
         assert all(line in said for line in verdict.brief())
-    assert {
-        line.split()[0].rstrip("*") for line in lines if line.rstrip().endswith(tuple(table.title for table in tables))
-    } >= {table.number for table in tables if " " not in table.number}
+    first = {line.split()[0].rstrip("*") for line in lines if line.split()}
+    assert first >= {table.number for table in tables if " " not in table.number}
     assert f"page      {whole.done.page}" in said
 
 
