@@ -1,4 +1,4 @@
-"""The clock of a simulated bench: a wait advances the simulation and returns without waiting in real time."""
+"""The clock of a simulated bench: a wait advances the simulation, and takes no real time unless a pace is set."""
 
 from __future__ import annotations
 
@@ -38,11 +38,13 @@ class VirtualClock:
     goes_on = False  # True: time passes without waits, because a pacer moves the clock on
     served = False  # whether clients in other processes keep the time of the wall
     stepper: Stepper | None = None  # answers in the waits of its clients; None: threads do
+    pace: float | None = None  # seconds of it in one of the wall's, at most; None: as many as can be computed
 
     def __init__(self) -> None:
         self.lock: AbstractContextManager[Any] = threading.RLock()
         self.failure: PalpateError | None = None  # why the scene cannot be followed any more; None: it can be
         self._now = 0
+        self._began: float | None = None  # time at which the wall's clock would have begun at this pace
         self._given_up_at: float | None = None  # of `time.monotonic`
         self._simulated: list[Simulated] = []
 
@@ -65,6 +67,8 @@ class VirtualClock:
             raise ValueError(f"cannot wait {duration} s; a wait is finite and not negative")
         if self.failure is not None:
             raise self.failure
+        if self.pace is not None and self._began is None:
+            self._began = time.monotonic() - 1e-9 * self._now / self.pace
         with self.lock:
             try:
                 self._pass(self._now + round(duration * 1e9))
@@ -72,6 +76,9 @@ class VirtualClock:
                 raise self.failed(error)  # noqa: B904  (it has its cause)
         if self.stepper is not None:
             self.stepper.step()  # clients hear at once what was sent meanwhile
+        if self.pace is not None and self._began is not None:
+            ahead = self._began + 1e-9 * self._now / self.pace - time.monotonic()
+            time.sleep(max(0.0, ahead))  # noqa: TID251  (this is a bench's clock)
 
     def _pass(self, target: int) -> None:
         while self._now < target:

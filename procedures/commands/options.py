@@ -186,6 +186,7 @@ class BenchChoice:
         assume_mounted: True: nobody is asked to confirm what was mounted or placed by hand.
         fidelity: change of the result below which effects of the scene are left out; None: all are simulated.
         about: what the run says about itself, as it was typed.
+        pace: seconds of a simulated bench for one of the wall's, at most; None: as many as can be computed.
     """
 
     bench: Path | None
@@ -196,6 +197,7 @@ class BenchChoice:
     assume_mounted: bool = False
     fidelity: float | None = None
     about: tuple[str, ...] = ()
+    pace: float | None = None
 
     def simulated_on(self, scene: str) -> BenchChoice:
         """The same choice, with this scene if neither a scene nor a bench is named."""
@@ -216,6 +218,7 @@ def bench_options(command: F) -> F:
         assume_mounted: bool,
         fidelity: float | None,
         about: tuple[str, ...],
+        pace: float | None,
         progress: str,
         live: int | None,
         limits: Path | None,
@@ -227,7 +230,7 @@ def bench_options(command: F) -> F:
         if junit is not None and limits is None:
             raise UsageError("--junit: it holds verdicts of limits; give them with --limits FILE")
         check_junit(junit)
-        choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity, about)
+        choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity, about, pace)
         output = Output(as_json, quiet, progress, limits=limits, junit=junit, live=live)
         return command(choice=choice, output=output, **own)
 
@@ -259,6 +262,11 @@ def bench_options(command: F) -> F:
             "--fidelity",
             callback=share,
             help="Leave out of the scene what changes force and force ratio by no more, such as 1e-3.",
+        ),
+        option(
+            "--pace",
+            callback=quantity("", "1", positive=True),
+            help="Seconds of the simulated bench for one of the wall's, at most: 1 plays it at the wall's speed.",
         ),
         option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         option(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.instrument.bench.beside import COLUMNS
-from palpate.instrument.errors import PalpateError, RecordError
+from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.commands.options import BenchChoice, Output
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
@@ -36,7 +36,10 @@ if TYPE_CHECKING:
 
 def chosen_by(choice: BenchChoice, model: str | None = None) -> Chosen:
     """The bench that a command will open. Raises as `choose` does."""
-    return choose(choice.bench, choice.scene, choice.seed, model, None, choice.assume_mounted)
+    if choice.bench is not None and choice.pace is not None:
+        raise UsageError("--pace: only for a simulated bench; leave this out, or leave out --bench")
+    chosen = choose(choice.bench, choice.scene, choice.seed, model, None, choice.assume_mounted)
+    return replace(chosen, pace=choice.pace)
 
 
 def chosen_for(procedure: Procedure[S, P, R], choice: BenchChoice, output: Output, model: str | None) -> Chosen:

@@ -33,6 +33,7 @@ class Chosen:
         operator: does the work by hand; None: the person at the console.
         logged: the logged run to replay; None: the bench answers itself.
         about: what each run says about itself, by the lab's keys.
+        pace: seconds of a simulated bench for one of the wall's, at most; None: as many as can be computed.
     """
 
     description: BenchDescription | None
@@ -41,6 +42,7 @@ class Chosen:
     operator: Operator | None = None
     logged: LoggedRun | None = None
     about: Mapping[str, str] = field(default_factory=dict)
+    pace: float | None = None
 
     @classmethod
     def of_log(cls, logged: LoggedRun) -> Chosen:

@@ -247,6 +247,7 @@ def opened(
             description, clock, operator = wire.description, wire, ConsoleOperator(lambda _what, _word: None)
         elif chosen.scene is not None:
             simulated = stack.enter_context(simulated_bench(chosen.scene))
+            simulated.clock.pace = chosen.pace
             description, clock, operator = simulated.description, simulated.clock, simulated.operator
             now = started  # a simulated bench stays on the date of its run
         assert description is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 
@@ -110,3 +111,23 @@ def test_the_scene_moves_on_under_the_lock_only() -> None:
     Watcher(clock, "watcher", 0, [])
     clock.wait(1.0)
     assert entered == [False]
+
+
+def test_with_a_pace_waits_take_the_time_of_the_wall_and_make_up_for_what_computing_took(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The wall's clock is played: computing takes 2 s of it in the middle."""
+    wall = [100.0]
+    played = SimpleNamespace(monotonic=lambda: wall[0], sleep=lambda seconds: wall.append(wall.pop() + seconds))
+    monkeypatch.setattr("palpate.simulators.clock.time", played)
+    clock = VirtualClock()
+    clock.wait(10.0)
+    assert wall == [100.0]
+    clock.pace = 2.0
+    clock.wait(3.0)
+    assert wall == pytest.approx([101.5])
+    wall[0] += 2.0
+    clock.wait(1.0)
+    assert wall == pytest.approx([103.5])
+    clock.wait(6.0)
+    assert wall == pytest.approx([105.0])
