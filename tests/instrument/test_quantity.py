@@ -78,6 +78,10 @@ def test_what_is_no_force_is_refused_with_the_text_and_an_example(text: str, say
         (0.0, "V", "0 V"),
         (3e-6, "m", "3 µm"),
         (-0.002, "V", "-2 mV"),
+        (0.0301, "mV/N", "0.0301 mV/N"),
+        (-0.0055, "1/K", "-0.0055 1/K"),
+        (0.265, "dB", "0.265 dB"),
+        (0.0107, "N/K", "10.7 mN/K"),
     ],
 )
 def test_a_value_is_shown_with_a_prefix(value: float, unit: str, text: str) -> None:
@@ -96,6 +100,8 @@ def test_hundreds_are_shown_without_an_exponent() -> None:
         (3.0052e-3, 15.1e-6, "m", ("3.005 mm", "0.015 mm")),
         (269.81e-6, 10.96e-6, "N", ("270 µN", "11 µN")),
         (-1e-6, 2e-3, "N", ("0.0 mN", "2.0 mN")),
+        (10.3009, 0.0210, "mV/N", ("10.301 mV/N", "0.021 mV/N")),
+        (-0.005510, 0.0038, "1/K", ("-0.0055 1/K", "0.0038 1/K")),
         (5.0, 0.0, "N", ("5 N", "0 N")),
         (4.25, math.inf, "N", ("4.25 N", "inf N")),
     ],
