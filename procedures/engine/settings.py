@@ -247,8 +247,8 @@ def _unwrapped(hint: object) -> tuple[object, Setting | None]:
     return hint, None
 
 
-def shown(value: object, unit: str) -> str:
-    """A setting for people; empty: it is not given."""
+def shown(value: object, unit: str, most: int = SHOWN) -> str:
+    """A setting for people, of a list no more values than `most`; empty: it is not given."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -257,7 +257,7 @@ def shown(value: object, unit: str) -> str:
         if unit and len(value) > 2 and _evenly(value):
             return ":".join(f"{each:.9g} {unit}" for each in (value[0], value[-1], value[1] - value[0]))
         texts = [shown(each, unit) for each in value]
-        return ", ".join(texts if len(texts) <= SHOWN else [*texts[: SHOWN - 2], "...", texts[-1]])
+        return ", ".join(texts if len(texts) <= most else [*texts[: most - 2], "...", texts[-1]])
     return show(value, unit) if isinstance(value, float) or (unit and isinstance(value, int)) else str(value)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -189,9 +190,9 @@ def _settings(run: Run) -> Iterator[tuple[str, str, str]]:
         known = {}
     for name, value in _part(run.header, "settings").items():
         setting = known.get(name)
-        value = tuple(map(_words, value)) if isinstance(value, list) else value
+        value = tuple(map(_words, value)) if isinstance(value, list) else _words(value)
         unit = setting.unit if setting else ""
-        yield name.replace("_", " "), shown(value, unit) or "-", setting.help if setting else ""
+        yield name.replace("_", " "), shown(value, unit, sys.maxsize) or "-", setting.help if setting else ""
 
 
 def _words(value: object) -> object:

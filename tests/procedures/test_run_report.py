@@ -267,6 +267,21 @@ def test_a_run_compared_with_itself_differs_in_nothing(palpate: Palpate) -> None
     assert [(each["difference"], each["told_apart"]) for each in found] == [(0.0, False)] * 2
 
 
+def test_settings_that_differ_in_the_middle_of_a_long_list_are_told(palpate: Palpate) -> None:
+    for name, middle in (("one", "2.6 N"), ("two", "2.7 N")):
+        loads = f"1.5 N, 1.6 N, 2 N, 2.1 N, {middle}, 3 N, 3.1 N"
+        palpate("sweep", "loads", "--samples", "1", "--loads", loads, "--dwell", "0.2 s", "--out", name)
+    texts = read(palpate("runs", "report", "one", "two", "--json").object["report"]).texts
+    for middle in ("2.6 N", "2.7 N"):
+        assert texts.count(f"1.5 N, 1.6 N, 2 N, 2.1 N, {middle}, 3 N, 3.1 N") == 2  # beside each other, and in its own part
+
+
+def test_a_setting_that_is_a_table_is_told_in_words(palpate: Palpate) -> None:
+    palpate("measure", "modulus", "--sample", "4", "--time", "90 s", "--out", "run")
+    texts = read(palpate("runs", "report", "run", "--json").object["report"]).texts
+    assert any("material Natural 1523, modulus 48263.3" in each for each in texts)
+
+
 # --- what is refused -----------------------------------------------------------------------------------
 
 
