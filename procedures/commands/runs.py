@@ -210,9 +210,14 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 )
 @click.argument("run", nargs=-1, required=True)
 @option("--out", type=FILE_NAME, metavar="FILE", help="New file (default: report.html in the folder of the first run).")
-@option("--limits", type=FILE_NAME, metavar="FILE", help="Add verdicts by the limits in FILE.")
+@option(
+    "--limits",
+    type=FILE_NAME,
+    metavar="FILE",
+    help="Add verdicts by the limits in FILE, with the exit status of judge.",
+)
 @output_options
-def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json: bool, quiet: bool) -> None:
+def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json: bool, quiet: bool) -> int:
     """Write a report of a run as one page of HTML, which prints on A4. RUN is a folder or a name in runs/.
 
     The page needs no other file, no script and no network. Several runs of one procedure are compared: their results,
@@ -220,6 +225,7 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     overwritten.
     """
     from palpate.procedures.engine.limits import read_limits
+    from palpate.procedures.engine.verdict import STATUS
     from palpate.procedures.records.run_list import find_run
     from palpate.procedures.showing.run_report import check_page, compared, report_page, reported, write_page
 
@@ -230,7 +236,9 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
         file = write_page(report_page(found), out, folders[0])
     if as_json:
         told = [
-            {"run": str(each.folder), "damaged": bool(each.faults), "warning": each.warning or None} for each in found
+            {"run": str(each.folder), "damaged": bool(each.faults), "warning": each.warning or None}
+            | (each.judged.summary() if each.judged else {})
+            for each in found
         ]
         gaps = [[each.summary() for each in one] for one in compared(found)]
         simulated = any(each.run.simulated for each in found)
@@ -238,6 +246,8 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     warnings = [f"{each.folder}: {each.warning}" for each in found if each.warning]
     for line in (*warnings, str(file)):
         output.line(line)
+    statuses = {each.judged.status for each in found if each.judged}
+    return STATUS["fail"] if STATUS["fail"] in statuses else max(statuses, default=0)
 
 
 @runs.command(

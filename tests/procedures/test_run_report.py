@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import json
 import math
 import os
 import re
@@ -211,11 +212,15 @@ def test_a_run_that_another_version_computed_otherwise_is_told(palpate: Palpate)
     assert "samples" in told["warning"]
 
 
-def test_a_report_has_the_verdicts_of_limits(palpate: Palpate) -> None:
+@pytest.mark.parametrize(("limit", "verdict", "status"), [("high = 9", "pass", 0), ("high = 0.01", "fail", 3)])
+def test_a_report_has_the_verdicts_of_limits(palpate: Palpate, limit: str, verdict: str, status: int) -> None:
     palpate(*SWEEP, "--out", "run")
-    Path("limits.toml").write_text('["force ratio of sample 1"]\nhigh = 0.01\n', encoding="utf-8")
-    page = read(palpate("runs", "report", "run", "--limits", "limits.toml", "--json").object["report"])
-    assert "Verdicts" in page.texts and "fail" in page.texts
+    Path("limits.toml").write_text(f'["force ratio of sample 1"]\n{limit}\n', encoding="utf-8")
+    said = palpate("runs", "report", "run", "--limits", "limits.toml", "--json")
+    told = json.loads(said.out)
+    assert (said.status, told["runs"][0]["verdict"]) == (status, verdict)
+    page = read(told["report"])
+    assert "Verdicts" in page.texts and verdict in page.texts
 
 
 # --- several runs --------------------------------------------------------------------------------------
@@ -273,7 +278,9 @@ def test_settings_that_differ_in_the_middle_of_a_long_list_are_told(palpate: Pal
         palpate("sweep", "loads", "--samples", "1", "--loads", loads, "--dwell", "0.2 s", "--out", name)
     texts = read(palpate("runs", "report", "one", "two", "--json").object["report"]).texts
     for middle in ("2.6 N", "2.7 N"):
-        assert texts.count(f"1.5 N, 1.6 N, 2 N, 2.1 N, {middle}, 3 N, 3.1 N") == 2  # beside each other, and in its own part
+        assert (
+            texts.count(f"1.5 N, 1.6 N, 2 N, 2.1 N, {middle}, 3 N, 3.1 N") == 2
+        )  # beside each other, and in its own part
 
 
 def test_a_setting_that_is_a_table_is_told_in_words(palpate: Palpate) -> None:
