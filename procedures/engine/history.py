@@ -100,12 +100,15 @@ def history(found: Iterable[RunSummary], quantity: str, tolerance: str | None, n
         now: the time of this computer's clock.
 
     Raises:
-        UnknownName: no run has the quantity. UsageError: no two runs under like conditions have it with its
-            uncertainty, a run is of a time to come, or the tolerance cannot be one.
+        UnknownName: no run has the quantity. UsageError: no run is complete, no two under like conditions have it with
+            its uncertainty, a run is of a time to come, or the tolerance cannot be one.
     """
     known, left_out, present = set[str](), dict[str, str](), False
     alike: dict[str, list[tuple[Run, float, float, dict[str, Any]]]] = {}
-    for summary in (each for each in found if each.status == "complete"):
+    complete = [each for each in found if each.status == "complete"]
+    if not complete:
+        raise UsageError("no complete run is chosen; measure first, ask for less with --where, or name another store")
+    for summary in complete:
         try:
             run = Run.open(summary.folder)
             quantities = quantities_of(run)

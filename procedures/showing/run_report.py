@@ -74,7 +74,8 @@ class Reported:
         if self.faults:
             first = f"this run is damaged, and the report shows what is whole: {'; '.join(self.faults)}"
         else:
-            first = "" if self.run.status == "complete" else f"this run is {self.run.status}, so points may be missing"
+            ended = "not ended, or was killed" if self.run.status == "running" else self.run.status
+            first = "" if ended == "complete" else f"this run is {ended}, so points may be missing"
         return "; ".join(filter(None, (first, self.why.replace(str(self.run.folder), str(self.folder)))))
 
     @property

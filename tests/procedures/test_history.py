@@ -166,6 +166,13 @@ def test_an_unknown_quantity_is_refused_with_the_nearest_one(palpate: Palpate) -
     assert f"did you mean '{RATIO}'" in said.err
 
 
+def test_a_condition_that_no_run_fulfils_is_told_as_such(palpate: Palpate) -> None:
+    monthly(*STEADY)
+    said = palpate("history", RATIO, "--where", "started > 2030")
+    assert said.status == 2
+    assert "no complete run is chosen" in said.err and "--where" in said.err and "unknown" not in said.err
+
+
 def test_one_run_is_no_history(palpate: Palpate) -> None:
     stored("only", 0, 0.3)
     said = palpate("history", RATIO)
@@ -217,6 +224,20 @@ def test_the_picture_has_bars_limits_and_alarms(palpate: Palpate, figures: list[
     assert named == ["w", "CUSUM, high", "CUSUM, low", "alarm", "limits of w", "limits of CUSUM"]
     (alarms,) = [line for line in right.lines if line.get_label() == "alarm"]
     assert len(np.asarray(alarms.get_xdata())) == 1
+
+
+def test_the_picture_names_each_history_once_and_tells_the_day(palpate: Palpate, figures: list[Figure]) -> None:
+    for name, value in (("one", 0.3), ("two", 0.2)):
+        for second in range(2):
+            stored(f"{name}-{second}", second / 2.6e6, value, about={"object": name})
+    palpate("history", RATIO, "--out", "h.png")
+    left, right = figures[0].axes
+    assert sorted(left.get_legend_handles_labels()[1]) == [
+        f"sweep-loads on lab, object {name}" for name in ("one", "two")
+    ]
+    assert len(right.get_legend_handles_labels()[1]) == 6
+    figures[0].draw_without_rendering()
+    assert left.xaxis.get_offset_text().get_text().startswith("2025-Jan-10")
 
 
 def test_a_picture_of_another_format_is_refused_before_the_runs_are_read(palpate: Palpate) -> None:
