@@ -37,5 +37,5 @@ def test_runs_of_the_store_are_completed(tmp_path: Path, monkeypatch: pytest.Mon
     header = {"procedure": "sweep-loads", "simulated": True, "started": "2025-01-01T00:00:00Z"}
     Recorder.create(tmp_path / "night-1", header).finish("complete", {})
     (tmp_path / "night-notes").mkdir()
-    for command in ("runs show", "runs check", "judge"):
+    for command in ("runs show", "runs check", "judge", "runs report", "runs report night-0"):
         assert completed(f"palpate {command} ni") == ["plain,night-1"]
