@@ -248,7 +248,9 @@ def _mark(ax: Axes, point: FrontPoint, *, asked: bool) -> None:
     """A point with its half-width and time; lines to both axes from the one that was asked for."""
     x, y = point.plan.times.mean, 100 * point.plan.allocation.half
     ax.plot(x, y, "D" if asked else "o", color="k", ms=6)
-    text = f"{plus_minus(point.plan.allocation.half)}: {duration(x)}"
+    half = point.plan.allocation.half
+    digits = 2 if float(f"{half:.2g}") >= half else 3  # 10.4 % is not told as 10 %, which another plan reaches
+    text = f"{plus_minus(half, digits)}: {duration(x)}"
     ax.annotate(
         text, (x, y), xytext=(-8, -6), textcoords="offset points", fontsize=9 if asked else 8, ha="right", va="top",
         weight="bold" if asked else "normal",

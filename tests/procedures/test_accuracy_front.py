@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
 
 from tests.procedures.conftest import Palpate
 
@@ -115,6 +116,14 @@ def test_people_read_plans_causes_and_who_pays(palpate: Palpate) -> None:
         assert text in said.out, said.out
     assert max(map(len, said.out.splitlines())) <= 80
     assert Path("prices/accuracy.png").exists()
+
+
+def test_the_picture_gives_a_half_width_no_other_time_than_the_table(palpate: Palpate, figures: list[Figure]) -> None:
+    lines = palpate("accuracy", "--out", "prices").out.splitlines()
+    labels = [each.get_text().split(": ") for each in figures[0].axes[0].texts if each.get_text().startswith("±")]
+    assert len(labels) > 2
+    for half, time in labels:
+        assert all(time in line for line in lines if line.strip().startswith(f"{half} "))
 
 
 @pytest.mark.parametrize(
