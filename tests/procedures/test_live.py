@@ -210,3 +210,6 @@ def test_what_cannot_be_served_is_refused(palpate: Palpate, store: Path) -> None
     assert palpate("live", "nothing").complaint.startswith("unknown run 'nothing'")
     without = palpate("sweep", "loads", "--port", "80")
     assert without.complaint == "--port: it is that of the live page; give --live, too"
+    dry = palpate("sweep", "loads", "--live", "--dry-run")
+    assert (dry.status, dry.out) == (2, "")
+    assert dry.complaint == "--live: a dry run measures nothing that a page could show; leave --live or --dry-run out"
