@@ -213,3 +213,8 @@ def test_what_cannot_be_served_is_refused(palpate: Palpate, store: Path) -> None
     dry = palpate("sweep", "loads", "--live", "--dry-run")
     assert (dry.status, dry.out) == (2, "")
     assert dry.complaint == "--live: a dry run measures nothing that a page could show; leave --live or --dry-run out"
+
+
+def test_a_quiet_viewer_tells_its_address(store: Path) -> None:
+    with served(store, "live", "done", "--quiet") as live:
+        assert live.ask("/")[0] == 200
