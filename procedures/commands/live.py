@@ -39,7 +39,10 @@ def live(run: str, port: int | None, as_json: bool, quiet: bool) -> None:
     output = Output(as_json, quiet)
     folder, feed, clock = find_run(run, store()), Feed(stored=True), WallClock()
     with serving(feed, port or 0) as address:
-        output.result(lambda: {"run": str(folder), "page": address}, lambda: say(f"live page: {address}"))
+        if as_json:
+            output.json({"run": str(folder), "page": address})
+        else:  # if quiet, too: nobody could guess the port
+            say(f"live page: {address}")
         sys.stdout.flush()
         while True:
             try:

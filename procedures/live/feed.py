@@ -166,6 +166,7 @@ class Feed:
         same = [wave for wave in waves if wave.rate == waves[0].rate]
         voltage = np.array([wave.samples[-MOST_SAMPLES:] for wave in same], "<f4")
         told = {"rate": waves[0].rate, "films": [wave.name for wave in same], "point": point}
+        told["of"] = waves[0].samples.size
         return _trace_line(Event("trace", 0, {**told, "voltage": voltage})).encode()
 
 

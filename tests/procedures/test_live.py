@@ -54,6 +54,7 @@ def test_a_page_gets_the_stored_waveforms_of_a_point(store: Path) -> None:
     run = palpate.read(store / "done")
     assert status == 200
     assert trace["films"] == run.waveform_names(2)
+    assert trace["of"] == run.waveform(2, trace["films"][0]).size
     volts = np.frombuffer(base64.b64decode(trace["voltage"]), "<f4").reshape(len(trace["films"]), trace["samples"])
     for film, row in zip(trace["films"], volts, strict=True):
         assert np.array_equal(row, run.waveform(2, film))
@@ -210,3 +211,11 @@ def test_what_cannot_be_served_is_refused(palpate: Palpate, store: Path) -> None
     assert palpate("live", "nothing").complaint.startswith("unknown run 'nothing'")
     without = palpate("sweep", "loads", "--port", "80")
     assert without.complaint == "--port: it is that of the live page; give --live, too"
+    dry = palpate("sweep", "loads", "--live", "--dry-run")
+    assert (dry.status, dry.out) == (2, "")
+    assert dry.complaint == "--live: a dry run measures nothing that a page could show; leave --live or --dry-run out"
+
+
+def test_a_quiet_viewer_tells_its_address(store: Path) -> None:
+    with served(store, "live", "done", "--quiet") as live:
+        assert live.ask("/")[0] == 200

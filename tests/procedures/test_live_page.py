@@ -227,3 +227,17 @@ def test_names_of_others_are_text(page: Page, tmp_path: Path) -> None:
         assert page.text("#groups").startswith(f"● sample {name}")
         assert "taken" not in page.driver.title.replace(name, "")
         assert page.js("return document.querySelectorAll('img, body script:not([src])').length") == 0
+
+
+def test_readings_of_many_films_are_shown_whole(page: Page, tmp_path: Path) -> None:
+    wave = -0.00007629 * np.cos(np.arange(100) / 4)
+    films = {f"rigid_{number}": (250.0, wave) for number in range(16)}
+    made(tmp_path / "many", HEADER, [({"y": 2.0}, films)])
+    with served(tmp_path, "live", "many") as live:
+        page.driver.get(live.address)
+        page.until(lambda: len(page.readings()) == 16)
+        shown, needed = page.js("const r = document.getElementById('read'); return [r.clientWidth, r.scrollWidth]")
+        assert needed <= shown
+        lines = "const [a, b] = [...document.querySelectorAll('#latest th')].map(e => e.offsetHeight); return [a, b]"
+        first, second = page.js(lines)
+        assert first == second

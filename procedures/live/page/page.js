@@ -301,7 +301,8 @@ function showAll() {
   $("what").textContent = step && /^(running|paus)/.test(state.status) ? `now: ${step.what}` : "";
   $("left").textContent = promise ? `${clock(promise.seconds)} left${state.scene === null ? "" : " (bench time)"}` : "";
   const reached = state.summary ? state.summary.achieved_u : promise && promise.u;
-  $("u").textContent = planned || promise ? `u ${percent(reached)}, planned ${percent(planned && planned.u)}` : "";
+  const known = (planned && planned.u) || reached;
+  $("u").textContent = known ? `u ${percent(reached)}, planned ${percent(planned && planned.u)}` : "";
   if (state.fresh) {
     state.fresh = false;
     showPoints();

@@ -38,7 +38,7 @@ class Oscilloscope {
     const all = new Float32Array(bytes.buffer);
     const rows = told.films.map((_, i) => all.subarray(i * told.samples, (i + 1) * told.samples));
     const before = this.trace;
-    this.trace = { rate: told.rate, films: told.films, rows, samples: told.samples, begun: told.bench_ns / 1e9,
+    this.trace = { rate: told.rate, films: told.films, rows, samples: told.samples, of: told.of, begun: told.bench_ns / 1e9,
       point: told.point, arrived: performance.now() };
     if (!before || before.films.join("\n") !== told.films.join("\n")) { this.window = null; this.build(); }
     this.changed = true;
@@ -139,7 +139,8 @@ class Oscilloscope {
     this.draws++;
     this.read();
     $("trace").textContent = (trace.point === undefined ? `sampled after bench time ${trace.begun.toFixed(3)} s, not recorded`
-      : `point ${trace.point}, as recorded`) + ` · ${trace.samples} samples at ${Number(trace.rate.toPrecision(6))} Hz`
+      : `point ${trace.point}, as recorded`) + ` · ${trace.of > trace.samples ? "the last " : ""}${trace.samples}`
+      + `${trace.of > trace.samples ? ` of ${trace.of}` : ""} samples at ${Number(trace.rate.toPrecision(6))} Hz`
       + (this.triggered ? "" : " · no trigger");
   }
 
