@@ -29,8 +29,7 @@ LARGEST_TOLERANCE = 0.5  # a share
 LARGEST_SHARE = 0.2  # half-width above which an interval is told as a factor
 SHARE = "give a share such as '5 %' or 0.05"
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-# What a prefix can stand before, so no mV, dB or 1/K.
-_PREFIXED = frozenset({"A", "C", "F", "Hz", "J", "K", "N", "Pa", "V", "W", "bit", "g", "gf", "m", "s", "Ω"})
+_UNPREFIXED = ("", "%", "1", "mV", "dB")  # before these no prefix can stand, such as before 1/K and mV/N
 _FACTORS = {prefix: float(f"1e{exponent}") for exponent, prefix in _PREFIXES.items()}
 
 
@@ -219,7 +218,7 @@ def _exponent(value: float, unit: str) -> int | None:
     """Power of ten of the prefix with which a value is shown; None: it is shown without one."""
     if value == 0 or not math.isfinite(value) or unit in ("", "%", "mV"):
         return None
-    if unit.partition("/")[0] not in _PREFIXED:
+    if unit.partition("/")[0] in _UNPREFIXED:
         return 0
     exponent = min(max(3 * math.floor(math.log10(abs(value)) / 3), -12), 9)
     if unit in ("N", "V", "Hz", "s") and exponent >= 0:
