@@ -97,6 +97,7 @@ def test_over_multicast_too_each_frame_that_was_sent_stands_once_where_it_was_se
         assert replayed(sim, log) == heard
 
 
+@pytest.mark.slow
 def test_a_request_that_was_not_answered_is_not_answered(sim: SimulatedBench, log: Path) -> None:
     def use(bench: Bench) -> float:
         with bench:

@@ -128,6 +128,7 @@ def test_a_doubt_is_one_incident_until_it_is_told_what_to_read_and_ends_with_a_r
     assert len(scale.noticed) == 2
 
 
+@pytest.mark.slow
 def test_readings_that_differ_decide_soon(stack: ExitStack, tmp_path: Path) -> None:
     for number, (type_, more) in enumerate((("float32", ""), ("int32", "scale = 0.001"))):
         folder = tmp_path / str(number)

@@ -42,6 +42,7 @@ def in_time(seconds: float, *lines: BudgetLine) -> Allocation:
     return Table.of([RunOption(lines, BENCH, 0.1)], fewest=1, by_time=True).for_time(seconds)
 
 
+@pytest.mark.slow
 def test_no_plan_is_much_quicker() -> None:
     ways, tolerance = setting(Random(6))
     found = Table.of([replace(way, load=0.0) for way in ways], range(1, 21)).for_tolerance(tolerance)
@@ -145,6 +146,7 @@ FILMS = Preparation("films", u=0.07, fixed=90.0, each=3.0, least=3)
 REFERENCES = Preparation("validation", u=0.1, fixed=0.0, each=400.0, rest=0.01)
 
 
+@pytest.mark.slow
 def test_what_binds_is_prepared_and_what_does_not_is_left_as_it_is() -> None:
     rows = table(SCATTER, NOISE, VALIDATION, BudgetLine("films", 0.03, RepeatUnit.NOTHING), most=12)
     assert prepared(rows, 0.5, [REFERENCES, FILMS]).numbers == {}
@@ -156,6 +158,7 @@ def test_what_binds_is_prepared_and_what_does_not_is_left_as_it_is() -> None:
     assert prepared(rows, 0.015, [REFERENCES, FILMS]) is None
 
 
+@pytest.mark.slow
 def test_no_number_of_units_is_much_quicker_in_all() -> None:
     rows = table(SCATTER, NOISE, MOUNTING, VALIDATION, most=12)
     found, best = prepared(rows, 0.15, [REFERENCES]), math.inf

@@ -86,6 +86,7 @@ def test_the_distortion_of_noisy_records_scatters_about_the_true_one_by_its_unce
         assert u == pytest.approx(np.std(value), rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cycles", [4, 10])
 def test_noise_alone_looks_as_distorted_as_often_as_is_said(cycles: int) -> None:
     noise, time = np.random.default_rng(SEED), TIME[: 25 * cycles]

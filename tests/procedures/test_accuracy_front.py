@@ -85,6 +85,7 @@ def test_no_plan_that_is_advertised_is_refused(palpate: Palpate) -> None:
         assert (planned["mountings"], planned["sets"]) == (point["mountings"], point["sets"])
 
 
+@pytest.mark.slow
 def test_a_plan_that_fewer_than_95_in_100_runs_finish_is_marked(palpate: Palpate) -> None:
     fine = palpate("accuracy", "--tolerance", "0.6 %", "--json").object["asked"]
     assert 0.1 < fine["reached_by"] < 0.9
@@ -93,6 +94,7 @@ def test_a_plan_that_fewer_than_95_in_100_runs_finish_is_marked(palpate: Palpate
                      palpate("accuracy", "--tolerance", "0.1 %").out)  # fmt: skip
 
 
+@pytest.mark.slow
 def test_what_would_lower_the_cause_that_binds_is_told_although_the_tolerance_is_reached(palpate: Palpate) -> None:
     noisy = palpate("accuracy", "--sample", "2", "--tolerance", "8 %", "--scene", "noisy_lab").out
     assert "binds          pick-up in step with the load: tie the films' cables down" in noisy

@@ -109,6 +109,7 @@ def test_the_point_is_kept_where_a_device_beside_it_is_silent(tmp_path: Path) ->
     assert all(each.startswith("room could not be read: oven") for each in messages)
 
 
+@pytest.mark.slow
 def test_one_reading_serves_all_points_of_an_interval(tmp_path: Path) -> None:
     """The oven falls silent between the two points."""
     first, second = (point["bench_ns"] for point in swept(tmp_path / "usual", ROOM).run.points())

@@ -14,6 +14,7 @@ import palpate
 from palpate.procedures.records.record import Recorder, locked
 from tests.campaigns import NIGHTLY
 from tests.procedures.conftest import Palpate
+from tests.shares import first_of
 
 
 @pytest.fixture
@@ -64,7 +65,7 @@ def test_two_campaigns_that_begin_in_the_same_second_are_two(palpate: Palpate, f
     assert [step["due"] for step in done["steps"]] == [True] * 3
 
 
-@pytest.mark.parametrize("cuts", [(1,), (7, 30), pytest.param((25, 31, 36, 40, 44), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cuts", first_of([((7, 30),), ((1,),), ((25, 31, 36, 40, 44),)]))
 def test_killed_anywhere_it_goes_on_and_gives_the_same(
     palpate: Palpate, file: str, on_progress: Callable[[Callable[[int, int, str], None]], None], cuts: tuple[int, ...]
 ) -> None:

@@ -47,6 +47,7 @@ def interrupt_at(points: int) -> Progress:
     return stop
 
 
+@pytest.mark.slow
 def test_each_run_of_a_chain_that_was_killed_at_any_point_ends_as_it_would_have(tmp_path: Path) -> None:
     killed = tmp_path / "killed"
     whole, at = [], {}

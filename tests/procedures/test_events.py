@@ -86,6 +86,7 @@ def test_listeners_that_fail_or_hang_are_dropped_and_the_run_is_the_same(
     assert "failing" in told[0]
 
 
+@pytest.mark.slow
 def test_a_run_is_watched_while_another_process_carries_it_out_and_after_it_was_killed(tmp_path: Path) -> None:
     script = f"""
 import os, palpate

@@ -91,6 +91,7 @@ def test_what_draws_in_the_browser_is_as_its_maker_published_it() -> None:
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
 
+@pytest.mark.slow
 def test_only_the_token_of_the_terminal_stops_a_run(tmp_path: Path) -> None:
     with served(tmp_path, *LONG, "--live", "--out", str(tmp_path / "run")) as live:
         own = {"Origin": live.address.rstrip("/")}
@@ -110,6 +111,7 @@ def test_only_the_token_of_the_terminal_stops_a_run(tmp_path: Path) -> None:
     assert palpate.read(tmp_path / "run").status == "stopped"
 
 
+@pytest.mark.slow
 def test_a_run_is_paused_and_goes_on_by_its_page(tmp_path: Path) -> None:
     with served(tmp_path, *LONG, "--live", "--out", str(tmp_path / "run")) as live, live.stream() as stream:
         allowed = {"Origin": live.address.rstrip("/"), "X-Palpate-Token": live.token}
@@ -122,6 +124,7 @@ def test_a_run_is_paused_and_goes_on_by_its_page(tmp_path: Path) -> None:
         assert ids(until("point", heard)) > [1]
 
 
+@pytest.mark.slow
 def test_a_run_with_a_page_and_a_hundred_viewers_that_never_read_is_the_same(tmp_path: Path) -> None:
     words = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N, 4 N")
     with palpate.open_bench() as bench:
@@ -174,6 +177,7 @@ def kill_one(store: Path) -> None:
         live.process.kill()
 
 
+@pytest.mark.slow
 def test_a_run_that_is_resumed_under_a_viewer_is_told_from_its_beginning(tmp_path: Path) -> None:
     kill_one(tmp_path)
     before = len(palpate.read(tmp_path / "run").points())
@@ -185,12 +189,14 @@ def test_a_run_that_is_resumed_under_a_viewer_is_told_from_its_beginning(tmp_pat
         assert ids(until("ended", heard)) == list(range(1, 61))
 
 
+@pytest.mark.slow
 def test_a_resumed_run_shows_on_its_page_what_was_measured_before(tmp_path: Path) -> None:
     kill_one(tmp_path)
     with served(tmp_path, "runs", "resume", "run", "--live") as live, live.stream() as stream:
         assert ids(until("ended", told(stream))) == list(range(1, 61))
 
 
+@pytest.mark.slow
 def test_a_verdict_is_told(tmp_path: Path) -> None:
     (tmp_path / "limits.toml").write_text('["force ratio of sample 1"]\nhigh = 0.01\n')
     words = ("--samples", "1", "--limits", str(tmp_path / "limits.toml"), "--out", str(tmp_path / "run"))

@@ -20,6 +20,8 @@ from tests.procedures.live import Served, served
 from tests.procedures.test_live import HEADER, LONG
 from tests.runs import made
 
+pytestmark = pytest.mark.slow
+
 PATIENCE = 40  # s
 COLOURS = {"rigid": (0x1F, 0x4E, 0x9C), "total": (0xC1, 0x44, 0x0E)}
 OPTIONS = (

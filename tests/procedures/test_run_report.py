@@ -22,6 +22,7 @@ from palpate.extend import Recorder
 from tests.frozen.cells import PROCEDURES
 from tests.procedures.conftest import HEADER, Palpate
 from tests.runs import rehash
+from tests.shares import first_of
 
 SWEEP = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
 SAVE = Figure.savefig
@@ -78,7 +79,7 @@ def drawing(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
 # --- one run -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("name", first_of([*PROCEDURES]))
 def test_each_procedure_s_report_holds_all_that_its_command_printed_and_agrees_with_its_record(
     palpate: Palpate, name: str
 ) -> None:
@@ -108,6 +109,7 @@ def test_a_report_says_who_what_by_which_devices_and_calibrations_and_by_which_s
     assert "Time over which each point is averaged." in text and "200 ms" in text
 
 
+@pytest.mark.slow
 def test_the_figure_of_a_report_has_what_stood_beside(palpate: Palpate, drawing: None) -> None:
     beside = '[beside.sink]\ndevice = "shaker_amplifier"\nfield = "temperature"\nunit = "degC"\nu = 0.3\n'
     Path("warm.toml").write_text(f'name = "warm"\npurpose = "Warm."\ndesign = "single"\n{beside}', encoding="utf-8")
@@ -133,6 +135,7 @@ def test_a_page_needs_nothing_else_and_takes_no_text_of_a_run_for_markup(palpate
     assert 10_000 < Path(file).stat().st_size < 2_000_000
 
 
+@pytest.mark.slow
 def test_equal_runs_give_equal_pages(palpate: Palpate, drawing: None) -> None:
     palpate(*SWEEP, "--out", "run")
     one, other = (Path(palpate("runs", "report", "run", "--json").object["report"]) for _ in range(2))
@@ -174,7 +177,7 @@ def test_a_run_on_the_bench_of_a_file_is_evaluated_anew_without_it(palpate: Palp
     assert told["warning"] is None
 
 
-@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("name", first_of([*PROCEDURES]))
 def test_a_run_that_ended_early_is_shown_with_the_points_that_it_has(
     palpate: Palpate, drawing: None, name: str, on_progress: Any
 ) -> None:
@@ -193,6 +196,7 @@ def test_a_run_that_ended_early_is_shown_with_the_points_that_it_has(
         assert any(f"{points} point" in text for text in texts) and "Devices" in texts
 
 
+@pytest.mark.slow
 def test_a_header_of_another_kind_makes_a_report_or_one_error(palpate: Palpate) -> None:
     palpate(*SWEEP, "--out", "run")
     for number, key in enumerate(package.read("run").header):
@@ -272,6 +276,7 @@ def test_a_run_compared_with_itself_differs_in_nothing(palpate: Palpate) -> None
     assert [(each["difference"], each["told_apart"]) for each in found] == [(0.0, False)] * 2
 
 
+@pytest.mark.slow
 def test_settings_that_differ_in_the_middle_of_a_long_list_are_told(palpate: Palpate) -> None:
     for name, middle in (("one", "2.6 N"), ("two", "2.7 N")):
         loads = f"1.5 N, 1.6 N, 2 N, 2.1 N, {middle}, 3 N, 3.1 N"
@@ -283,6 +288,7 @@ def test_settings_that_differ_in_the_middle_of_a_long_list_are_told(palpate: Pal
         )  # beside each other, and in its own part
 
 
+@pytest.mark.slow
 def test_a_setting_that_is_a_table_is_told_in_words(palpate: Palpate) -> None:
     palpate("measure", "modulus", "--sample", "4", "--time", "90 s", "--out", "run")
     texts = read(palpate("runs", "report", "run", "--json").object["report"]).texts

@@ -272,6 +272,7 @@ def test_the_watchdog_of_a_fast_bench_counts_the_time_of_its_clients(wish: Wish)
         assert not sim.amplifier.settings["enable"]
 
 
+@pytest.mark.slow
 def test_a_stranger_cannot_tell_the_owners_ticket_from_his_own(wish: Wish) -> None:
     with serving(wish) as served:
         link = ModbusLink.tcp(served.description.links["shaker_amplifier"])
