@@ -305,6 +305,7 @@ def test_a_connection_that_ends_instead_of_an_answer_has_a_read_asked_again_and_
         assert len(peer.writes) == 1
 
 
+@pytest.mark.slow
 def test_a_gateway_behind_a_port_of_pyserial_that_hangs_up_is_called_anew() -> None:
     held = dict(HELD)
 

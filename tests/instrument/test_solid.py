@@ -129,6 +129,7 @@ def test_mirrored_loads_give_mirrored_forces(one_layer: None) -> None:
     assert left[0] > left[1]
 
 
+@pytest.mark.slow
 def test_a_load_here_moves_there_as_a_load_there_moves_here(one_layer: None) -> None:
     system = System(SolidParameters(interface="frictionless"), OF_FEW_TEETH.resolutions[0], mirrored=(False, True))
     here, there = system.load((2e-3, 5e-3)), system.load((8.5e-3, 5e-3))
@@ -141,6 +142,7 @@ def test_rubber_does_not_lock(poisson: float) -> None:
     assert coarse_ratio(poisson) == pytest.approx(coarse_ratio(0.498), rel=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     first_of([

@@ -120,6 +120,7 @@ def test_people_read_plans_causes_and_who_pays(palpate: Palpate) -> None:
     assert Path("prices/accuracy.png").exists()
 
 
+@pytest.mark.slow
 def test_the_picture_gives_a_half_width_no_other_time_than_the_table(palpate: Palpate, figures: list[Figure]) -> None:
     lines = palpate("accuracy", "--out", "prices").out.splitlines()
     labels = [each.get_text().split(": ") for each in figures[0].axes[0].texts if each.get_text().startswith("±")]

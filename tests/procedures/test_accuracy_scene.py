@@ -38,6 +38,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "four.toml"
 
 
+@pytest.mark.slow
 def test_each_effect_is_left_out_by_what_it_changes_and_all_are_measured_together(scene: str) -> None:
     read = read_scene(scene)
     weighed = weigh(read, Question())
@@ -89,6 +90,7 @@ def test_the_front_leaves_out_what_is_neither_nearer_nor_quicker() -> None:
     assert front([quick, other, near], 4.0) == [near, other, quick]
 
 
+@pytest.mark.slow
 def test_the_command_shows_each_subset_and_draws_it(palpate: Palpate, scene: str) -> None:
     found = palpate("accuracy", "scene", scene, "--out", "prices", "--json").object
     assert [each["name"] for each in found["effects"]] == list(read_scene(scene).effects)

@@ -43,6 +43,7 @@ def of_run(outcome: dict[str, object]) -> tuple[str, object, object]:
     return digest, outcome["calibration"], outcome["film_calibration"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("scenes")
 def test_what_is_calibrated_on_a_simulated_bench_changes_no_run_of_another_scene_or_seed(palpate: Palpate) -> None:
     before = of_run(palpate(*SWEEP, "--scene", "plain.toml", "--seed", "3").object)
@@ -53,6 +54,7 @@ def test_what_is_calibrated_on_a_simulated_bench_changes_no_run_of_another_scene
     assert before[1:] == ("thesis Table 5.1", None)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("scenes")
 def test_scenes_of_the_same_content_are_one_bench_whatever_their_names_and_units(palpate: Palpate) -> None:
     Path("spelled.toml").write_text(ODD.replace("10 mV/N", "0.01 V/N") + 'zero_offset = "0 mV"\n', encoding="utf-8")

@@ -14,7 +14,6 @@ import palpate
 from palpate.procedures.records.record import Recorder, locked
 from tests.campaigns import NIGHTLY
 from tests.procedures.conftest import Palpate
-from tests.shares import first_of
 
 
 @pytest.fixture
@@ -65,7 +64,9 @@ def test_two_campaigns_that_begin_in_the_same_second_are_two(palpate: Palpate, f
     assert [step["due"] for step in done["steps"]] == [True] * 3
 
 
-@pytest.mark.parametrize("cuts", first_of([((7, 30),), ((1,),), ((25, 31, 36, 40, 44),)]))
+@pytest.mark.parametrize(
+    "cuts", [(7, 30), *(pytest.param(cuts, marks=pytest.mark.slow) for cuts in ((1,), (25, 31, 36, 40, 44)))]
+)
 def test_killed_anywhere_it_goes_on_and_gives_the_same(
     palpate: Palpate, file: str, on_progress: Callable[[Callable[[int, int, str], None]], None], cuts: tuple[int, ...]
 ) -> None:
@@ -110,6 +111,7 @@ def test_on_a_real_bench_the_part_of_a_person_is_told_beforehand_and_how_to_go_o
     )
 
 
+@pytest.mark.slow
 def test_a_count_of_runs_or_a_drift_makes_a_step_due(palpate: Palpate, file: str) -> None:
     drift = 'drift = {}\nof = "sensitivity_mV_per_N"'
 

@@ -93,6 +93,7 @@ probability = 0.04
 """
 
 
+@pytest.mark.slow
 def test_what_happened_before_a_run_happens_again(tmp_path: Path) -> None:
     """Pauses, incidents, and the time that a script lets pass between two runs."""
     scene, killed = tmp_path / "scene.toml", tmp_path / "killed"

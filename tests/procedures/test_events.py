@@ -60,6 +60,7 @@ def test_what_is_left_falls_to_what_comes_after_the_points_and_u_follows_the_poi
     assert [event.data["u"] for event in heard if event.kind == "promise"][-1] == run.summary["achieved_u"]
 
 
+@pytest.mark.slow
 def test_listeners_that_fail_or_hang_are_dropped_and_the_run_is_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

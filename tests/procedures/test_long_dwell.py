@@ -111,6 +111,7 @@ def test_a_point_of_a_long_dwell_is_the_fit_of_the_samples_in_its_record(whole: 
     check_fitted(whole)
 
 
+@pytest.mark.slow
 def test_on_a_real_bench_a_dwell_that_ended_is_taken_anew_and_what_was_measured_stays(
     palpate: Palpate, cut_short: CutShort, lab: str, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -122,6 +122,7 @@ def test_people_get_tables_of_80_columns_with_machine_and_stamp(palpate: Palpate
     assert max(map(len, (line.rstrip() for line in said.splitlines() if not line.startswith("models")))) <= 80
 
 
+@pytest.mark.slow
 def test_the_bare_command_shows_the_modulus_and_refuses_what_it_does_not_know(palpate: Palpate) -> None:
     bare, named = (palpate("accuracy", *front, "--sample", "1", "--json").object for front in ((), ("front",)))
     assert bare["front"] == named["front"]

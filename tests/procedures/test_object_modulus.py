@@ -93,6 +93,7 @@ def test_mountings_that_scatter_are_planned_for() -> None:
     assert (given.mountings, given.sets % 3) == (3, 0)
 
 
+@pytest.mark.slow
 def test_a_scatter_that_was_never_measured_counts_by_its_prior_and_measuring_it_makes_later_runs_quicker() -> None:
     asked = {"tolerance": 0.05, "relative_to_model": True}
     plans = {
@@ -145,6 +146,7 @@ def test_the_command_for_film_points_takes_so_many_loads(points: int) -> None:
     assert len(parse_loads(loads)) == points
 
 
+@pytest.mark.slow
 def test_a_plan_tells_which_calibrations_and_which_frequency_would_pay() -> None:
     absolute, fine = wanted(time=120.0), wanted(tolerance=0.02, relative_to_model=True, mounting_scatter=0.0)
     rows = {each["what"]: each for each in absolute.plan(TARGET).predicted.details["alternatives"]}
@@ -172,6 +174,7 @@ def test_a_refusal_names_the_quickest_calibrations_that_reach_the_tolerance() ->
         wanted(tolerance=0.1, relative_to_model=True).course_on(target)
 
 
+@pytest.mark.slow
 def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated() -> None:
     stored = MountingScatterCalibration(
         means_u=0.02, degrees_of_freedom=2, sets_u=0.005, sets_freedom=27, design="single", device="N1", simulated=True,
