@@ -38,13 +38,13 @@ class VirtualClock:
     goes_on = False  # True: time passes without waits, because a pacer moves the clock on
     served = False  # whether clients in other processes keep the time of the wall
     stepper: Stepper | None = None  # answers in the waits of its clients; None: threads do
-    pace: float | None = None  # seconds of it in one of the wall's, at most; None: as many as can be computed
+    pace: float | None = None  # most simulated seconds in a second of the wall's clock; None: no limit
 
     def __init__(self) -> None:
         self.lock: AbstractContextManager[Any] = threading.RLock()
         self.failure: PalpateError | None = None  # why the scene cannot be followed any more; None: it can be
         self._now = 0
-        self._began: float | None = None  # time at which the wall's clock would have begun at this pace
+        self._began: float | None = None  # `time.monotonic` when this clock would have shown 0 at its pace
         self._given_up_at: float | None = None  # of `time.monotonic`
         self._simulated: list[Simulated] = []
 

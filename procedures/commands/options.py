@@ -186,7 +186,7 @@ class BenchChoice:
         assume_mounted: True: nobody is asked to confirm what was mounted or placed by hand.
         fidelity: change of the result below which effects of the scene are left out; None: all are simulated.
         about: what the run says about itself, as it was typed.
-        pace: seconds of a simulated bench for one of the wall's, at most; None: as many as can be computed.
+        pace: most simulated seconds in a second of the wall's clock; None: no limit.
     """
 
     bench: Path | None

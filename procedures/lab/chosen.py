@@ -33,7 +33,7 @@ class Chosen:
         operator: does the work by hand; None: the person at the console.
         logged: the logged run to replay; None: the bench answers itself.
         about: what each run says about itself, by the lab's keys.
-        pace: seconds of a simulated bench for one of the wall's, at most; None: as many as can be computed.
+        pace: most simulated seconds in a second of the wall's clock; None: no limit.
     """
 
     description: BenchDescription | None

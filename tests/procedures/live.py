@@ -14,6 +14,15 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import palpate
+
+
+def with_a_run(store: Path) -> Path:
+    """The store, with a complete run `done` of three points."""
+    with palpate.open_bench(seed=4) as bench:
+        palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0, 4.0)), bench, out=store / "done")
+    return store
+
 
 @dataclass(frozen=True, slots=True)
 class Served:

@@ -15,7 +15,7 @@ import pytest
 
 import palpate
 from tests.procedures.conftest import Palpate
-from tests.procedures.live import ids, served, told, until
+from tests.procedures.live import ids, served, told, until, with_a_run
 from tests.runs import made
 
 LONG = ("sweep", "loads", "--loads", ", ".join(f"{1.5 + 0.002 * n:g} N" for n in range(1000)), "--dwell", "0.2 s")
@@ -25,11 +25,7 @@ HEADER = {"procedure": "own", "simulated": True, "started": "2026-01-02T03:04:05
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store with a complete run `done` of three points."""
-    folder = tmp_path_factory.mktemp("store")
-    with palpate.open_bench(seed=4) as bench:
-        palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0, 4.0)), bench, out=folder / "done")
-    return folder
+    return with_a_run(tmp_path_factory.mktemp("store"))
 
 
 def test_a_page_is_told_what_a_watcher_hears_and_what_the_record_knows(store: Path) -> None:

@@ -16,7 +16,7 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
 
 import palpate
-from tests.procedures.live import Served, served
+from tests.procedures.live import Served, served, with_a_run
 from tests.procedures.test_live import HEADER, LONG
 from tests.runs import made
 
@@ -97,10 +97,7 @@ def page(browser: Any) -> Iterator[Page]:
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("store")
-    with palpate.open_bench(seed=4) as bench:
-        palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0, 4.0)), bench, out=folder / "done")
-    return folder
+    return with_a_run(tmp_path_factory.mktemp("store"))
 
 
 @pytest.fixture
