@@ -230,8 +230,13 @@ def bench_options(command: F) -> F:
         if junit is not None and limits is None:
             raise UsageError("--junit: it holds verdicts of limits; give them with --limits FILE")
         check_junit(junit)
-        if live is not None and own.get("dry_run"):
-            raise UsageError("--live: a dry run measures nothing that a page could show; leave --live or --dry-run out")
+        if own.get("dry_run"):
+            for name, given, why in (
+                ("--live", live, "measures nothing that a page could show"),
+                ("--pace", pace, "takes no time on the bench"),
+            ):
+                if given is not None:
+                    raise UsageError(f"{name}: a dry run {why}; leave {name} or --dry-run out")
         choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity, about, pace)
         output = Output(as_json, quiet, progress, limits=limits, junit=junit, live=live)
         return command(choice=choice, output=output, **own)

@@ -213,9 +213,13 @@ def test_what_cannot_be_served_is_refused(palpate: Palpate, store: Path) -> None
     assert palpate("live", "nothing").complaint.startswith("unknown run 'nothing'")
     without = palpate("sweep", "loads", "--port", "80")
     assert without.complaint == "--port: it is that of the live page; give --live, too"
-    dry = palpate("sweep", "loads", "--live", "--dry-run")
-    assert (dry.status, dry.out) == (2, "")
-    assert dry.complaint == "--live: a dry run measures nothing that a page could show; leave --live or --dry-run out"
+    for option, why in (
+        (["--live"], "measures nothing that a page could show"),
+        (["--pace", "1"], "takes no time on the bench"),
+    ):
+        dry = palpate("sweep", "loads", *option, "--dry-run")
+        assert (dry.status, dry.out) == (2, "")
+        assert dry.complaint == f"{option[0]}: a dry run {why}; leave {option[0]} or --dry-run out"
 
 
 def test_a_quiet_viewer_tells_its_address(store: Path) -> None:
