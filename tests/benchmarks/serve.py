@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -42,7 +43,7 @@ with serving(Wish(read_scene("thesis_single"), BenchAddresses(), None, 1.0, 1.0,
         print(json.dumps(used()), flush=True)
 """
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.5 s", "--json")
-PEER = """
+PYMODBUSTCP = """
 from pyModbusTCP.server import ModbusServer
 server = ModbusServer("127.0.0.1", 0, no_block=True)
 server.start()
@@ -51,6 +52,7 @@ for _ in sys.stdin:
     print(json.dumps(used()), flush=True)
 server.stop()
 """
+LIBMODBUS = Path(__file__).with_name("libmodbus_server.c")
 NOTHING = Wish(read_scene("thesis_single"), BenchAddresses(), None, 1.0, 1.0, (), None)
 
 
@@ -62,7 +64,9 @@ def measure() -> Iterator[Row]:
             f"a served request, {clients} client{'s' * (clients > 1)}: processor time",
             beside([1e6 * each for each in costs], "{:.1f} µs".format), f"<= {1e6 * COST:.0f} µs", costs[0] <= COST,
         )  # fmt: skip
-    yield Row("the same of pyModbusTCP's server, 1 client", f"{1e6 * _peer():.1f} µs")
+    with TemporaryDirectory() as folder:
+        yield _peer("pyModbusTCP", PYMODBUSTCP)
+        yield _peer("libmodbus", _built(LIBMODBUS, Path(folder) / "server"))
     with serving(NOTHING) as bench, _bare() as bare:
         for clients in (1, 8):
             own_rate, bare_rate = _rates(bench.description.links["signal_generator"].port, bare, clients)
@@ -76,9 +80,21 @@ def measure() -> Iterator[Row]:
     yield _other_process()
 
 
-def _peer() -> float:
-    """Processor time of a request to pyModbusTCP's server, one client [s]."""
-    return min(served(PEER, partial(_cost, clients=1), ROUNDS))
+def _peer(name: str, script: str | None) -> Row:
+    """Processor time of a request to another server."""
+    figure = f"the same of {name}'s server, {' / '.join(map(str, CLIENTS))} clients"
+    if script is None:
+        return Row(figure, "not tried: it needs a C compiler and libmodbus (Debian: gcc, libmodbus-dev)")
+    costs = [served(script, partial(_cost, clients=clients), ROUNDS)[0] for clients in CLIENTS]
+    return Row(figure, " / ".join(f"{1e6 * cost:.1f}" for cost in costs) + " µs")
+
+
+def _built(source: Path, program: Path) -> str | None:
+    """A script that becomes the program of a C source; None where it cannot be built."""
+    command = ["cc", "-O2", str(source), "-o", str(program), "-lmodbus"]
+    if shutil.which(command[0]) is None or subprocess.run(command, check=False, stderr=subprocess.DEVNULL).returncode:
+        return None
+    return f"os.execv({str(program)!r}, [{str(program)!r}])"
 
 
 def _cost(ready: dict[str, Any], used: Callable[[], dict[str, float]], clients: int) -> float:
