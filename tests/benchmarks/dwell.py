@@ -31,10 +31,8 @@ from tests.benchmarks.row import Row
 
 RATE, FREQUENCY = 1000.0, 10.0  # Hz
 HOUR, DAY = 3600.0, 86_400.0  # s
-GROWTH = (450.0, 900.0, 1800.0, HOUR)  # s
 MEMORY = 20.0  # MiB
 IN_PROCEDURE = 0  # in the place of a number of nodes
-EXPONENT = 1.05
 
 
 def measure() -> Iterator[Row]:
@@ -43,20 +41,16 @@ def measure() -> Iterator[Row]:
         (20, HOUR, "an hour of 20 nodes", 30.0),
         (1, DAY, "a day of one node", 60.0),
     ):
-        worked, grown = _apart(nodes, seconds)
+        worked, grown = apart(nodes, seconds)
         yield Row(f"{what} at 1 kHz with fit: processor time", f"{worked:.1f} s", f"{goal:g} s", worked <= goal)
         yield Row(f"{what} at 1 kHz with fit: memory", f"+{grown:.1f} MiB", f"+{MEMORY:g} MiB", grown <= MEMORY)
-    worked, grown = _apart(IN_PROCEDURE, HOUR)
+    worked, grown = apart(IN_PROCEDURE, HOUR)
     what = "an hour of one node at 250 Hz in a load sweep"
     yield Row(f"{what}: processor time", f"{worked:.1f} s")
     yield Row(f"{what}: memory", f"+{grown:.1f} MiB", f"+{MEMORY:g} MiB", grown <= MEMORY)
-    worked_by_dwell = [_apart(1, seconds)[0] for seconds in GROWTH]
-    exponent = float(np.polyfit(np.log(GROWTH), np.log(worked_by_dwell), 1)[0])
-    what = f"processor time against dwell, {GROWTH[0]:g} to {GROWTH[-1]:g} s: exponent"
-    yield Row(what, f"{exponent:.2f}", f"{EXPONENT:g}", exponent <= EXPONENT)
 
 
-def _apart(nodes: int, seconds: float) -> tuple[float, float]:
+def apart(nodes: int, seconds: float) -> tuple[float, float]:
     """Processor time [s] and growth of memory [MiB] in a process of its own."""
     command = [sys.executable, "-m", __name__, str(nodes), str(seconds)]
     worked, grown = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)

@@ -59,7 +59,7 @@ NOTHING = Wish(read_scene("thesis_single"), BenchAddresses(), None, 1.0, 1.0, ()
 def measure() -> Iterator[Row]:
     """Processor time of a request, requests a second, and the ratio of a sample from another process."""
     for clients in CLIENTS:
-        costs = served(SERVED, partial(_cost, clients=clients), ROUNDS)
+        costs = served(SERVED, partial(cost, clients=clients), ROUNDS)
         yield Row(
             f"a served request, {clients} client{'s' * (clients > 1)}: processor time",
             beside([1e6 * each for each in costs], "{:.1f} µs".format), f"<= {1e6 * COST:.0f} µs", costs[0] <= COST,
@@ -85,7 +85,7 @@ def _peer(name: str, script: str | None) -> Row:
     figure = f"the same of {name}'s server, {' / '.join(map(str, CLIENTS))} clients"
     if script is None:
         return Row(figure, "not tried: it needs a C compiler and libmodbus (Debian: gcc, libmodbus-dev)")
-    costs = [served(script, partial(_cost, clients=clients), ROUNDS)[0] for clients in CLIENTS]
+    costs = [served(script, partial(cost, clients=clients), ROUNDS)[0] for clients in CLIENTS]
     return Row(figure, " / ".join(f"{1e6 * cost:.1f}" for cost in costs) + " µs")
 
 
@@ -97,7 +97,7 @@ def _built(source: Path, program: Path) -> str | None:
     return f"os.execv({str(program)!r}, [{str(program)!r}])"
 
 
-def _cost(ready: dict[str, Any], used: Callable[[], dict[str, float]], clients: int) -> float:
+def cost(ready: dict[str, Any], used: Callable[[], dict[str, float]], clients: int) -> float:
     """Processor time of the server for a request [s]."""
     before = used()
     _ask(ready["port"], clients)

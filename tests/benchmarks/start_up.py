@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import resource
-import shutil
 import statistics
 import subprocess
 import sys
@@ -14,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tests.benchmarks.row import Row
+from tests.benchmarks.run_table import filled
 
 HELP_GOAL, TESTS_GOAL = 0.3, 180.0
 RUNS = 1000  # in a store that is listed
@@ -55,13 +54,7 @@ def measure() -> Iterator[Row]:
 
 def _listed(palpate: str) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
-        store = Path(folder) / "runs"
-        one = str(store / "0")
-        subprocess.run([palpate, "sweep", "loads", "--samples", "1", "--quiet", "--out", one], check=True)
-        for number in range(1, RUNS):
-            shutil.copytree(one, store / str(number))
-        for path in store.glob("*/run.*"):  # a run that was written a moment ago is read again
-            os.utime(path, (time.time() - 3600,) * 2)
+        store = filled(Path(folder), RUNS)
         for how in ("read", "by the index"):
             command = [palpate, *LIST.split(), "--out", str(store)]
             least = min(_processor_seconds(command) for _ in range(1 if how == "read" else FEWER))
