@@ -37,10 +37,12 @@ def spread(case: Case) -> float:
 
 def correlated_spread(case: Case, correlation: Callable[[Floats], Floats]) -> float:
     """Standard deviation of an amplitude over that of noise with a correlation, which is a function of the lag [s]."""
-    from scipy.linalg import matmul_toeplitz
-
-    column = correlation(np.arange(weights(case).shape[1]) / case.rate)
-    covariance = weights(case) @ matmul_toeplitz(column, weights(case).T)
+    count = weights(case).shape[1]
+    column = correlation(np.arange(count) / case.rate)
+    # The matrix of the correlations is part of a circulant one, by which a Fourier transform multiplies.
+    circulant = np.concatenate((column, column[:0:-1]))
+    filtered = np.fft.rfft(circulant) * np.fft.rfft(weights(case), len(circulant))
+    covariance = weights(case) @ np.fft.irfft(filtered, len(circulant))[:, :count].T
     return math.sqrt(np.linalg.norm(covariance, 2))
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear.exponential import exponential
+from palpate.simulators.linear.free_motion import balanced
 from palpate.simulators.linear.lti import Complexes, Floats, Rows, Steady
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
@@ -258,14 +259,14 @@ def _measure(a: Floats) -> Floats | None:
     P = F'F solves Lyapunov's equation, in units in which rows and columns of `a` have equal sizes. That x'Px never
     grows is then checked.
     """
-    from scipy.linalg import matrix_balance, solve_continuous_lyapunov
+    from scipy.linalg import solve_continuous_lyapunov
 
-    balanced, (units, _) = matrix_balance(a, permute=False, separate=True)
-    if np.linalg.eigvals(balanced).real.max() >= 0:
+    matrix, units = balanced(a)
+    if np.linalg.eigvals(matrix).real.max() >= 0:
         return None
-    energy = np.asarray(solve_continuous_lyapunov(balanced.T, -np.eye(len(a))), float)
+    energy = np.asarray(solve_continuous_lyapunov(matrix.T, -np.eye(len(a))), float)
     energy = (energy + energy.T) / 2
-    change = energy @ balanced
+    change = energy @ matrix
     if np.linalg.eigvalsh(energy).min() <= 0 or np.linalg.eigvalsh(change + change.T).max() >= 0:
         return None
     return np.asarray(np.linalg.cholesky(energy).T / units)

@@ -19,9 +19,37 @@ Seen = Callable[[Times, int, int], Floats]
 
 # Above this condition number modes are too nearly parallel to give the transient to thirteen digits.
 PARALLEL = 100.0
+WORTH = 0.95  # share of the sizes of row and column to which they must fall for another unit
 BLOCK = 1024  # number of samples that are computed together
 GONE = 1e-150  # share of a mode's beginning below which it counts as 0; the product of two such is still a normal float
 KEPT = 64  # systems
+
+
+def balanced(a: Floats) -> tuple[Floats, Floats]:
+    """A matrix (s, s) in units (s,) in which rows and columns have like sizes: metres beside amperes look parallel.
+
+    Units are powers of 2, as LAPACK's dgebal finds them (James, Langou and Lowery 2014). To import scipy.linalg for it
+    would take longer than most scenes.
+    """
+    matrix, units = a.copy(), np.ones(len(a))
+    changed = True
+    while changed:
+        changed = False
+        for i in range(len(a)):
+            column, row = float(np.linalg.norm(matrix[:, i])), float(np.linalg.norm(matrix[i]))
+            if not column or not row:
+                continue
+            unit, before = 1.0, column + row
+            while column < row / 2:
+                unit, column, row = 2 * unit, 2 * column, row / 2
+            while column / 2 >= row:
+                unit, column, row = unit / 2, column / 2, 2 * row
+            if column + row < WORTH * before:
+                matrix[i] /= unit
+                matrix[:, i] *= unit
+                units[i] *= unit
+                changed = True
+    return matrix, units
 
 
 class FreeMotion:
@@ -38,11 +66,8 @@ class FreeMotion:
         """Rates (s,), shapes (s, s) and their inverse; None where they are too nearly parallel to be told apart."""
         if not len(self._a):
             return np.zeros(0, complex), np.zeros((0, 0), complex), np.zeros((0, 0), complex)
-        from scipy.linalg import matrix_balance
-
-        # The units give rows and columns equal sizes, because metres beside amperes would look parallel.
-        balanced, (units, _) = matrix_balance(self._a, permute=False, separate=True)
-        rates, shapes = np.linalg.eig(balanced)
+        matrix, units = balanced(self._a)
+        rates, shapes = np.linalg.eig(matrix)
         if np.linalg.cond(shapes) > PARALLEL:
             return None
         inverse = np.linalg.inv(shapes) / units

@@ -17,7 +17,7 @@ import numpy as np
 from palpate.instrument import notice
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.design import FILM_KINDS
-from palpate.instrument.signals.estimate import fit_sine
+from palpate.instrument.signals.estimate import amplitudes
 from palpate.simulators.bounds.changes import pairs_of
 from palpate.simulators.effects import effect_class
 from palpate.simulators.linear.lti import Floats
@@ -185,18 +185,18 @@ def see(scene: Scene, question: Question, start: float = 0.0, draws: int = DRAWS
             f"more than {MOST:.2g}, which are held at once; give a shorter --dwell"
         )
     pairs, bases = pairs_of(scene.design), [i for i, film in enumerate(films) if film.kind == FILM_KINDS[1]]
-    amplitudes, seconds = [], []
+    found, seconds = [], []
     for draw in range(draws):
         begun = time.process_time()
         seeded = scene.with_seed((scene.seed + draw) % (LARGEST_SEED + 1))
         times, volts = films_sampled(seeded, question, question.dwell, start)
         seconds.append(time.process_time() - begun)
-        amplitudes.append(fit_sine(times, volts, question.frequency).amplitude)
-    found = np.array(amplitudes)
-    if not (found[:, bases] > 0).all():
+        found.append(amplitudes(times, volts, question.frequency))
+    seen = np.array(found)
+    if not (seen[:, bases] > 0).all():
         raise EstimateError(f"scene {scene.name}: a film under a base shows no amplitude; give a larger --load")
-    ratios = np.stack([found[:, tooth] / found[:, base] for tooth, base in pairs], axis=1)
-    return Seen(found[:, bases], ratios, min(seconds))
+    ratios = np.stack([seen[:, tooth] / seen[:, base] for tooth, base in pairs], axis=1)
+    return Seen(seen[:, bases], ratios, min(seconds))
 
 
 def _weighed(scene: Scene, question: Question, whole: Seen, name: str) -> Weight:

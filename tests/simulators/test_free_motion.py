@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.simulators.linear.free_motion import balanced
 from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from tests.simulators.linear_systems import DAY, SECOND, output, random_system, sine
@@ -44,6 +45,17 @@ def test_rates_that_nearly_coincide_lose_no_digits_where_their_modes_lose_all(ap
     if 0 < apart <= 1e-10:
         naive = (np.exp(p * t) - np.exp(q * t)) / (p - q)
         assert np.abs(naive - exact).max() > 1e-7 * exact.max()
+
+
+def test_units_are_those_of_lapack() -> None:
+    draws = np.random.default_rng(38)
+    for _ in range(300):
+        order = draws.integers(1, 12)
+        a = draws.standard_normal((order, order)) * np.exp(draws.uniform(-9, 9, (order, order)))
+        a[draws.random(a.shape) < draws.uniform(0, 0.8)] = 0.0
+        matrix, units = balanced(a)
+        theirs, (their_units, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+        assert np.array_equal(matrix, theirs) and np.array_equal(units, their_units)
 
 
 def test_units_of_the_states_do_not_make_modes_parallel() -> None:
