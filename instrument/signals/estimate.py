@@ -24,7 +24,14 @@ from palpate.instrument.signals.long_fit import Pieces, RecordInPieces, in_piece
 from palpate.instrument.signals.noise import MAINS, EquivalentNoise, noise_at
 from palpate.instrument.signals.noise_parts import short_noise
 from palpate.instrument.signals.rapid_noise import RapidNoise, rapid_noise
-from palpate.instrument.signals.sine_columns import COEFFICIENTS, WANDER, SineColumns, correlated, sine_columns
+from palpate.instrument.signals.sine_columns import (
+    COEFFICIENTS,
+    WANDER,
+    SineColumns,
+    correlated,
+    median_step,
+    sine_columns,
+)
 
 Floats = npt.NDArray[np.float64]
 Some = TypeVar("Some", float, Floats)
@@ -356,7 +363,7 @@ def _check_samples(time: Floats, signals: Floats) -> None:
 
 def _check_frequency(time: Floats, frequency: float) -> float:
     """Check a frequency [Hz] against the times (n,) [s]; returns the median step of the times [s]."""
-    step = float(np.median(np.diff(time)))
+    step = median_step(time)
     _check_step(step, float(time[-1] - time[0]), frequency)
     return step
 

@@ -24,6 +24,7 @@ from palpate.instrument.signals.sine_columns import (
     SineColumns,
     Sums,
     first_sound,
+    median_step,
     scaled_rows,
     turning,
 )
@@ -67,7 +68,7 @@ class RecordInPieces:
             if not (time[0] > last and (np.diff(time) > 0).all()):
                 raise EstimateError(f"time does not increase after {last:g} s; sort the record")
             first = first if samples else float(time[0])
-            step = step if step or time.size < 2 else float(np.median(np.diff(time)))
+            step = step if step or time.size < 2 else median_step(time)
             samples, last = samples + time.size, float(time[-1])
             total = total + signals.sum(axis=1)
             lowest, highest = np.minimum(lowest, signals.min(axis=1)), np.maximum(highest, signals.max(axis=1))

@@ -298,6 +298,13 @@ def _scale(half: float, mains: int, slopes: bool) -> Floats:
     return np.array(scale + ([math.sqrt(6) / half] * 2 * mains if slopes else []), dtype=np.float64)
 
 
+def median_step(time: Floats) -> float:
+    """Median step of times (n,). By np.median it would take longer, which imports numpy.ma for it."""
+    steps = np.diff(time)
+    middle = [(steps.size - 1) // 2, steps.size // 2]
+    return float(np.partition(steps, middle)[middle].sum() / 2)
+
+
 def turning(time: Floats, frequency: float) -> tuple[Floats, Floats]:
     """Cosine and sine at times (n,) [s] of a frequency [Hz]."""
     angle = 2 * np.pi * frequency * time
