@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +42,7 @@ from palpate.procedures.steps.flags import (
     USED,
     causes,
 )
+from palpate.procedures.steps.load_waveform import doubt, load_columns
 from palpate.procedures.steps.policy import ATTEMPTS, carry_out
 from palpate.procedures.steps.servo import READINGS, LoadServo
 
@@ -70,6 +71,7 @@ class FilmPoint:
         settling_s: time that the films took to settle.
         attempts: number of attempts.
         flags: why the point is not used, or what its record cannot tell (`flags.USED`).
+        beside: what the waveform of the load tells, by the names of its columns; empty: no channel samples it.
         incidents: how many failures of the bench were made good since the point before.
     """
 
@@ -83,6 +85,7 @@ class FilmPoint:
     settling_s: float
     attempts: int
     flags: tuple[str, ...]
+    beside: Mapping[str, float | None]
     incidents: int = 0
 
     @property
@@ -104,7 +107,7 @@ class FilmPoint:
             raise EstimateError(f"{causes(self.flags)} ({error})") from None
 
     def waveforms(self, design: Design) -> Waveforms:
-        """Sample rate [Hz] and voltages [V] of each film by its name, for the record."""
+        """Sample rate [Hz] and voltages [V] of each film by its name, and of the load, for the record."""
         return self.record.waveforms([film.name for film in design.films])
 
 
@@ -172,6 +175,8 @@ def measure(
             " tells nothing; lower the load, press harder before it, or check amplifier and contact",
             films.bench.clock.now_ns(),
         )
+    if why := doubt(point.beside, point.load_measured_N, point.load_measured_u):
+        record.event("load", f"{named}: {why}", films.bench.clock.now_ns())
     return replace(point, incidents=films.bench.incidents.new())
 
 
@@ -199,7 +204,7 @@ def _attempt(
         CLIPPED: record.clips.any(),
         NOT_FINITE: record.gaps.any(),
         UNSETTLED: not settled,
-        FAULT: films.emergencies() > heard and not record.clips.any(),
+        FAULT: films.emergencies() > heard and not (record.clips.any() or (record.load and record.load.clips.any())),
         DRIFTED: not abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * servo.calibration.resolution()),
     }
     flags = [flag for flag, raised in defects.items() if raised]
@@ -218,6 +223,7 @@ def _attempt(
         settling_s=settling,
         attempts=attempt,
         flags=tuple(flags),
+        beside=load_columns(record.load, fit, films.design, servo.calibration) if record.load else {},
     )
 
 
