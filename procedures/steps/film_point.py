@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -71,8 +71,8 @@ class FilmPoint:
         settling_s: time that the films took to settle.
         attempts: number of attempts.
         flags: why the point is not used, or what its record cannot tell (`flags.USED`).
-        beside: what the waveform of the load tells, by the names of its columns; empty: no channel samples it.
         incidents: how many failures of the bench were made good since the point before.
+        beside: what the waveform of the load tells, by the names of its columns; empty: no channel samples it.
     """
 
     load_measured_N: float
@@ -85,8 +85,8 @@ class FilmPoint:
     settling_s: float
     attempts: int
     flags: tuple[str, ...]
-    beside: Mapping[str, float | None]
     incidents: int = 0
+    beside: Mapping[str, float | None] = field(default_factory=dict)
 
     @property
     def valid(self) -> bool:
