@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.additions import load
 from palpate.instrument.bench.beside import Beside, check_beside
-from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription
+from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription, check_load_channel
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
 from palpate.instrument.bench.links import CAN, FASTEST, LINE, LOOPBACK
 from palpate.instrument.config import check
@@ -141,11 +141,14 @@ class SimulatedBench:
             self.can.add(self.devices[name])
 
     def _find(self, role: Role) -> Any:
-        given = [guest.name for guest in self.scene.devices if guest.table.get("role") == role]
-        for name in (*given, *self._kinds):
-            if role in self._kinds[name].roles:
-                return self.devices[name]
+        if filling := self._filling(role):
+            return self.devices[filling[0]]
         raise BenchError(f"the simulated bench has no {role}; list a device of such a kind in the scene")
+
+    def _filling(self, role: str) -> list[str]:
+        """Names of the devices that fill a role: those to which the scene gives it or, without any, all that can."""
+        given = [guest.name for guest in self.scene.devices if guest.table.get("role") == role]
+        return given or [name for name, kind in self._kinds.items() if role in kind.roles]
 
     def __enter__(self) -> Self:
         with Ends() as stack:
@@ -190,6 +193,7 @@ class SimulatedBench:
             "design": scene.design.name,
             "pickup": scene.pickup,
             **({} if scene.noise in (0.0, USUAL_NOISE) else {"noise": f"{scene.noise!r} V/√Hz"}),
+            "load_channel": scene.file.load_channel,
             "link": {name: {**link, "timeout": timeouts.get(name, TIMEOUT)} for name, link in links.items()},
             "device": self._sections(),
             "beside": scene.file.beside or {},
@@ -201,10 +205,13 @@ class SimulatedBench:
         return check(sections, BenchDescription, f"scene {scene.name}")
 
     def check_beside(self) -> None:
-        """Raises ConfigError: no device of it has what the scene asks to read beside each point."""
+        """Raises ConfigError: no device of it has what the scene asks to read beside each point, or to sample."""
         asked = self.scene.file.beside or {}
         known = {name: kind.contract for name, kind in self._kinds.items()}
         check_beside({name: check(table, Beside, f"beside.{name}") for name, table in asked.items()}, known)
+        if (channel := self.scene.file.load_channel) is not None:
+            filling = ([self._kinds[name] for name in self._filling(role)] for role in (NODE, "load_indicator"))
+            check_load_channel(channel, self.scene.design, *filling)
 
     def _sections(self) -> dict[str, dict[str, Any]]:
         """Sections of the bench file for the devices."""

@@ -45,7 +45,8 @@ def _tables(bench: BenchDescription) -> dict[str, Any]:
         }
         for each in listed
     }
-    whole = bench.model_dump(mode="json", include={"name", "design", "force_limit", "withstands", "watchdog", "pickup"})
+    kept = {"name", "design", "force_limit", "withstands", "watchdog", "pickup", "load_channel"}
+    whole = bench.model_dump(mode="json", include=kept)
     return {**whole, "link": links, "device": devices}
 
 

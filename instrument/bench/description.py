@@ -30,7 +30,8 @@ from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.declaration import ITSELF
 from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
 from palpate.instrument.errors import ConfigError, UnknownName
-from palpate.instrument.quantity import Newtons, Seconds, VoltsPerRootHertz, show
+from palpate.instrument.quantity import Newtons, Seconds, VoltsPerRootHertz, counted, show
+from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 
 # --- The devices that a bench file lists: each with its kind, its link and its address on the link -----
@@ -339,6 +340,7 @@ def renewed(data: Mapping[str, Any]) -> dict[str, Any]:
 # --- the description -----------------------------------------------------------------------------------
 
 T = TypeVar("T")
+LoadChannel = Annotated[int, Field(ge=1, le=1000, strict=True)]
 NO_WATCHDOG = "none"
 STOOD = 20.0  # N [A]; the load cell gives the indicator's 200 mV at 19 N, and the thesis loads nothing above 7.3 N
 DRIVING: tuple[Role, ...] = ("exciter", "source", "amplifier")
@@ -359,6 +361,8 @@ class BenchDescription(Config):
     pickup: float = Field(default=0.0, ge=0, le=0.5, strict=True)
     # amplitude density of the films' noise near the drive, by which dwells are planned; None: the usual one is assumed
     noise: VoltsPerRootHertz | None = Field(default=None, gt=0, le=0.1)
+    # free channel of the nodes, counted as films' channels, that samples the load indicator's output; None: none does
+    load_channel: LoadChannel | None = None
     scene: str | None = Field(default=None, min_length=1)  # identity of the scene that simulates it; palpate writes it
     simulated: bool = False  # whether it is simulated although no device on it says so, as twins of makers' devices
     link: dict[str, dict[str, Any]]
@@ -386,6 +390,11 @@ class BenchDescription(Config):
             check_places(self.links, devices)
             check_identities(each.kind for each in devices)
             check_beside(self.beside, {each.name: each.kind.contract for each in devices})
+            if self.load_channel is not None:
+                nodes, indicators = (
+                    [each.kind for each in self.filling(role)] for role in ("sensor_node", "load_indicator")
+                )
+                check_load_channel(self.load_channel, get_design(self.design), nodes, indicators)
             for role in get_args(Role):
                 if role != "sensor_node" and len(several := filling(role, devices)) > 1:
                     names = " and ".join(each.name for each in several)
@@ -457,8 +466,9 @@ class BenchDescription(Config):
             data["watchdog"] = NO_WATCHDOG
         if not self.simulated:
             data.pop("simulated", None)  # `comparison` leaves it out
-        if self.withstands is None:
-            data.pop("withstands", None)
+        for key in ("withstands", "load_channel"):
+            if getattr(self, key) is None:
+                data.pop(key, None)
         if not self.beside:
             data.pop("beside", None)
         if "link" in data:
@@ -515,6 +525,26 @@ class BenchDescription(Config):
 
         data: dict[str, Any] = self.model_dump(mode="json", exclude_none=True)
         return tomli_w.dumps(data)
+
+
+def check_load_channel(
+    channel: int, design: Design, nodes: Sequence[DeviceKind], indicators: Sequence[DeviceKind]
+) -> None:
+    """Check the channel that samples the load indicator's analogue output, by the kinds of nodes and indicators.
+
+    Raises ConfigError: it carries a film, no node has it, or there is no load indicator.
+    """
+    if not indicators:
+        raise ConfigError("load_channel: the bench has no load indicator, whose output it samples; leave it out")
+    channels = nodes[0].channels if nodes else 0
+    films = {film.channel: film.name for film in design.films}
+    free = ", ".join(str(each) for each in range(1, len(nodes) * channels + 1) if each not in films)
+    remedy = f"give a free one: {free}" if free else "none is free; add a sensor node"
+    if channel in films:
+        raise ConfigError(f"load_channel: channel {channel} carries film {films[channel]!r}; {remedy}")
+    if channel > len(nodes) * channels:
+        has = f"{counted(len(nodes), 'sensor node')}" + (f" of {channels} channels" if nodes else "")
+        raise ConfigError(f"load_channel: the bench has no channel {channel}, but {has}; {remedy}")
 
 
 def _driving(devices: Sequence[Listed]) -> list[Listed]:

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.bench.beside import COLUMNS
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.commands.options import BenchChoice, Output
 from palpate.procedures.console.terminal import say
@@ -142,9 +141,10 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output, limit
             raise done.unstored
         outcome = done.outcome
         rows, summary = [asdict(point) for point in done.result.points], done.result.summary()
-        if "beside" in outcome:
+        described = done.session.lab.bench.description
+        if described.beside or described.load_channel:
             for row, stored in zip(rows, done.run.points(), strict=True):
-                row |= {name: value for name, value in stored.items() if name.startswith(COLUMNS)}
+                row |= {name: value for name, value in stored.items() if name not in {*row, "id", "bench_ns"}}
         found: dict[str, object] = {**outcome, "points": rows, **summary}
         report = procedure.report(done.result, done.session.lab)
         plot = None if report is None else report.draw(done.folder)

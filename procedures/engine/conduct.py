@@ -86,7 +86,7 @@ def taken(procedure: Procedure[S, P, R], plan: Plan[S], lab: Lab, record: Record
             changer.check()
         beside = surroundings.read()
         point = beside.marked(found.point)
-        record.point({**asdict(point), **beside.values}, found.waveforms, lab.bench.clock.now_ns())
+        record.point({**asdict(point), **found.beside, **beside.values}, found.waveforms, lab.bench.clock.now_ns())
         points.append(point)
         promise.point(number + 1, points)
         if found.error is not None:

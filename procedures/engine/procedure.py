@@ -71,11 +71,13 @@ class Measurement(Generic[P_co]):
         point: the point.
         waveforms: its waveforms, by name.
         error: an error that ends the run; it is raised once the point is stored.
+        beside: values that the record keeps beside those of the point, by the names of their columns.
     """
 
     point: P_co
     waveforms: Waveforms = field(default_factory=dict)
     error: PalpateError | None = None
+    beside: Mapping[str, float | None] = field(default_factory=dict)
 
 
 class Work(Protocol[S_contra, P_co]):

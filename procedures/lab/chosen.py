@@ -111,8 +111,8 @@ class Chosen:
             packages_of(kinds, {self.scene.design.name}, self.scene.effects)
 
     def check_beside(self) -> None:
-        """Raises ConfigError: the simulated bench cannot read what its scene asks for beside each point."""
-        if self.scene is not None and self.scene.file.beside:
+        """Raises ConfigError: the simulated bench cannot read or sample what its scene asks for beside each point."""
+        if self.scene is not None and (self.scene.file.beside or self.scene.file.load_channel):
             from palpate.simulators.bench import SimulatedBench
 
             SimulatedBench(self.scene).check_beside()

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from functools import partial
 
 from palpate.drivers.roles import LoadIndicator, SampleChanger
-from palpate.instrument.errors import DeviceError
+from palpate.instrument.errors import DeviceError, PalpateError
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Step
+from palpate.procedures.engine.procedure import Measurement, P
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_loads, preload_for
@@ -25,7 +26,7 @@ from palpate.procedures.steps.servo import LoadServo, read_indicator
 #         self.press(get_sample(step.sample))
 #     def take(self, step):
 #         measured = self.measured(step.load_N, step.what, dwell=1.0)
-#         return Measurement(point_of(measured), measured.waveforms(self.lab.design))
+#         return self.measurement(point_of(measured), measured)
 
 
 class DynamicLoadWork:
@@ -102,6 +103,10 @@ class DynamicLoadWork:
         """As `measured`, for a list of loads: the load that was set last becomes a load set of its own."""
         self.set(load, what, anew=load == self._set_last)
         return self.held(load, what, dwell, compare)
+
+    def measurement(self, point: P, measured: FilmPoint, error: PalpateError | None = None) -> Measurement[P]:
+        """The measured step of a point, which was made of these films; `error` as of `Measurement`."""
+        return Measurement(point, measured.waveforms(self.lab.design), error, measured.beside)
 
     def end(self) -> None:
         """Set the outputs to zero, move the probe home, and check the zero again. Raises BenchError: it has moved."""

@@ -38,9 +38,9 @@ class Event:
         planned   points (number), seconds (bench time of the whole), u (relative standard
                   uncertainty of the result; or None)
         step      number (of points that are taken), points (of all), what (is done now)
-        trace     rate [Hz], films (names) and voltage (films, n) [V] of what the films' nodes
-                  have just sampled, also before a dwell; only the live page hears of it, and
-                  not of each
+        trace     rate [Hz], films (names, "load" too) and voltage (films, n) [V] of what the
+                  films' nodes have just sampled, also before a dwell; only the live page hears
+                  of it, and not of each
         point     id (1, 2, 3, …), values (those of the point in the record)
         incident  of (kind of the record's event: incident, caution, …), message
         paused    message; the outputs are off until the run is resumed

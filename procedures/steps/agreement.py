@@ -17,6 +17,7 @@ from palpate.procedures.steps.films import CHARGE_AMPLIFIER, FilmRecord, Films, 
 
 FALSE_ALARMS = 6.3e-5  # of points that agree: 4 standard uncertainties of a normal distribution
 CRYSTALS = 1e-4  # relative difference of two clocks [A]
+HARMONICS = 0.01  # of a load, peak to peak [A]
 
 
 def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: float, known: float = math.inf) -> bool:
@@ -43,6 +44,17 @@ def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: flo
         ),
     )
     return _differ(difference, (1 - passed) * load)
+
+
+def loads_differ(waveform: float, waveform_u: float, load: float, load_u: float) -> bool:
+    """Whether the waveform of the load indicator's output and its display tell different loads, peak to peak [N].
+
+    Args:
+        waveform, waveform_u: load by the sine of the waveform, and its standard uncertainty.
+        load, load_u: load by the display, in which harmonics count.
+    """
+    parts = (Component("waveform", waveform_u), Component("display", load_u))
+    return _differ(Budget("waveform less display", waveform - load, "N", parts), HARMONICS * load)
 
 
 def frequencies_differ(films: Films, record: FilmRecord | LongFilmRecord) -> bool:

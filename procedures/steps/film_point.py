@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,7 @@ from palpate.procedures.steps.flags import (
     USED,
     causes,
 )
+from palpate.procedures.steps.load_waveform import doubt, load_columns
 from palpate.procedures.steps.policy import ATTEMPTS, carry_out
 from palpate.procedures.steps.servo import READINGS, LoadServo
 
@@ -71,6 +72,7 @@ class FilmPoint:
         attempts: number of attempts.
         flags: why the point is not used, or what its record cannot tell (`flags.USED`).
         incidents: how many failures of the bench were made good since the point before.
+        beside: what the waveform of the load tells, by the names of its columns; empty: no channel samples it.
     """
 
     load_measured_N: float
@@ -84,6 +86,7 @@ class FilmPoint:
     attempts: int
     flags: tuple[str, ...]
     incidents: int = 0
+    beside: Mapping[str, float | None] = field(default_factory=dict)
 
     @property
     def valid(self) -> bool:
@@ -104,7 +107,7 @@ class FilmPoint:
             raise EstimateError(f"{causes(self.flags)} ({error})") from None
 
     def waveforms(self, design: Design) -> Waveforms:
-        """Sample rate [Hz] and voltages [V] of each film by its name, for the record."""
+        """Sample rate [Hz] and voltages [V] of each film by its name, and of the load, for the record."""
         return self.record.waveforms([film.name for film in design.films])
 
 
@@ -172,6 +175,8 @@ def measure(
             " tells nothing; lower the load, press harder before it, or check amplifier and contact",
             films.bench.clock.now_ns(),
         )
+    if why := doubt(point.beside, point.load_measured_N, point.load_measured_u):
+        record.event("load", f"{named}: {why}", films.bench.clock.now_ns())
     return replace(point, incidents=films.bench.incidents.new())
 
 
@@ -199,7 +204,7 @@ def _attempt(
         CLIPPED: record.clips.any(),
         NOT_FINITE: record.gaps.any(),
         UNSETTLED: not settled,
-        FAULT: films.emergencies() > heard and not record.clips.any(),
+        FAULT: films.emergencies() > heard and not (record.clips.any() or (record.load and record.load.clips.any())),
         DRIFTED: not abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * servo.calibration.resolution()),
     }
     flags = [flag for flag, raised in defects.items() if raised]
@@ -218,6 +223,7 @@ def _attempt(
         settling_s=settling,
         attempts=attempt,
         flags=tuple(flags),
+        beside=load_columns(record.load, fit, films.design, servo.calibration) if record.load else {},
     )
 
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, nullcontext
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +41,7 @@ LONGEST_BENT = 10_000  # samples; in longer records a decay is a small part of t
 FINEST_CHANGE = 1e-4  # of the amplitude; a smaller change counts as settled [A]
 FINER_CHANGE = 1e-6  # the same where longer records are compared
 CHARGE_AMPLIFIER = 1.0  # s, time constant with which offsets decay [A]
+LOAD = "load"  # name of the waveform of the load indicator's output; no film can have it
 
 Floats = npt.NDArray[np.float64]
 
@@ -54,12 +55,14 @@ class FilmRecord:
         time: times of the samples (n,) [s].
         voltage: voltages (films, n) [V].
         clipped: whether a sample reached the end of the converter's range (films, n).
+        load: the load indicator's output, as if it were one film; None: no channel samples it.
     """
 
     rate: float
     time: Floats
     voltage: Floats
     clipped: npt.NDArray[np.bool_]
+    load: FilmRecord | None = None
 
     @classmethod
     def joined(cls, pieces: Sequence[FilmRecord]) -> FilmRecord:
@@ -68,7 +71,8 @@ class FilmRecord:
             np.concatenate(parts, axis=-1)
             for parts in zip(*((each.time, each.voltage, each.clipped) for each in pieces), strict=True)
         )
-        return cls(pieces[0].rate, time, voltage, clipped)
+        loads = [each.load for each in pieces if each.load]
+        return cls(pieces[0].rate, time, voltage, clipped, cls.joined(loads) if loads else None)
 
     @property
     def clips(self) -> npt.NDArray[np.bool_]:
@@ -105,19 +109,23 @@ class FilmRecord:
         """Time from the middle of its first so many samples to the middle of its last [s]."""
         return float(self.time[-samples:].mean() - self.time[:samples].mean())
 
-    def waveforms(self, names: Sequence[str]) -> dict[str, tuple[float, np.ndarray | InPieces]]:
-        """Sample rate [Hz] and voltages [V] of each film by its name, for the record."""
-        return {name: (self.rate, volts) for name, volts in zip(names, self.voltage, strict=True)}
+    def waveforms(self, names: Sequence[str]) -> dict[str, tuple[float, np.ndarray]]:
+        """Sample rate [Hz] and voltages [V] of each film by its name, and of the load, for the record."""
+        films = {name: (self.rate, volts) for name, volts in zip(names, self.voltage, strict=True)}
+        return {**films, **(self.load.waveforms([LOAD]) if self.load else {})}
 
     def first(self, duration: float) -> FilmRecord:
         """The first part of the record, of a duration [s]."""
-        n = round(duration * self.rate)
-        return FilmRecord(self.rate, self.time[:n], self.voltage[:, :n], self.clipped[:, :n])
+        return self.part(slice(round(duration * self.rate)))
 
     def last(self, duration: float) -> FilmRecord:
         """The last part of the record, of a duration [s]."""
-        n = round(duration * self.rate)
-        return FilmRecord(self.rate, self.time[-n:], self.voltage[:, -n:], self.clipped[:, -n:])
+        return self.part(slice(-round(duration * self.rate), None))
+
+    def part(self, samples: slice) -> FilmRecord:
+        """Some of the samples."""
+        load = self.load and self.load.part(samples)
+        return FilmRecord(self.rate, self.time[samples], self.voltage[:, samples], self.clipped[:, samples], load)
 
 
 class LongFilmRecord:
@@ -129,10 +137,12 @@ class LongFilmRecord:
         rate: sample rate [Hz].
         samples: number of samples of each film.
         clips, gaps, silent: as those of a `FilmRecord` (films,).
+        load: as that of a `FilmRecord`.
     """
 
-    def __init__(self, dwell: StoredDwell, names: Sequence[str]) -> None:
-        """Begin with no sample, in a dwell that was just begun."""
+    def __init__(self, dwell: StoredDwell, names: Sequence[str], load: bool = False) -> None:
+        """Begin with no sample, in a dwell that was just begun; `load`: whether it has the load indicator's output."""
+        self.load = LongFilmRecord(dwell, [LOAD]) if load else None
         self._dwell, self._names = dwell, names
         self._clipped: dict[int, npt.NDArray[np.bool_]] = {}  # (films, k) of pieces with clipped samples
         self._part: tuple[int, int] | None = None
@@ -141,14 +151,20 @@ class LongFilmRecord:
 
     def add(self, piece: FilmRecord) -> None:
         """Store the next piece. Raises RecordError: it cannot be stored."""
-        self.rate = piece.rate
-        self.clips, self.gaps = self.clips | piece.clips, self.gaps | piece.gaps
-        self.silent = self.silent & piece.silent
         for at in range(0, piece.samples, IN_A_FRAME):
-            volts, clipped = piece.voltage[:, at : at + IN_A_FRAME], piece.clipped[:, at : at + IN_A_FRAME]
-            if clipped.any():
-                self._clipped[self._dwell.samples] = clipped
-            self._dwell.add(dict(zip(self._names, ((piece.rate, each) for each in volts), strict=True)))
+            part = piece.part(slice(at, at + IN_A_FRAME))
+            self._note(part)
+            self._dwell.add(part.waveforms(self._names))
+
+    def _note(self, part: FilmRecord) -> None:
+        """Keep what the samples that are stored next do not tell themselves."""
+        self.rate = part.rate
+        self.clips, self.gaps = self.clips | part.clips, self.gaps | part.gaps
+        self.silent = self.silent & part.silent
+        if part.clipped.any():
+            self._clipped[self._dwell.samples] = part.clipped
+        if self.load and part.load:
+            self.load._note(part.load)
 
     @property
     def samples(self) -> int:
@@ -199,9 +215,10 @@ class LongFilmRecord:
         """Time from the middle of its first so many samples to the middle of its last [s]."""
         return (self.samples - samples) / self.rate
 
-    def waveforms(self, names: Sequence[str]) -> dict[str, tuple[float, np.ndarray | InPieces]]:
+    def waveforms(self, names: Sequence[str]) -> dict[str, tuple[float, InPieces]]:
         """The waveforms for the record, which has them already."""
-        return {name: (self.rate, InPieces(self._dwell.number, self._dwell.samples)) for name in names}
+        every = [*names, LOAD] if self.load else names
+        return {name: (self.rate, InPieces(self._dwell.number, self._dwell.samples)) for name in every}
 
 
 def short_length(frequency: float) -> float:
@@ -244,17 +261,18 @@ def bend_leak(frequency: float, dwell: float | None) -> float:
     return max(whole, float(np.linalg.norm(basis.weights() @ decaying)))
 
 
-def nodes_for(design: Design, channels: int = CHANNELS) -> int:
-    """How many sensor nodes of so many channels the films of a design need."""
-    return max(place(film.channel, channels)[0] for film in design.films)
+def nodes_for(design: Design, channels: int = CHANNELS, load: int | None = None) -> int:
+    """How many sensor nodes of so many channels the films of a design need, and the channel that samples the load."""
+    return max(place(channel, channels)[0] for channel in (*(film.channel for film in design.films), load or 1))
 
 
-def check_nodes(design: Design, nodes: int, channels: int = CHANNELS) -> None:
-    """Refuse a bench that has fewer sensor nodes of so many channels than the films need. Raises RangeError."""
-    needed = nodes_for(design, channels)
+def check_nodes(design: Design, nodes: int, channels: int = CHANNELS, load: int | None = None) -> None:
+    """Refuse a bench that has fewer sensor nodes of so many channels than `nodes_for` tells. Raises RangeError."""
+    needed = nodes_for(design, channels, load)
     if nodes < needed:
+        films = f"{len(design.films)} films" + (f" and load_channel {load}" if load else "")
         raise RangeError(
-            f"design {design.name!r} has {len(design.films)} films on {counted(needed, 'sensor node')} of {channels} "
+            f"design {design.name!r} has {films} on {counted(needed, 'sensor node')} of {channels} "
             f"channels; the bench has {nodes}; list them all in the bench file"
         )
 
@@ -277,17 +295,18 @@ class Films:
         """
         nodes = bench.all(SensorNode)
         channels = bench.named(nodes[0]).kind.channels if nodes else CHANNELS
-        check_nodes(design, len(nodes), channels)
+        load = bench.description.load_channel
+        check_nodes(design, len(nodes), channels, load)
         self.bench, self.design, self.frequency = bench, design, frequency
-        self._nodes = nodes[: nodes_for(design, channels)]
+        self._nodes = nodes[: nodes_for(design, channels, load)]
         if several := {type(node) for node in self._nodes} - {type(nodes[0])}:
             raise ConfigError(
                 f"films are sampled together by nodes of one kind; the bench has {type(nodes[0]).__name__} and "
                 f'{several.pop().__name__}: write role = "sensor_node" below those of one kind in the bench file'
             )
-        self._places = [
-            (node - 1, channel) for node, channel in (place(film.channel, channels) for film in design.films)
-        ]
+        wired = [film.channel for film in design.films] + ([] if load is None else [load])
+        places = [(node - 1, channel) for node, channel in (place(each, channels) for each in wired)]
+        self._places, self._load = places[: len(design.films)], places[len(design.films) :]
         self._ranges: dict[int, str] = {}
         ranges = nodes[0].ranges
         self._widest, finest = (choose(ranges, key=ranges.__getitem__) for choose in (max, min))
@@ -295,6 +314,8 @@ class Films:
         for number, film in enumerate(design.films):
             fits = HEADROOM * film.sensitivity * largest <= ranges[finest]
             self._set_range(number, finest if fits else self._widest)
+        for node, channel in self._load:  # whose noise is larger than its steps there
+            self._nodes[node].set_range(channel, self._widest)
 
     @property
     def frequency_step(self) -> float:
@@ -329,7 +350,7 @@ class Films:
         if duration <= LONGEST_WHOLE:
             return self.acquire(duration)
         first, others = self._nodes[0], self._nodes[1:]
-        found = LongFilmRecord(record.begin_dwell(), [film.name for film in self.design.films])
+        found = LongFilmRecord(record.begin_dwell(), self._names, load=bool(self._load))
         held: list[FilmRecord] = []
         with (
             closing(first.pieces_with(others, duration))
@@ -346,12 +367,16 @@ class Films:
         return found
 
     def _together(self, recordings: Sequence[Recording]) -> FilmRecord:
-        first = recordings[0]
-        voltage = np.array([recordings[node].voltage[channel - 1] for node, channel in self._places])
-        shown = {"films": [film.name for film in self.design.films], "rate": first.rate, "voltage": voltage}
+        load = _taken(recordings, self._load) if self._load else None
+        found = replace(_taken(recordings, self._places), load=load)
+        waves = found.waveforms(self._names)
+        shown = {"films": list(waves), "rate": found.rate, "voltage": np.array([volts for _, volts in waves.values()])}
         self.bench.sampled(self.bench.clock.read_ns, shown)
-        clipped = np.array([recordings[node].saturated[channel - 1] for node, channel in self._places])
-        return FilmRecord(first.rate, first.time, voltage, clipped)
+        return found
+
+    @property
+    def _names(self) -> list[str]:
+        return [film.name for film in self.design.films]
 
     def steps(self) -> Floats:
         """Steps of the converter on the ranges that are set (films,) [V]."""
@@ -413,6 +438,16 @@ class Films:
             if settled or took >= 1e9 * limit:
                 return fit, 1e-9 * took, settled
             before = start, fit
+
+
+def _taken(recordings: Sequence[Recording], places: Sequence[tuple[int, int]]) -> FilmRecord:
+    """What some channels have sampled, each given by its node and its number on it."""
+    first = recordings[0]
+    voltage, clipped = (
+        np.array([getattr(recordings[node], name)[channel - 1] for node, channel in places])
+        for name in ("voltage", "saturated")
+    )
+    return FilmRecord(first.rate, first.time, voltage, clipped)
 
 
 def _agree(before: SineFit, after: SineFit, gap: float, bent: float, allowed: float, finest: float) -> bool:

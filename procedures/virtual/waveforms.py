@@ -64,6 +64,11 @@ def draw(design: Design, seen: Waveforms, title: str, file: Path) -> None:
         axes.plot(milliseconds, values, "k", lw=1.2)
         axes.set_title(what, fontsize=10)
         axes.set_ylabel(quantity)
+    if seen.load is not None:
+        grid[0, 1].set_title("load cell, and samples of its output", fontsize=10)
+        output = grid[0, 1].twinx()
+        output.plot(1e3 * seen.sample_time, 1e3 * seen.load, ".", ms=4)
+        output.set_ylabel("output (mV)", color="C0")
     places = PLACES if len(design.teeth) == 1 else SEVERAL
     for column, (kind, place) in enumerate(zip(FILM_KINDS, places, strict=True)):
         films = [(number, film) for number, film in enumerate(design.films) if film.kind == kind]

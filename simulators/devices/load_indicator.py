@@ -57,6 +57,7 @@ class SimulatedMappedLoadIndicator(Twin):
         self._cell = RigLoadCell(place.rig)
         role = place.kind.table(LoadIndicatorMap)
         self._role, self._own = role, place.settings
+        self.rig.gage_factor = self._own.gage_factor
         rate = self._own.rate or role.rate
         self._step_ns = round(1e9 / rate)
         self._rate = 1e9 / self._step_ns
@@ -244,6 +245,8 @@ class SimulatedStrainIndicator(SimulatedDevice):
         self.settings.update(values)
         if "filter" in values:
             self._rig.set_bridge_filter(values["filter"])
+        if "gage_factor" in values:
+            self._rig.gage_factor = values["gage_factor"]
 
     def reset(self) -> None:
         self._command, self._command_due_ns = 0, NEVER

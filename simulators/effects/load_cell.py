@@ -9,7 +9,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Seconds, Volts, VoltsPerNewton
-from palpate.simulators.physics.effect import Bound, Case, Kind
+from palpate.simulators.physics.effect import Bound, Case, Floats, Kind
 from palpate.simulators.physics.stages import CellEffect
 from palpate.simulators.randomness import Stream
 
@@ -52,12 +52,12 @@ class LoadCell(CellEffect):
             return self.sensitivity
         return self.sensitivity * (1 + self.position_spread * math.sin(math.radians(degrees)))
 
-    def added_mV(self, stream: Stream, update: int) -> float:
-        """Zero offset and noise at an update of a display of that number [mV]."""
-        return 1e3 * (self.zero + float(stream.spread(self.noise, update, 1)[0]))
+    def added_mV(self, stream: Stream, first: int, count: int) -> Floats:
+        """Zero offset and noise (count,) at updates of a display from that number on [mV]."""
+        return 1e3 * (self.zero + stream.spread(self.noise, first, count))
 
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
-        return round(ideal_mV + self.added_mV(stream, update), self.decimals)
+        return round(ideal_mV + float(self.added_mV(stream, update, 1)[0]), self.decimals)
 
     def known_bound(self, case: Case) -> Bound:
         """The films' signals do not pass the load cell; it changes only which load is read and set."""

@@ -204,7 +204,7 @@ class LineEffect(Effect, ABC):
 
 
 class CellEffect(Effect, ABC):
-    """The strain indicator's display of the force on the load cell."""
+    """What the strain indicator shows and gives of the force on the load cell."""
 
     @property
     @abstractmethod
@@ -220,8 +220,8 @@ class CellEffect(Effect, ABC):
         """Sensitivity [V/N] of the cell when it is turned about its axis."""
 
     @abstractmethod
-    def added_mV(self, stream: Stream, update: int) -> float:
-        """Zero offset and noise at an update of a display of that number [mV]."""
+    def added_mV(self, stream: Stream, first: int, count: int) -> Floats:
+        """Zero offset and noise (count,) at updates of a display, or samples of an output, from a number on [mV]."""
 
     @abstractmethod
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:

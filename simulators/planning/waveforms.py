@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, place
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.sensor.sample import Sample
@@ -20,6 +21,7 @@ from palpate.simulators.planning.plan import (
     CLOSED_FORM,
     PRELOAD,
     SETTLED,
+    WIDEST,
     Question,
     driven,
     moves,
@@ -27,7 +29,7 @@ from palpate.simulators.planning.plan import (
     sampled,
 )
 from palpate.simulators.planning.plan import SETTLING as LOAD_SETTLING
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig.rig import FilmInputs, Rig
 from palpate.simulators.scenes.scene import Scene
 
 SETTLING = 5.0  # s after the drive was set, as in a load sweep
@@ -48,6 +50,7 @@ class Waveforms:
         sample_time: (m,) s.
         samples: samples of the nodes (films, m) V.
         saturated: (films, m).
+        load: samples of the load indicator's output (m,) V; None: no channel samples it.
     """
 
     time: Floats
@@ -58,6 +61,7 @@ class Waveforms:
     sample_time: Floats
     samples: Floats
     saturated: npt.NDArray[np.bool_]
+    load: Floats | None
 
 
 def waveforms(scene: Scene, question: Question, periods: int) -> Waveforms:
@@ -82,7 +86,18 @@ def waveforms(scene: Scene, question: Question, periods: int) -> Waveforms:
         sample_time=1e-9 * (samples_ns - time_ns[0]),
         samples=samples,
         saturated=saturated,
+        load=_load_sampled(scene, rig, samples_ns, period_ns),
     )
+
+
+def _load_sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> Floats | None:
+    if scene.file.load_channel is None:
+        return None
+    node, channel = place(scene.file.load_channel)
+    inputs = FilmInputs(rig, node, node)
+    at_inputs = inputs.film_channels @ rig.film_voltages(time_ns)
+    counts, _ = inputs.converted(time_ns, at_inputs, period_ns, inputs.channels * [WIDEST])
+    return np.asarray(counts[:, channel - 1] * (WIDEST / FULL_SCALE_COUNTS), np.float64)
 
 
 def _clipped(effects: Effects, volts: Floats) -> Floats:

@@ -53,6 +53,7 @@ class Rig:
         }
         self._leak = self.effects.leak if self.effects.amplifier else None  # without an amplifier no charge leaks away
         self._bridge_tau = BRIDGE_TAU
+        self.gage_factor = GAGE_FACTOR  # to which the load indicator is set
         self.mounted = Mounted(scene.design)
         self.position = 0.0
         self.cell_position = 0.0  # degrees
@@ -333,13 +334,33 @@ class RigLoadCell:
         sensitivity = self._cell.in_position(self._rig.cell_position) if self._cell else IDEAL_SENSITIVITY
         return 1e3 * force * sensitivity * GAGE_FACTOR / gage_factor
 
+    def output(self, time_ns: Times, period_ns: int) -> Floats:
+        """The indicator's analogue output at times a period apart (n,) [V]: what the display shows, without its steps.
+
+        It is as fast as the force, and each sample has the noise of a reading [A].
+        """
+        volts = self._output(self._rig.path.outputs, time_ns, period_ns)
+        if self._cell:
+            stream = Stream(self._rig.scene.seed, self._cell.name, "output", period_ns)
+            volts += 1e-3 * self._cell.added_mV(stream, int(time_ns[0]) // period_ns, len(time_ns))
+        return volts
+
+    def output_rates(self, time_ns: Times, period_ns: int) -> Floats:
+        """Rates of the analogue output there, without noise (n,) [V/s]."""
+        return self._output(self._rig.path.rates, time_ns, period_ns)
+
+    def _output(self, seen: Callable[[Times, slice, int], Floats], time_ns: Times, period_ns: int) -> Floats:
+        row = self._rig.chain.force
+        force: Floats = seen(time_ns, slice(row, row + 1), period_ns)[0]
+        return force * 1e-3 * self.signal(1.0, self._rig.gage_factor)
+
     def shown(self, signal: float, update: int) -> float:
         """A signal [mV] with the offset, noise and steps of the display, at its update of that number."""
         return self._cell.display(signal, self._stream, update) if self._cell else signal
 
     def given(self, signal: float, update: int) -> float:
         """A signal [mV] with offset and noise, as a display gets it that has steps of its own."""
-        return signal + self._cell.added_mV(self._stream, update) if self._cell else signal
+        return signal + float(self._cell.added_mV(self._stream, update, 1)[0]) if self._cell else signal
 
     def crept(self, force: float, now_ns: int) -> float:
         """Force that the cell feels [N], where `force` stands on it."""
@@ -351,7 +372,7 @@ class RigLoadCell:
 
 
 # -------------------------------------------------------------------------------------------------------
-# The inputs of a node that samples: which films are wired to it, and what is added to their voltages there
+# The inputs of a node that samples: what is wired to it, films and load cell, and what is added to their voltages
 
 Source = tuple[InputEffect, Stream, int | slice]
 
@@ -375,6 +396,10 @@ class FilmInputs:
         self._rig, self._id, self._number, self.channels = rig, node_id, number, channels
         self._added = sorted(rig.effects.input, key=lambda effect: effect.name)
         self._sources: dict[int, list[Source]] = {}
+        self._cell = RigLoadCell(rig)
+        self._load: int | None = None  # index of the channel with the load cell's output
+        if (channel := rig.scene.file.load_channel) is not None and place(channel, channels)[0] == number:
+            self._load = place(channel, channels)[1] - 1
 
     def volts(self, time_ns: npt.NDArray[np.int64], films: Floats, period_ns: int) -> Floats:
         """What its converter gets, shape (channels, n) [V].
@@ -384,7 +409,17 @@ class FilmInputs:
             films: voltage at each channel, shape (channels, n) [V].
             period_ns: the SYNC period [ns].
         """
-        rates = functools.cache(lambda: self.film_channels @ self._rig.film_rates(time_ns, period_ns))
+
+        @functools.cache
+        def rates() -> Floats:
+            found: Floats = self.film_channels @ self._rig.film_rates(time_ns, period_ns)
+            if self._load is not None:
+                found[self._load] = self._cell.output_rates(time_ns, period_ns)
+            return found
+
+        if self._load is not None:
+            films = films.copy()
+            films[self._load] = self._cell.output(time_ns, period_ns)
         return self.with_added(films, self._added_by(period_ns), time_ns, period_ns, rates)
 
     def converted(
@@ -437,9 +472,9 @@ class FilmInputs:
 
     @functools.cached_property
     def _wired(self) -> list[int]:
-        """The channels that have a film; on others nothing is drawn."""
+        """The channels that have a film or the load cell's output; on others nothing is drawn."""
         wired: list[int] = np.flatnonzero(self.film_channels.any(axis=1)).tolist()
-        return wired
+        return wired if self._load is None else sorted({*wired, self._load})
 
     @functools.cached_property
     def film_channels(self) -> Floats:

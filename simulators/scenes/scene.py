@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
+from palpate.instrument.bench.description import LoadChannel
 from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.config import Config
 from palpate.instrument.errors import RangeError
@@ -64,6 +65,7 @@ class SceneFile(Config):
     tolerance: float | None = Field(default=None, gt=0, le=LARGEST_TOLERANCE, strict=True)
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
     nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # sensor nodes; None: as many as the films need
+    load_channel: LoadChannel | None = None  # as in a bench file
     rig: RigParameters = RigParameters()
     effects: dict[str, Any] = Field(default_factory=dict, max_length=MOST_EFFECTS)  # a table, "on" or "auto"
     device: dict[str, dict[str, Any]] | None = None  # additional devices, see `simulators/guests.py`

@@ -307,13 +307,19 @@ class Logger:
 
 
 @pytest.mark.parametrize(
-    ("channels", "used"),
-    [(2, [[1, 2], [1, 2]]), (3, [[1, 2, 3], [1]]), (4, [[1, 2, 3, 4], []]), (8, [[1, 2, 3, 4], []])],
-)
-def test_films_fill_each_node_s_channels_however_many_its_kind_has(channels: int, used: list[list[int]]) -> None:
+    ("channels", "load", "used"),
+    [
+        (2, None, [[1, 2], [1, 2]]), (3, None, [[1, 2, 3], [1]]), (4, None, [[1, 2, 3, 4], []]),
+        (8, None, [[1, 2, 3, 4], []]), (3, 5, [[1, 2, 3], [1, 2]]), (4, 8, [[1, 2, 3, 4], [4]]),
+    ],
+)  # fmt: skip
+def test_films_and_load_are_on_the_nodes_channels_however_many_their_kind_has(
+    channels: int, load: int | None, used: list[list[int]]
+) -> None:
     nodes = Logger(), Logger()
-    kind = replace(KINDS["sensor_node"], channels=channels)
-    bench: Any = SimpleNamespace(all=lambda _role: nodes, named=lambda _node: SimpleNamespace(kind=kind))
+    named = SimpleNamespace(kind=replace(KINDS["sensor_node"], channels=channels))
+    described = SimpleNamespace(load_channel=load)
+    bench: Any = SimpleNamespace(all=lambda _role: nodes, named=lambda _node: named, description=described)
     Films(bench, get_design("different_base"), 10.0, 4.0)
     assert [sorted(node.set) for node in nodes] == used
 
@@ -332,6 +338,8 @@ def test_a_bench_is_refused_by_how_many_channels_its_own_nodes_have() -> None:
         check_nodes(get_design("array_16"), 8, channels=2)
     with pytest.raises(RangeError, match="has 2 films on 1 sensor node of 4 channels; the bench has 0"):
         check_nodes(get_design("single"), 0)
+    with pytest.raises(RangeError, match="has 2 films and load_channel 5 on 2 sensor nodes of 4 channels; the bench"):
+        check_nodes(get_design("single"), 1, load=5)
 
 
 def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its_kind() -> None:

@@ -60,7 +60,7 @@ SIGNATURES = {
     ),
     "LoadCellSeries": "loads runs positions degree creep valid_days iso_class tolerance loads_u",
     "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
-    "Measurement": "point waveforms error",
+    "Measurement": "point waveforms error beside",
     "ModelCalibration": (
         "accepted device scene simulated source created expires design model parameters thickness_m references "
         "constant constant_u films_u films_degrees_of_freedom pickup_u spread spread_degrees_of_freedom weight "
@@ -113,7 +113,7 @@ SIGNATURES = {
 }
 ERRORS = "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName UsageError"
 MEMBERS = {  # what a script or a class of its own uses
-    "DynamicLoadWork": "again end held hold load_set measured press set",
+    "DynamicLoadWork": "again end held hold load_set measured measurement press set",
     "Finished": "conclude folder outcome plot procedure replayed result run session unstored",
     "Lab": "bench calibration design film_hash films mountings origin references run same_films scene started target",
     "OpenBench": "bench chosen history lab log runs scene started target today wall_start",

@@ -63,7 +63,7 @@ class Oscilloscope {
     if (this.plot) this.plot.destroy();
     const films = this.trace.films, chosen = $("trigger").value;
     $("trigger").replaceChildren(...films.map((film, i) => new Option(film, i)));
-    if (films[chosen]) $("trigger").value = chosen;
+    $("trigger").value = films[chosen] ? chosen : Math.max(0, films.indexOf("load")); // without one, the first film
     const own = $("scale").value === "own", scale = i => own ? `mV${i}` : "mV";
     const at = Number($("trigger").value);
     const scales = { x: { time: false, range: (u, low, high) => [low, high] } };

@@ -237,7 +237,7 @@ class Characterising(DynamicLoadWork):
         measured = self.held(step.load_N, step.what, self._asked.dwell, compare=False)
         time = 0.0 if self._held_ns is None else 1e-9 * (clock.now_ns() - self._held_ns)
         point = _point(step, time, self._laps.seconds(), measured)
-        return Measurement(point, measured.waveforms(self.lab.design))
+        return self.measurement(point, measured)
 
 
 def _point(step: CharacteriseStep, time: float, seconds: float | None, measured: FilmPoint) -> FilmsPoint:

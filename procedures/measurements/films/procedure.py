@@ -346,7 +346,7 @@ class Pressing(DynamicLoadWork):
             voltages_u=tuple((2 * measured.fit.amplitude_u).tolist()),
         )  # fmt: skip
         why = f"{step.what}: the point is not valid, and a calibration needs each. {causes(measured.flags)}"
-        return Measurement(point, measured.waveforms(design), None if measured.valid else DeviceError(why))
+        return self.measurement(point, measured, None if measured.valid else DeviceError(why))
 
 
 def _voltages(design: Design, tooth: int, fit: SineFit) -> npt.NDArray[np.float64]:

@@ -183,7 +183,7 @@ class FrequencySweepWork(SweepWork):
         dwell = dwell_at(step.frequency_Hz, self._sweep.dwell)
         measured = self.measured(self._sweep.load, step.what, dwell, compare=False)
         point = _point(self.lab.design, step.frequency_Hz, measured, self.servo.amplitude)
-        return Measurement(point, measured.waveforms(self.lab.design))
+        return self.measurement(point, measured)
 
 
 def parse_frequencies(text: str) -> tuple[float, ...]:

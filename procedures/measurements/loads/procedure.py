@@ -350,7 +350,7 @@ class LoadSweepWork(SweepWork):
     def take(self, step: LoadStep) -> Measurement[LoadPoint]:
         measured = self.load_set(step.load_N, step.what, self._chosen or float(step.dwell_s or 0.0))
         point = _point(self.lab.design, self.lab.calibration, step, measured)
-        return Measurement(point, measured.waveforms(self.lab.design))
+        return self.measurement(point, measured)
 
 
 def _chosen(design: Design, target: float) -> DwellChoice:

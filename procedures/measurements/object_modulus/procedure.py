@@ -91,7 +91,7 @@ class Measuring(DynamicLoadWork):
         )  # fmt: skip
         self._spent = 0.0
         self._points.append(point)
-        return Measurement(point, measured.waveforms(self.lab.design))
+        return self.measurement(point, measured)
 
     def _mount(self, anew: bool = False) -> None:
         withdraw(self.lab.bench)

@@ -192,7 +192,7 @@ class PositionSweepWork(SweepWork):
             self._press(position, step.position_mm)
         measured = self.load_set(self._sweep.load, step.what, float(step.dwell_s or 0.0))
         point = replace(_point(design, self._sample, position, measured), seconds=self._laps.seconds())
-        return Measurement(point, measured.waveforms(design))
+        return self.measurement(point, measured)
 
     def _press(self, position: float, position_mm: float) -> None:
         bench = self.lab.bench

@@ -242,7 +242,7 @@ class Touching(DynamicLoadWork):
         design = self.lab.design
         measured = self.load_set(step.load_N, step.what, self._dwell)
         point = gathered(SoftnessPoint, step, measured, measured.forces(design))
-        return Measurement(point, measured.waveforms(design))
+        return self.measurement(point, measured)
 
 
 def check_simulated(objects: Sequence[Sample], target: Target) -> None:

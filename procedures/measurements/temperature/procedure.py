@@ -184,7 +184,7 @@ class TemperatureSweepWork(SweepWork):
         added = after_change(self.films, before)
         carry_out(bench, "outputs on", bench.drive)
         measured = self.measured(self._sweep.load, step.what, self._sweep.dwell)
-        return Measurement(_point(self.lab.design, step, added, measured), measured.waveforms(self.lab.design))
+        return self.measurement(_point(self.lab.design, step, added, measured), measured)
 
 
 def steps_of(temperatures: Sequence[float]) -> tuple[float, ...]:

@@ -25,8 +25,8 @@ class PointTraces:
     """What the waveforms of one point show.
 
     Attributes:
-        load_mV: the oscilloscope's reading of the load in mV of the load cell. A run records no waveform of that; it
-            is the sum of the base films' forces, by the line of Table 5.1 without its zero, since the signal is AC.
+        load_mV: the oscilloscope's reading of the load in mV of the load cell. The thesis' scenes sample no waveform of
+            that; it is the sum of the base films' forces, by the line of Table 5.1 without its zero, since it is AC.
         distortions: of each film.
     """
 
