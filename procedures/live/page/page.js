@@ -47,6 +47,7 @@ const scalar = value => value === null || ["number", "string", "boolean"].includ
 const on = {
   page(told) {
     restart();
+    $("campaign").hidden = true;
     state.stored = told.stored;
     state.hello = told;
     $("controls").hidden = !told.controls.length;
@@ -100,6 +101,14 @@ const on = {
     $("outcome").textContent = `verdict: ${told.verdict}`;
     $("outcome").className = { pass: "good", fail: "bad" }[told.verdict] || "warn";
     fill($("verdict").querySelector("tbody"), told.verdicts.map(each => [`${each.quantity}: ${each.outcome}`, each.reason]));
+  },
+  campaign(told) {
+    const { done, steps } = told, next = steps[done];
+    $("campaign").hidden = false;
+    $("campaign").querySelector("small").textContent = `${told.campaign}: ` + (next ? `step ${done + 1} of ${steps.length}, ${next.name}`
+      + (next.person ? `; a person ${next.person}` : "") : `all ${steps.length} steps are done`);
+    fill($("campaign").querySelector("tbody"), steps.map((each, i) => [each.name, each.procedure,
+      i === done ? "now" : !each.due ? each.why : i > done ? "to come" : each.verdict || "done"]));
   },
   trace(told) { scope.show(told); },
 };
