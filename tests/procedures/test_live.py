@@ -234,6 +234,22 @@ def test_one_page_shows_all_steps_of_a_campaign(tmp_path: Path) -> None:
     assert [each["run"] for each in shown[-1]["steps"]] == [each["run"] for each in heard if each["event"] == "begun"]
 
 
+@pytest.mark.slow
+def test_a_served_bench_shows_its_devices_and_what_its_films_give(tmp_path: Path) -> None:
+    file = tmp_path / "bench.toml"
+    with served(tmp_path, "serve", "ideal", "--live", "--out", str(file)) as live, live.stream() as stream:
+        heard = told(stream)
+        shown = until("bench", heard)[-1]
+        assert (shown["scene"], shown["simulated"], shown["faults"]) == ("ideal", True, [])
+        assert dict(shown["devices"])["sensor nodes"] == "1 pre-operational"
+        with palpate.open_bench(bench=file, assume_mounted=True) as bench:
+            bench.bench.device("sensor_node_1").acquire(0.3)
+        trace = until("trace", heard)[-1]
+        assert (trace["rate"], trace["films"]) == (1000.0, ["rigid", "total"])
+        live.process.terminate()
+        assert live.process.wait() == 0
+
+
 def test_what_cannot_be_served_is_refused(palpate: Palpate, store: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
