@@ -327,7 +327,7 @@ function showAll() {
     showPoints();
     const values = state.latest[0], y = $("y").value, u = uOf(y, values);
     const columns = [...new Set(["id", groupOf(values), $("x").value, y, ...state.columns.map(each => each.name)])]
-      .filter(name => name in values).slice(0, 6);
+      .filter(name => name in values && !state.columns.some(each => each.u === name)).slice(0, 6);
     const bar = each => u && each[u] !== null ? ` ± ${digits(COVER * each[u], 2)}` : "";
     const cell = (each, name) => digits(each[name]) + (name === y ? bar(each) : "");
     const head = name => name === "id" ? "no." : words(name) + (name === y && u ? ` ± ${COVER} u` : "");
