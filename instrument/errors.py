@@ -97,12 +97,12 @@ MOST_LISTED = 60  # greatest number of names in a message; a store holds thousan
 
 
 class UnknownName(UsageError, LookupError):
-    """A name does not exist. The message lists the valid names, and suggests the nearest one."""
+    """A name does not exist. The message lists the valid names, or says `none`, and suggests the nearest."""
 
-    def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: object, valid: Iterable[str], none: str = "there is none yet") -> None:
         names = sorted(valid)
         more = [f"and {len(names) - MOST_LISTED} more"] if len(names) > MOST_LISTED else []
-        listed = f"valid: {', '.join(names[:MOST_LISTED] + more)}" if names else "there is none yet"
+        listed = f"valid: {', '.join(names[:MOST_LISTED] + more)}" if names else none
         super().__init__(f"unknown {kind} {quoted(str(name))}{nearest(str(name), names)}; {listed}")
 
 

@@ -14,6 +14,7 @@ from palpate.procedures.commands.options import (
     Output,
     StrictCommand,
     assume_option,
+    live_options,
     option,
     output_options,
 )
@@ -35,20 +36,29 @@ BY_WEIGHT = (0, 4, 3)  # exit statuses, the heaviest last
 @option("--dry-run", is_flag=True, help="Print what is due, how long it takes and what a person does; send nothing.")
 @option("--out", type=FILE_NAME, metavar="DIR", help="Folder of its state; one that was begun there goes on.")
 @assume_option
+@live_options
 @PROGRESS
 @output_options
 def campaign(
-    campaign: Path, dry_run: bool, out: Path | None, assume_mounted: bool, progress: str, as_json: bool, quiet: bool
+    campaign: Path,
+    dry_run: bool,
+    out: Path | None,
+    assume_mounted: bool,
+    live: int | None,
+    progress: str,
+    as_json: bool,
+    quiet: bool,
 ) -> int:
     """Carry out the procedures in CAMPAIGN.toml in the order in which they need each other.
 
     A calibration that is not due is left out. A campaign that was killed goes on, with the same --out: what is complete
     stays, the run that was begun is resumed, the others follow. A step may have limits: if its result does not pass,
-    the steps that need it are left out. Exit status 3: a limit fails; 4: one is undecided, and none fails.
+    the steps that need it are left out. Exit status 3: a limit fails; 4: one is undecided, and none fails. The page of
+    --live goes from one run to the next.
     """
     from palpate.procedures.campaign import Campaign
 
-    output = Output(as_json, quiet, progress)
+    output = Output(as_json, quiet, progress, live=live)
     found = Campaign(campaign, store(), out, assume_mounted)
     planned = found.planned()
     told = {"campaign": found.file.name, "simulated": found.chosen.scene is not None}
@@ -59,14 +69,25 @@ def campaign(
         output.result(lambda: told, lambda: _show_ahead(planned))
         return 0
     rows, judged = [], []
-    with output.prices():
+    with output.prices(), output.served(pausable=False) as output:
+        _tell_page(output, told, rows, planned)
         for step, verdicts in found.carried_out(output.listener):
             folder = found.folder_of(step.name) if step.due else None
             told_of = {} if verdicts is None else verdicts.summary()
             rows.append({**step.summary(), "run": None if folder is None else str(folder), **told_of})
             judged.append((step, verdicts))
+            _tell_page(output, told, rows, planned)
     output.result(lambda: {**told, "folder": str(found.folder), "steps": rows}, lambda: _show_done(rows, judged))
     return max((verdicts.status for _, verdicts in judged if verdicts is not None), key=BY_WEIGHT.index, default=0)
+
+
+def _tell_page(
+    output: Output, told: Mapping[str, object], rows: Sequence[Mapping[str, object]], planned: Sequence[PlannedStep]
+) -> None:
+    """Tell a live page which steps are done, which is next, and what a person does for it."""
+    if output.page is not None:
+        ahead = [step.summary() for step in planned[len(rows) :]]
+        output.page.tell("campaign", {**told, "done": len(rows), "steps": [*rows, *ahead]})
 
 
 def _show_ahead(planned: Sequence[PlannedStep]) -> None:

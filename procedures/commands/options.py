@@ -98,6 +98,8 @@ def live_options(command: F) -> F:
     def gathered(*, live: bool, port: int | None, **own: object) -> object:
         if port is not None and not live:
             raise UsageError("--port: it is that of the live page; give --live, too")
+        if live and own.get("dry_run"):
+            raise UsageError("--live: a dry run measures nothing that a page could show; leave --live or --dry-run out")
         return command(live=(port or 0) if live else None, **own)
 
     text = "Show the run on a page in a browser of this machine, with an oscilloscope."
@@ -230,13 +232,8 @@ def bench_options(command: F) -> F:
         if junit is not None and limits is None:
             raise UsageError("--junit: it holds verdicts of limits; give them with --limits FILE")
         check_junit(junit)
-        if own.get("dry_run"):
-            for name, given, why in (
-                ("--live", live, "measures nothing that a page could show"),
-                ("--pace", pace, "takes no time on the bench"),
-            ):
-                if given is not None:
-                    raise UsageError(f"{name}: a dry run {why}; leave {name} or --dry-run out")
+        if pace is not None and own.get("dry_run"):
+            raise UsageError("--pace: a dry run takes no time on the bench; leave --pace or --dry-run out")
         choice = BenchChoice(bench, scene, seed, out, log, assume_mounted, fidelity, about, pace)
         output = Output(as_json, quiet, progress, limits=limits, junit=junit, live=live)
         return command(choice=choice, output=output, **own)

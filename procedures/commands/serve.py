@@ -11,6 +11,7 @@ import click
 from palpate.procedures.commands import texts
 from palpate.procedures.commands.completion import SCENE
 from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, option, output_options
+from palpate.procedures.console.terminal import say
 
 if TYPE_CHECKING:
     from palpate.instrument.bench.description import BenchDescription
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     help="Write the bench file to FILE; only that of an earlier served bench is overwritten.",
 )
 @option("--status", is_flag=True, help="Show outputs, readings, faults and traffic.")
+@option("--live", is_flag=True, help="Show them on a page in a browser of this machine, with an oscilloscope.")
 @output_options
 def serve(
     scene: str,
@@ -61,6 +63,7 @@ def serve(
     samples: tuple[str, ...] | None,
     out: Path | None,
     status: bool,
+    live: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -88,4 +91,14 @@ def serve(
         output.line(bench.to_toml() if out is None else f"{out}: palpate sweep loads --bench {out}")
         sys.stdout.flush()
 
-    serve_until_told(wish, announce, status and output.for_people)
+    shows_status = status and output.for_people
+    if not live:
+        serve_until_told(wish, announce, shows_status)
+        return
+    from palpate.procedures.live.feed import Feed
+    from palpate.procedures.live.server import serving
+
+    feed = Feed()
+    with serving(feed) as address:
+        say(f"live page: {address}", err=True)
+        serve_until_told(wish, announce, shows_status, feed)

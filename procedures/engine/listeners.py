@@ -17,7 +17,6 @@ from palpate.procedures.records.events import Event, Listener, followed, unheard
 from palpate.procedures.records.run_list import find_run
 
 WAITING = 10_000  # events that a listener may not have taken yet
-FEW = 4  # events that may wait before a trace, which none needs, is dropped
 PATIENCE = 2.0  # s that a listener may take for one event once the run has ended
 
 
@@ -47,13 +46,8 @@ class InStep:
 
 
 @dataclass(frozen=True, slots=True)
-class Traced:
-    """A listener that also hears of traces, as many as it finds time for."""
-
-    listener: Listener
-
-    def __call__(self, event: Event) -> None:
-        self.listener(event)
+class Traced(InStep):
+    """Such a listener that also hears of traces."""
 
 
 def steps(progress: Progress) -> InStep:
@@ -85,7 +79,7 @@ def told_to(listeners: Sequence[Listener]) -> Iterator[Listener]:
     """
     threads = [_Thread(each) for each in listeners if not isinstance(each, InStep)]
     heard: list[InStep | _Thread] = [*(each for each in listeners if isinstance(each, InStep)), *threads]
-    traced = [each for each in threads if each.traced]
+    traced = [each for each in listeners if isinstance(each, Traced)]
     if not heard:
         yield unheard
         return
@@ -105,29 +99,24 @@ class _Thread:
     """A listener with its thread, and the events that it has not taken yet."""
 
     def __init__(self, listener: Listener) -> None:
-        self.traced = isinstance(listener, Traced)
-        self._listener = listener.listener if isinstance(listener, Traced) else listener
-        self._events: queue.Queue[Event | None] = queue.Queue(WAITING)
+        self._listener = listener
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._dropped = ""
         self._busy, self._since = False, monotonic()  # with an event, and when it began or ended one
         self._thread = threading.Thread(target=self._listen, name=f"listener {self._name}", daemon=True)
         self._thread.start()
 
     def __call__(self, event: Event) -> None:
-        if self._dropped or (event.kind == "trace" and self._events.qsize() >= FEW):
+        if self._dropped:
             return
-        try:
-            self._events.put_nowait(event)
-        except queue.Full:
+        if self._events.qsize() >= WAITING:
             self._drop(f"it left {WAITING:,} events untaken")
+        else:
+            self._events.put(event)
 
     def end(self) -> None:
         """Wait until it has taken all events, but no longer than PATIENCE for one of them."""
-        if not self._dropped:
-            try:
-                self._events.put_nowait(None)
-            except queue.Full:
-                self._drop(f"it left {WAITING:,} events untaken")
+        self._events.put(None)
         ended = monotonic()
         while self._thread.is_alive() and not self._dropped:
             left = (self._since if self._busy else max(self._since, ended)) + PATIENCE - monotonic()

@@ -1,7 +1,8 @@
-"""What a live page is told: each event of a run as it comes, and to a page that opens later what came before.
+"""What live pages are told: each event of a run as it comes, and to a page that opens later what came before.
 
-All messages are made once and kept in one bounded store for all pages. A page that is too slow to find its next message
-there is sent away, comes back, and is told the state anew: so no page costs memory or makes anybody wait.
+Whoever tells an event only lays it down. The thread of the server takes all that lie there some time later, makes a
+message of each, once for all pages, and sends it to each page as far as that reads. A page that is too slow is sent
+away, comes back, and is told the state anew: so no page costs memory or makes anybody wait.
 """
 
 from __future__ import annotations
@@ -9,14 +10,15 @@ from __future__ import annotations
 import base64
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
+from socket import socket
 from typing import Any
 
 import numpy as np
 
-from palpate.drivers.clock import WallClock
 from palpate.instrument.errors import PalpateError
 from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.records.columns import columns_of
@@ -25,16 +27,29 @@ from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import Run
 
 VERSION = 1  # of the messages, as docs/how-to/live.md describes them
-LOOK = 0.05  # s between two looks of a page for what is new
 SILENCE = 200  # looks without news after which a comment is sent, by which a lost connection shows
 KEPT = 4096  # messages that a page may lie behind
+AT_ONCE = 256  # messages that are given to the system at once
 MOST_POINTS = 2048  # points that a new page is told; of more, each second one is left out, again and again
 MOST_INCIDENTS = 200
 MOST_SAMPLES = 8192  # of each film in a trace; of a longer one the end is shown
+LASTING = ("campaign",)  # what is told of more than one run
+
+_Told = tuple[str, Mapping[str, Any], Callable[[], str]]  # kind, data, and what makes the line of JSON
+
+
+class _Viewer:
+    """A page that hears the stream, and the messages that wait for it."""
+
+    def __init__(self, connection: socket) -> None:
+        self.connection = connection
+        self.waiting: deque[bytes] = deque()
+        self.ready = False  # once it has the state; until then its own thread sends
+        self.gone = threading.Event()
 
 
 class Feed:
-    """The listener that a live page is told by. Its calls never wait for a page.
+    """The listener that live pages are told by. Its calls take next to no time, and wait for nobody.
 
     Attributes:
         controls: what a page may ask for: "pause", "stop".
@@ -45,12 +60,12 @@ class Feed:
     def __init__(self, controls: Sequence[str] = (), stored: bool = False) -> None:
         self.controls, self.stored = controls, stored
         self.folder: Path | None = None
-        self._lock = threading.Lock()
-        self._recent: deque[bytes] = deque(maxlen=KEPT)
-        self._number = 0  # of messages so far
-        self._trace: Event | bytes | None = None  # the last one, made a message once a page wants it
-        self._traces = 0
-        self._closed = False
+        self._told: deque[_Told] = deque()
+        self._traces: deque[Event] = deque(maxlen=1)
+        self._lock = threading.Lock()  # of all below
+        self._viewers: list[_Viewer] = []
+        self._silent = 0  # looks without news
+        self._now: dict[str, bytes] = {}  # the last message of each kind that is not named below
         self._restart()
 
     def _restart(self) -> None:
@@ -58,99 +73,98 @@ class Feed:
         self._points: list[bytes] = []
         self._every, self._last, self._invalid = 1, 0, 0
         self._incidents: deque[bytes] = deque(maxlen=MOST_INCIDENTS)
-        self._now: dict[str, bytes] = {}  # the last event of each other kind
+        self._now = {kind: message for kind, message in self._now.items() if kind in LASTING}
+
+    # --- who tells -------------------------------------------------------------------------------------
 
     def __call__(self, event: Event) -> None:
         if event.kind == "trace":
-            shown = event.data["voltage"][:, -MOST_SAMPLES:].astype("<f4")  # which keeps nothing of a long dwell
-            with self._lock:
-                self._trace = replace(event, data={**event.data, "voltage": shown})
-                self._traces += 1
-            return
-        message = _message(event.line())
-        with self._lock:
-            if event.kind == "begun":
-                self._restart()
-                self.folder = Path(event.data["run"])
-            if event.kind in ("begun", "planned"):
-                self._begun.append(message)
-            elif event.kind == "point":
-                self._keep(event, message)
-            elif event.kind == "incident":
-                self._incidents.append(message)
-            else:
-                self._now.pop(event.kind, None)
-                self._now[event.kind] = message
-            self._tell(message)
-        if event.kind == "begun":
-            self._told_by_record(event.data)
+            self._traces.append(event)
+        else:
+            self._told.append((event.kind, event.data, event.line))
 
     def tell(self, kind: str, data: Mapping[str, Any]) -> None:
         """Tell the pages something that is no event of the run."""
-        message = _message(as_json({"event": kind, **data}))
+        self._told.append((kind, data, lambda: as_json({"event": kind, **data})))
+
+    # --- who sends -------------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """Send all pages what is new; the thread of the server calls this again and again."""
         with self._lock:
-            self._now[kind] = message
-            self._tell(message)
+            fresh = list(self._news())
+            trace = _message(_trace_line(self._traces.popleft())) if self._traces else None
+            self._silent = 0 if fresh or trace else self._silent + 1
+            if self._silent == SILENCE:
+                fresh, self._silent = [b": nothing new\n\n"], 0
+            if trace:
+                self._now["trace"] = trace
+            for viewer in self._viewers:
+                if trace and not viewer.waiting:
+                    viewer.waiting.append(trace)
+                viewer.waiting.extend(fresh)
+                try:
+                    if viewer.ready:
+                        _send(viewer.connection, viewer.waiting)
+                except OSError:
+                    viewer.gone.set()
+                if len(viewer.waiting) > KEPT:
+                    viewer.gone.set()
 
-    def _tell(self, message: bytes) -> None:
-        self._recent.append(message)
-        self._number += 1
+    def _news(self) -> Iterator[bytes]:
+        """The messages of what was told since, which are kept for new pages."""
+        while self._told:
+            kind, data, line = self._told.popleft()
+            message = _message(line())
+            if kind == "begun":
+                self._restart()
+                self.folder = Path(data["run"])
+                self._told.extendleft(reversed(list(_by_record(self.folder, data["points"]))))
+            if kind in ("begun", "planned"):
+                self._begun.append(message)
+            elif kind == "point":
+                self._keep(data, message)
+            elif kind == "incident":
+                self._incidents.append(message)
+            else:
+                self._now.pop(kind, None)
+                self._now[kind] = message
+            yield message
 
-    def _keep(self, event: Event, message: bytes) -> None:
-        number = self._last = event.data["id"]
-        self._invalid += event.data["values"].get("valid") is False
+    def _keep(self, point: Mapping[str, Any], message: bytes) -> None:
+        number = self._last = point["id"]
+        self._invalid += point["values"].get("valid") is False
         if (number - 1) % self._every == 0:
             self._points.append(message)
         if len(self._points) > MOST_POINTS:
             del self._points[1::2]
             self._every *= 2
 
-    def _told_by_record(self, begun: Mapping[str, Any]) -> None:
-        """Tell what the record of a run knows when it begins: its devices, and the points of an earlier part."""
+    def stream(self, connection: socket) -> None:
+        """Send a page the state and what is new from now on, until it has gone. Raises OSError: it does not read."""
+        viewer = _Viewer(connection)
+        with self._lock:
+            parts = [self._hello(), *self._begun, *self._points, *self._incidents, *self._now.values()]
+            self._viewers.append(viewer)
         try:
-            run = Run.open(Path(begun["run"]))
-            earlier = run.points()[: begun["points"]] if begun["points"] else []
-        except PalpateError:  # the page then lacks them; whoever reads the run is told why
-            return
-        self.tell("about", {"devices": run.header.get("devices", {}), "columns": _columns(run.procedure)})
-        for point in earlier:
-            number, bench_ns = point.pop("id"), point.pop("bench_ns")
-            self(Event("point", bench_ns, {"id": number, "values": point}))
+            _send(connection, deque(parts))
+            connection.setblocking(False)
+            viewer.ready = True
+            viewer.gone.wait()
+        finally:
+            with self._lock:
+                self._viewers.remove(viewer)
 
-    # --- what a page gets ------------------------------------------------------------------------------
+    def waits(self) -> bool:
+        """Whether a page has not got all that was told."""
+        with self._lock:
+            return bool(self._told) or any(each.waiting or not each.ready for each in self._viewers)
 
     def close(self) -> None:
-        """Let every page have what is left, and end."""
-        self._closed = True
-
-    def messages(self) -> Iterator[bytes]:
-        """All messages for one page, from the state on; it ends with the feed, or where the page is too slow."""
-        clock = WallClock()
+        """Send all pages away."""
         with self._lock:
-            at, shown = self._number, 0
-            state = [self._hello(), *self._begun, *self._points, *self._incidents, *self._now.values()]
-        yield from state
-        silent = 0
-        while True:
-            closing = self._closed
-            with self._lock:
-                fresh, at = self._number - at, self._number
-                if fresh > len(self._recent):
-                    return
-                found = list(self._recent)[-fresh:] if fresh else []
-                if self._traces != shown and self._trace is not None:
-                    if isinstance(self._trace, Event):
-                        self._trace = _message(_trace_line(self._trace))
-                    found.insert(0, self._trace)
-                    shown = self._traces
-            silent = 0 if found else silent + 1
-            if found:
-                yield b"".join(found)
-            elif silent % SILENCE == 0:
-                yield b": nothing new\n\n"
-            if closing:
-                return
-            clock.wait(LOOK)
+            for viewer in self._viewers:
+                viewer.gone.set()
 
     def _hello(self) -> bytes:
         told = {
@@ -164,15 +178,43 @@ class Feed:
         if self.folder is None or not (waves := list(Run.open(self.folder).waveforms(point))):
             return b"null"
         same = [wave for wave in waves if wave.rate == waves[0].rate]
-        voltage = np.array([wave.samples[-MOST_SAMPLES:] for wave in same], "<f4")
+        voltage = np.array([wave.samples[-MOST_SAMPLES:] for wave in same])
         told = {"rate": waves[0].rate, "films": [wave.name for wave in same], "point": point}
         told["of"] = waves[0].samples.size
         return _trace_line(Event("trace", 0, {**told, "voltage": voltage})).encode()
 
 
+def _by_record(folder: Path, points: int) -> Iterator[_Told]:
+    """What the record of a run tells when it begins: its devices, and the points of an earlier part."""
+    try:
+        run = Run.open(folder)
+        earlier = run.points()[:points] if points else []
+    except PalpateError:  # pages then lack them; whoever reads the run is told why
+        return
+    about = {"devices": run.header.get("devices", {}), "columns": _columns(run.procedure)}
+    yield "about", about, lambda: as_json({"event": "about", **about})
+    for point in earlier:
+        number, bench_ns = point.pop("id"), point.pop("bench_ns")
+        event = Event("point", bench_ns, {"id": number, "values": point})
+        yield event.kind, event.data, event.line
+
+
+def _send(connection: socket, waiting: deque[bytes]) -> None:
+    """Send what waits, as far as that can be done at once if the connection does not block. Raises OSError."""
+    try:
+        while waiting:
+            sent = connection.sendmsg(list(islice(waiting, AT_ONCE)))
+            while waiting and sent >= len(waiting[0]):
+                sent -= len(waiting.popleft())
+            if sent:
+                waiting[0] = waiting[0][sent:]
+    except BlockingIOError:
+        pass
+
+
 def _trace_line(event: Event) -> str:
     """A trace as a line of JSON; its voltages, rows of one array of little-endian float32, are in base64."""
-    voltage = event.data["voltage"]
+    voltage = event.data["voltage"][:, -MOST_SAMPLES:].astype("<f4")
     told = {"samples": voltage.shape[1], "voltage": base64.b64encode(voltage.tobytes()).decode()}
     return replace(event, data={**event.data, **told}).line()
 

@@ -18,12 +18,13 @@ from typing import Any
 from palpate.drivers.clock import WallClock
 from palpate.instrument.errors import BenchError, RecordError, UsageError
 from palpate.procedures.live.control import PageControl
-from palpate.procedures.live.feed import LOOK, Feed
+from palpate.procedures.live.feed import Feed
 
 ADDRESS = "127.0.0.1"
+LOOK = 0.05  # s between two looks for what is new
 MOST_CONNECTIONS = 128  # or a quarter of the files that this process may open
 BUFFER = 65536  # bytes that the system keeps for a page that does not read
-PATIENCE = 10.0  # s that a page may leave a message unread, or take for a request
+PATIENCE = 10.0  # s that a page may leave the first messages unread, or take for a request
 FAREWELL = 0.5  # s in which pages get the last messages
 PAGE = Path(__file__).parent / "page"
 FILES = {
@@ -55,9 +56,13 @@ class _PageServer(ThreadingHTTPServer):
         allowed = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
         most = MOST_CONNECTIONS if allowed < 0 else min(MOST_CONNECTIONS, allowed // 4)
         self._free = threading.BoundedSemaphore(most)  # so that pages leave the run enough files
-        self.viewers: set[threading.Thread] = set()
+        self._feed = feed
         super().__init__((ADDRESS, port), partial(_Handler, feed, control))
         self.hosts = {f"{name}:{self.server_port}" for name in (ADDRESS, "localhost")}
+
+    def service_actions(self) -> None:
+        """Called at each look, and after each request."""
+        self._feed.look()
 
     def process_request(self, request: Any, client_address: Any) -> None:
         if self._free.acquire(blocking=False):
@@ -133,12 +138,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
         self._head(HTTPStatus.OK, "text/event-stream")
         self.end_headers()
-        self.server.viewers.add(threading.current_thread())
-        try:
-            for message in self._feed.messages():
-                self.wfile.write(message)
-        finally:
-            self.server.viewers.discard(threading.current_thread())
+        self._feed.stream(self.connection)
 
     def _stored(self, point: str) -> None:
         try:
@@ -181,11 +181,9 @@ def serving(feed: Feed, port: int = 0, control: PageControl | None = None) -> It
     try:
         yield f"http://{ADDRESS}:{server.server_port}/"
     finally:
-        feed.close()
         clock = WallClock()
-        while server.viewers and clock.now_ns() < 1e9 * FAREWELL:
+        while feed.waits() and clock.now_ns() < 1e9 * FAREWELL:
             clock.wait(LOOK)
-        end = threading.Thread(target=server.shutdown, daemon=True)
-        end.start()
-        end.join(FAREWELL)  # it is not waited for longer, whatever its thread does
+        feed.close()
+        server.shutdown()
         server.server_close()

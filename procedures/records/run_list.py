@@ -81,7 +81,8 @@ def find_run(text: str, store: Path) -> Path:
             return folder
     if Path(text).is_file():
         raise UsageError(f"{text} is a file, and no run; give the folder of a run")
-    raise UnknownName("run", text, (path.name for path in _folders(store) if is_run(path)))
+    none = f"{store} holds no run yet; measure one, as with palpate sweep loads, or set PALPATE_STORE to another folder"
+    raise UnknownName("run", text, (path.name for path in _folders(store) if is_run(path)), none)
 
 
 def _folders(store: Path) -> Iterator[Path]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
@@ -172,21 +172,19 @@ def _measured(sim: SimulatedBench) -> dict[str, str]:
     return lines
 
 
-def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
-    """The status page of a served bench at this moment.
+def state_of(sim: SimulatedBench, rate: float, behind: float) -> dict[str, str]:
+    """The state of a served bench at this moment, as texts by what they are about.
 
     Args:
         sim: the bench.
         rate: Modbus transactions per second.
         behind: time that the bench's clock has lost against the wall clock [s].
     """
-    from rich.table import Table
-
     with sim.clock.lock:
         states, sync = {node.id: sim.can.states[node.id] for node in sim.nodes}, sim.can.sync_rate
         active = sum(state == "OPERATIONAL" for state in states.values())
         load = bus_load(active, sync, sim.bitrate) if sync else 0.0
-        rows = {
+        return {
             "bench time": f"{sim.clock.now_ns() / 1e9:.1f} s" + (f", {behind:.1f} s behind" if behind >= 1 else ""),
             **_exciter(sim),
             **_measured(sim),
@@ -195,6 +193,12 @@ def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
             "CAN bus": f"{100 * load:.0f} % of {show(sim.bitrate, 'bit/s')} at worst",
             "Modbus": f"{rate:.0f} transactions/s",
         }
+
+
+def status(sim: SimulatedBench, rows: Mapping[str, str]) -> Table:
+    """The status page of a served bench in this state."""
+    from rich.table import Table
+
     table = Table(title=f"SIMULATED {sim.description.name}", show_header=False, box=None, padding=(0, 1))
     for name, value in rows.items():
         table.add_row(name, value)

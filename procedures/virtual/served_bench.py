@@ -12,7 +12,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Self
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+import numpy.typing as npt
 
 from palpate.drivers.safe_end import taken
 from palpate.instrument.bench.description import BenchDescription
@@ -21,16 +24,21 @@ from palpate.instrument.errors import BenchError, PalpateError, RangeError, Usag
 from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.console.terminal import console, say
+from palpate.procedures.records.events import Event
 from palpate.procedures.records.run import storing
 from palpate.procedures.records.run_folder import RECORD
-from palpate.procedures.virtual.person import Person, TransactionRate, status
+from palpate.procedures.virtual.person import Person, TransactionRate, state_of, status
 from palpate.simulators.bench import NAMED, BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.pace import Pacer
 
+if TYPE_CHECKING:
+    from palpate.procedures.live.feed import Feed
+
 REFRESH = 0.25  # s of wall time between two updates of the status page
 OUT = "a file in a writable folder with --out"
+MOST_SHOWN = 1000  # samples of each film on a live page
 CHUNK = 4096  # bytes read from the input at once
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 
@@ -157,13 +165,16 @@ def serving(wish: Wish) -> Iterator[Served]:
         yield Served(sim, description, pacer, failures)
 
 
-def serve_until_told(wish: Wish, announce: Callable[[BenchDescription], None], shows_status: bool) -> None:
+def serve_until_told(
+    wish: Wish, announce: Callable[[BenchDescription], None], shows_status: bool, feed: Feed | None = None
+) -> None:
     """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit".
 
     Args:
         wish: what to serve.
         announce: gets the description by which clients find the bench, once.
         shows_status: whether a page on the terminal shows the bench.
+        feed: what live pages are told by; None: there are none.
 
     Raises:
         BenchError: the bench cannot be served (see `serving`), or the simulation failed while it was served.
@@ -173,7 +184,7 @@ def serve_until_told(wish: Wish, announce: Callable[[BenchDescription], None], s
     with interrupts, taken(ENDINGS, _end), serving(wish) as served, ExitStack() as stack:
         try:
             announce(served.description)
-            look = stack.enter_context(_page(served)) if shows_status else _unseen
+            look = stack.enter_context(_shown(served, shows_status, feed)) if shows_status or feed else _unseen
             _attend(served, wish.step, look, [sys.stdin.fileno()] if sys.stdin is not None else [])
         except KeyboardInterrupt:
             return
@@ -222,16 +233,59 @@ def _unseen() -> None:
 
 
 @contextmanager
-def _page(served: Served) -> Iterator[Callable[[], None]]:
-    from rich.live import Live
+def _shown(served: Served, on_terminal: bool, feed: Feed | None) -> Iterator[Callable[[], None]]:
+    """A function that shows the bench as it is now, on the terminal and on live pages."""
+    sim, traffic = served.sim, TransactionRate(served.sim)
+    with ExitStack() as stack:
+        page = None
+        if on_terminal:
+            from rich.live import Live
 
-    traffic = TransactionRate(served.sim)
-    with Live(console=console(), auto_refresh=False) as live:
+            page = stack.enter_context(Live(console=console(), auto_refresh=False))
+        films = None if feed is None else _FilmTrace(sim)
 
         def look() -> None:
-            live.update(status(served.sim, traffic.rate(time.monotonic()), served.pacer.behind), refresh=True)
+            rows = state_of(sim, traffic.rate(time.monotonic()), served.pacer.behind)
+            if page is not None:
+                page.update(status(sim, rows), refresh=True)
+            if feed is not None and films is not None:
+                told = {
+                    "bench": sim.description.name,
+                    "scene": sim.scene.name,
+                    "seed": sim.scene.seed,
+                    "simulated": True,
+                }
+                faults = [given.summary() for given in sim.injection.given]
+                feed.tell("bench", {**told, "devices": list(rows.items()), "faults": faults})
+                films.show(feed)
 
         yield look
+
+
+class _FilmTrace:
+    """The last voltages that the films gave to the nodes of a bench in one go."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        self._sim = sim
+        self._films = [film.name for film in sim.scene.design.films]
+        self._next_ns = self._period_ns = 0
+        self._volts = np.empty((len(self._films), 0))
+        self._fresh = False
+        sim.can.tap = self._take
+
+    def _take(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> None:
+        before = self._volts if (time_ns[0], period_ns) == (self._next_ns, self._period_ns) else self._volts[:, :0]
+        self._volts = np.hstack([before, volts])[:, -MOST_SHOWN:]
+        self._next_ns, self._period_ns, self._fresh = int(time_ns[-1]) + period_ns, period_ns, True
+
+    def show(self, feed: Feed) -> None:
+        """Tell live pages, if the nodes have sampled since."""
+        with self._sim.clock.lock:
+            fresh, self._fresh = self._fresh, False
+            voltage, period_ns = self._volts, self._period_ns
+            begun_ns = self._next_ns - voltage.shape[1] * period_ns
+        if fresh:
+            feed(Event("trace", begun_ns, {"rate": 1e9 / period_ns, "films": self._films, "voltage": voltage}))
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:

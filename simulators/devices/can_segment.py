@@ -14,6 +14,7 @@ from palpate.instrument.bench.links import MULTICAST, leave
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.linear.lti import Floats
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.attached import attach, local_node
 from palpate.simulators.wire.can_bus import VirtualNetwork, hand_over, open_bus
@@ -51,6 +52,8 @@ class CanSegment:
         self._sync_period_ns = 0
         self._timing = rig.effects.can
         self._busy_until_ns = 0
+        # gets each block of the films' voltages (films, n) [V] that nodes sample, with its times and period [ns]
+        self.tap: Callable[[npt.NDArray[np.int64], Floats, int], object] | None = None
         clock.add(self)
 
     def __enter__(self) -> Self:
@@ -173,6 +176,8 @@ class CanSegment:
             frames.insert(0, (SYNC_COB_ID, np.empty((len(time_ns), 0), np.uint8)))
             if self._echoes is not None:
                 self._echoes += len(time_ns)
+        if active and self.tap is not None:
+            self.tap(time_ns, films(), period)
         hand_over(self._bus, Block(time_ns, frames))
         for node in active:
             node.sampled()

@@ -93,8 +93,8 @@ def served(store: Path, *words: str) -> Iterator[Served]:
     ) as process:  # fmt: skip
         assert process.stdout is not None and process.stderr is not None
         try:
-            own_run = "--live" in words
-            told_by = process.stderr if own_run else process.stdout
+            own_run = "--live" in words and words[0] != "serve"
+            told_by = process.stderr if "--live" in words else process.stdout
             address = told_by.readline().removeprefix("live page: ").strip()
             token = process.stderr.readline().strip().partition("#")[2] if own_run else ""
             yield Served(process, address, token)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import palpate
+from tests.campaigns import NIGHTLY
 from tests.procedures.conftest import Palpate
 from tests.procedures.live import ids, served, told, until, with_a_run
 from tests.runs import made
@@ -201,6 +202,54 @@ def test_a_verdict_is_told(tmp_path: Path) -> None:
     assert verdict["verdict"] == "fail"
 
 
+def test_a_verdict_on_a_stored_run_is_told_to_each_page(store: Path, tmp_path: Path) -> None:
+    limits = tmp_path / "limits.toml"
+    limits.write_text('["force ratio of sample 1"]\nhigh = 0.01\n')
+    with served(store, "live", "done", "--limits", str(limits)) as live:
+        for _ in range(2):
+            with live.stream() as stream:
+                verdict = until("verdict", told(stream))[-1]
+                assert (verdict["verdict"], verdict["verdicts"][0]["outcome"]) == ("fail", "fail")
+
+
+def test_limits_of_what_a_run_does_not_have_are_refused(palpate: Palpate, store: Path, tmp_path: Path) -> None:
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[warmth]\nhigh = 1\n")
+    refused = palpate("live", str(store / "done"), "--limits", str(limits))
+    assert refused.status == 2
+    assert f"{limits}: unknown quantity of this result 'warmth'" in refused.err
+
+
+@pytest.mark.slow
+def test_one_page_shows_all_steps_of_a_campaign(tmp_path: Path) -> None:
+    (tmp_path / "nightly.toml").write_text(NIGHTLY)
+    with served(tmp_path, "campaign", str(tmp_path / "nightly.toml"), "--live") as live, live.stream() as stream:
+        heard = list(told(stream))
+        assert live.process.wait() == 0
+    shown = [each for each in heard if each["event"] == "campaign"]
+    assert [each["done"] for each in shown] == [0, 1, 2, 3]
+    assert [each["name"] for each in shown[0]["steps"]] == ["cell", "films", "sweep"]
+    begun = [each["procedure"] for each in heard if each["event"] == "begun"]
+    assert begun == ["calibrate-load-cell", "calibrate-films", "sweep-loads"]
+    assert [each["run"] for each in shown[-1]["steps"]] == [each["run"] for each in heard if each["event"] == "begun"]
+
+
+@pytest.mark.slow
+def test_a_served_bench_shows_its_devices_and_what_its_films_give(tmp_path: Path) -> None:
+    file = tmp_path / "bench.toml"
+    with served(tmp_path, "serve", "ideal", "--live", "--out", str(file)) as live, live.stream() as stream:
+        heard = told(stream)
+        shown = until("bench", heard)[-1]
+        assert (shown["scene"], shown["simulated"], shown["faults"]) == ("ideal", True, [])
+        assert dict(shown["devices"])["sensor nodes"] == "1 pre-operational"
+        with palpate.open_bench(bench=file, assume_mounted=True) as bench:
+            bench.bench.device("sensor_node_1").acquire(0.3)
+        trace = until("trace", heard)[-1]
+        assert (trace["rate"], trace["films"]) == (1000.0, ["rigid", "total"])
+        live.process.terminate()
+        assert live.process.wait() == 0
+
+
 def test_what_cannot_be_served_is_refused(palpate: Palpate, store: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -210,16 +259,19 @@ def test_what_cannot_be_served_is_refused(palpate: Palpate, store: Path) -> None
             refused = palpate(*words, "--port", str(port))
             assert refused.status == 2
             assert refused.complaint.startswith(f"--port {port}: Address already in use; name another one")
-    assert palpate("live", "nothing").complaint.startswith("unknown run 'nothing'")
+    assert palpate("live", "nothing").complaint == (
+        "unknown run 'nothing'; runs holds no run yet; measure one, as with palpate sweep loads, "
+        "or set PALPATE_STORE to another folder"
+    )
     without = palpate("sweep", "loads", "--port", "80")
     assert without.complaint == "--port: it is that of the live page; give --live, too"
-    for option, why in (
-        (["--live"], "measures nothing that a page could show"),
-        (["--pace", "1"], "takes no time on the bench"),
-    ):
-        dry = palpate("sweep", "loads", *option, "--dry-run")
+    for words in (("sweep", "loads"), ("campaign", "nightly.toml")):
+        dry = palpate(*words, "--live", "--dry-run")
         assert (dry.status, dry.out) == (2, "")
-        assert dry.complaint == f"{option[0]}: a dry run {why}; leave {option[0]} or --dry-run out"
+        assert dry.complaint.startswith("--live: a dry run measures nothing that a page could show; leave --live or")
+    dry = palpate("sweep", "loads", "--pace", "1", "--dry-run")
+    assert (dry.status, dry.out) == (2, "")
+    assert dry.complaint == "--pace: a dry run takes no time on the bench; leave --pace or --dry-run out"
 
 
 def test_a_quiet_viewer_tells_its_address(store: Path) -> None:

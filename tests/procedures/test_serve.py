@@ -31,7 +31,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab import open as session
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.person import Person, TransactionRate, status
+from palpate.procedures.virtual.person import Person, TransactionRate, state_of, status
 from palpate.procedures.virtual.served_bench import Wish, serve_until_told, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.clock import VirtualClock
@@ -363,7 +363,7 @@ def test_the_page_shows_outputs_readings_faults_and_traffic(wish: Wish) -> None:
             client.sendall(bytes.fromhex("0001 0000 0006 01 03 7000 0001"))
             assert client.recv(100)
         console = Console(width=100, record=True, file=StringIO())
-        console.print(status(sim, traffic.rate(3.0), 0.0))
+        console.print(status(sim, state_of(sim, traffic.rate(3.0), 0.0)))
     page = " ".join(console.export_text().split())
     for shown in (
         "SIMULATED",

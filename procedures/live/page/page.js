@@ -37,7 +37,7 @@ const state = {};
 function restart() { // forget the run before
   Object.assign(state, { points: [], latest: [], every: 1, last: 0, invalid: 0, planned: null, incidents: [], count: 0,
     devices: {}, columns: [], promise: null, step: null, summary: null, status: "waiting for the run", scene: null,
-    chosen: false });
+    chosen: false, bench: null });
   $("verdict").hidden = $("beside").hidden = $("devices").hidden = true;
   fill($("incidents").querySelector("tbody"), []);
 }
@@ -47,6 +47,7 @@ const scalar = value => value === null || ["number", "string", "boolean"].includ
 const on = {
   page(told) {
     restart();
+    $("campaign").hidden = true;
     state.stored = told.stored;
     state.hello = told;
     $("controls").hidden = !told.controls.length;
@@ -101,6 +102,23 @@ const on = {
     $("outcome").className = { pass: "good", fail: "bad" }[told.verdict] || "warn";
     fill($("verdict").querySelector("tbody"), told.verdicts.map(each => [`${each.quantity}: ${each.outcome}`, each.reason]));
   },
+  campaign(told) {
+    const { done, steps } = told, next = steps[done];
+    $("campaign").hidden = false;
+    $("campaign").querySelector("small").textContent = `${told.campaign}: ` + (next ? `step ${done + 1} of ${steps.length}, ${next.name}`
+      + (next.person ? `; a person ${next.person}` : "") : `all ${steps.length} steps are done`);
+    fill($("campaign").querySelector("tbody"), steps.map((each, i) => [each.name, each.procedure,
+      i === done ? "now" : !each.due ? each.why : i > done ? "to come" : each.verdict || "done"]));
+  },
+  bench(told) { // a served one, which has no run
+    state.bench = told;
+    state.status = "served";
+    $("procedure").textContent = told.bench;
+    $("run").textContent = `scene ${told.scene} · seed ${told.seed}`;
+    $("simulated").hidden = $("watermark").hidden = !told.simulated;
+    $("incidents").querySelector("h2").firstChild.data = "Faults ";
+    document.body.classList.add("bench");
+  },
   trace(told) { scope.show(told); },
 };
 
@@ -134,7 +152,8 @@ function listen() {
   };
   source.onerror = () => {
     const over = !/^(running|paus|waiting)/.test(state.status);
-    $("link").textContent = over ? "the command has ended; palpate live shows the run again" : "connection lost, trying again";
+    $("link").textContent = over ? `the command has ended${state.bench ? "" : "; palpate live shows the run again"}`
+      : "connection lost, trying again";
     source.close();
     setTimeout(listen, 500);
   };
@@ -291,7 +310,7 @@ function showAll() {
   state.dirty = false;
   const { step, promise, planned } = state, whole = (step && step.points) || (planned && planned.points) || 0;
   $("status").textContent = state.status;
-  $("status").className = { complete: "good", running: "", paused: "warn" }[state.status]
+  $("status").className = { complete: "good", running: "", served: "", paused: "warn" }[state.status]
     ?? (/^(pauses|waiting)/.test(state.status) ? "warn" : "bad");
   $("pause").textContent = state.status === "paused" ? "Go on" : "Pause";
   $("pause").disabled = $("stop").disabled = !/^(running|paus)/.test(state.status);
@@ -308,7 +327,7 @@ function showAll() {
     showPoints();
     const values = state.latest[0], y = $("y").value, u = uOf(y, values);
     const columns = [...new Set(["id", groupOf(values), $("x").value, y, ...state.columns.map(each => each.name)])]
-      .filter(name => name in values).slice(0, 6);
+      .filter(name => name in values && !state.columns.some(each => each.u === name)).slice(0, 6);
     const bar = each => u && each[u] !== null ? ` ± ${digits(COVER * each[u], 2)}` : "";
     const cell = (each, name) => digits(each[name]) + (name === y ? bar(each) : "");
     const head = name => name === "id" ? "no." : words(name) + (name === y && u ? ` ± ${COVER} u` : "");
@@ -322,12 +341,14 @@ function showAll() {
     fill($("beside").querySelector("tbody"), beside.map(name => [words(name.slice(7)), digits(values[name]),
       values[`${name}_u`] === undefined ? "" : `u ${digits(values[`${name}_u`])}`]));
   }
-  $("incident_count").textContent = state.count ? `${state.count}` : "none";
-  fill($("incidents").querySelector("tbody"), state.incidents.map(each =>
-    [`${(each.bench_ns / 1e9).toFixed(1)} s`, each.of, each.message]));
-  $("devices").hidden = !Object.keys(state.devices).length;
-  fill($("devices").querySelector("tbody"), Object.entries(state.devices).map(([name, each]) =>
-    [name, each.serial || "", each.times ? `${each.times}×, last at ${each.last.toFixed(1)} s` : "ok"]));
+  const incidents = state.bench ? state.bench.faults.map(each => [each])
+    : state.incidents.map(each => [`${(each.bench_ns / 1e9).toFixed(1)} s`, each.of, each.message]);
+  const devices = state.bench ? state.bench.devices : Object.entries(state.devices).map(([name, each]) =>
+    [name, each.serial || "", each.times ? `${each.times}×, last at ${each.last.toFixed(1)} s` : "ok"]);
+  $("incident_count").textContent = state.count || incidents.length || "none";
+  fill($("incidents").querySelector("tbody"), incidents);
+  $("devices").hidden = !devices.length;
+  fill($("devices").querySelector("tbody"), devices);
 }
 
 const scope = new Oscilloscope();

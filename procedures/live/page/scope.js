@@ -65,7 +65,11 @@ class Oscilloscope {
     $("trigger").replaceChildren(...films.map((film, i) => new Option(film, i)));
     $("trigger").value = films[chosen] ? chosen : Math.max(0, films.indexOf("load")); // without one, the first film
     const own = $("scale").value === "own", scale = i => own ? `mV${i}` : "mV";
-    const at = Number($("trigger").value);
+    const font = { font: "11px sans-serif", labelFont: "11px sans-serif", labelSize: 16 };
+    const within = i => (u, splits) => splits.map(v => // numbers and lines of a film are in its lane
+      !own || (!this.hidden.has(i) && v >= u.series[i + 1].min && v <= u.series[i + 1].max) ? v : null);
+    const axis = (i, size) => ({ scale: scale(i), size, filter: within(i), grid: { filter: within(i) },
+      ticks: { filter: within(i) }, space: own ? 16 : 30, ...font, ...(own ? { stroke: COLOURS[i % COLOURS.length] } : {}) });
     const scales = { x: { time: false, range: (u, low, high) => [low, high] } };
     for (const i of films.keys()) {
       scales[scale(i)] = own ? { range: (u, low, high) => this.lane(i, low, high) } : { auto: true };
@@ -74,13 +78,11 @@ class Oscilloscope {
       ...sizeOf($("screen")), scales, legend: { show: false }, cursor: { show: false },
       series: [{}, ...films.map((film, i) => ({ label: film, scale: scale(i), stroke: COLOURS[i % COLOURS.length],
         width: 1.2, points: { show: false }, show: !this.hidden.has(i) }))],
-      axes: [{ label: "ms after the trigger", labelSize: 16, size: 28, font: "11px sans-serif", labelFont: "11px sans-serif" },
-        { scale: scale(at), label: scale(at) === "mV" ? "mV" : `mV (${films[at]})`, labelSize: 16, size: 46,
-          filter: (u, splits) => splits.map(v => !own || (v >= u.series[at + 1].min && v <= u.series[at + 1].max) ? v : null),
-          font: "11px sans-serif", labelFont: "11px sans-serif" }],
+      axes: [{ label: "ms after the trigger", size: 28, ...font },
+        // all in the place of the first one: the others, which come before it, take none
+        ...films.slice(1).map((_, i) => axis(i + 1, 0)).filter(() => own), { ...axis(0, 46), label: "mV" }],
       hooks: { draw: [u => this.mark(u)] },
     }, this.window ? [this.window.t, ...this.window.rows] : [[0]].concat(films.map(() => [null])), $("screen"));
-    this.builtFor = at;
     this.plot.over.addEventListener("mousedown", event => this.drag(event));
   }
 
@@ -110,7 +112,6 @@ class Oscilloscope {
   frame() {
     const trace = this.trace;
     if (!trace || document.hidden) return;
-    if (this.builtFor !== Number($("trigger").value)) { this.build(); this.changed = true; }
     const playing = this.paced && !this.frozen && trace.point === undefined && !trace.played;
     if (!playing && !this.changed) return;
     let head = trace.samples;
@@ -125,7 +126,7 @@ class Oscilloscope {
   }
 
   draw(trace, head, shown) {
-    const crossing = this.crossing(trace.rows[this.builtFor], head, shown);
+    const crossing = this.crossing(trace.rows[Number($("trigger").value)], head, shown);
     const first = Math.max(0, Math.min(head - shown, Math.ceil(crossing - BEFORE * shown)));
     const step = 1000 / trace.rate, t = new Float64Array(shown);
     for (let i = 0; i < shown; i++) t[i] = (first + i - crossing) * step;
