@@ -169,7 +169,9 @@ def _of_chain(file: ChainFile, head_file: Path) -> Left:
                 left.events[frame.id] = (content["bench_ns"], content["kind"], content["message"])
             case b"POIN":
                 listed[frame.id] = content["waveforms"], content.get("dwell", 0)
-                left.points[frame.id] = LeftPoint(content["bench_ns"], content["data"], [name for name, *_ in listed[frame.id][0]])
+                left.points[frame.id] = LeftPoint(
+                    content["bench_ns"], content["data"], [name for name, *_ in listed[frame.id][0]]
+                )
 
     def waveforms(point: int) -> Waves:
         rates = {name: rate for name, rate, _ in listed[point][0]}
