@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-def print_history(found: QuantityHistory, picture: Path | None) -> None:
+def print_history(found: QuantityHistory, picture: str | None) -> None:
     """Print a table for each series, with its drift and when a calibration is needed again."""
     for series in found.series:
         print_all(_table(found.quantity, series), *_lines(series))

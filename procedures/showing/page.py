@@ -6,13 +6,12 @@ import base64
 import html
 import itertools
 import re
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.console.terminal import clean
-from palpate.procedures.showing.figure import saved_as_svg
+from palpate.procedures.showing.figure import drawn_anew, is_png
 from palpate.procedures.showing.text import LABEL, STAMP, blocks
 
 if TYPE_CHECKING:
@@ -146,9 +145,8 @@ def figure(draw: Callable[[Path], Path], run: Path, name: str) -> str:
 
     `name` is unlike those of other figures on the page. The figure's title and description are its alternative text.
     """
-    with tempfile.TemporaryDirectory() as folder, saved_as_svg(run):
-        content = draw(Path(folder)).read_bytes()
-    if content.startswith(b"\x89PNG"):
+    content = drawn_anew(draw, run, ".svg")
+    if is_png(content):
         data = base64.b64encode(content).decode()
         return f'<figure><img src="data:image/png;base64,{data}" alt="Plot of {escaped(name)}"></figure>\n'
     own = re.sub(r"\W", "-", name)

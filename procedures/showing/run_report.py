@@ -24,6 +24,7 @@ from palpate.procedures.engine.verdict import Judgement, judge
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.run import Run, storing, telling_damage
 from palpate.procedures.showing.budget import show_budgets
+from palpate.procedures.showing.figure import drawn_anew, is_png
 from palpate.procedures.showing.page import figure, of_things, page, pairs, rows, section, warning
 from palpate.procedures.showing.points import show_result
 from palpate.procedures.showing.runs import facts, shown_points
@@ -229,6 +230,21 @@ def _part(header: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     """A table of a header; empty: there is none."""
     found = header.get(key)
     return found if isinstance(found, dict) else {}
+
+
+def draw_run(of: Reported, file: Path) -> None:
+    """Draw the figure of a run into a new file.
+
+    Raises UsageError: it has none, or none of this format; RecordError: the file cannot be written.
+    """
+    if of.found is None or of.found.report is None:
+        raise UsageError(f"{of.folder} has no figure: {of.why or 'its procedure draws none'}")
+    load_matplotlib()
+    picture = drawn_anew(of.found.report.draw, of.run.folder, file.suffix)
+    if file.suffix == ".svg" and is_png(picture):
+        raise UsageError(f"{of.run.procedure} draws its figure as PNG alone; choose an --out that ends in .png")
+    with storing(file):
+        file.write_bytes(picture)
 
 
 # --- the comparison ------------------------------------------------------------------------------------

@@ -227,6 +227,30 @@ def test_a_report_has_the_verdicts_of_limits(palpate: Palpate, limit: str, verdi
     assert "Verdicts" in page.texts and verdict in page.texts
 
 
+# --- the figure of a run -------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("drawing")
+def test_the_figure_of_a_run_is_drawn_anew_as_svg_or_png(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    for name, begin in (("plot.svg", b"<?xml"), ("plot.png", b"\x89PNG")):
+        found = palpate("runs", "plot", "run", "--out", name, "--json").object
+        assert found == {"run": str(Path("run").absolute()), "simulated": True, "warning": None} | {
+            "picture": str(Path(name).absolute())
+        }
+        assert Path(name).read_bytes().startswith(begin)
+    assert Path("plot.png").read_bytes() == Path("run/plot.png").read_bytes()
+    assert "plot.svg exists and is not overwritten" in palpate("runs", "plot", "run", "--out", "plot.svg").complaint
+    assert ".png or .svg" in palpate("runs", "plot", "run", "--out", "plot.pdf").complaint
+    assert Path(palpate("runs", "plot", "run").out.strip()).parent == Path("runs/plots").absolute()
+
+
+def test_a_run_without_a_figure_is_told_why(palpate: Palpate) -> None:
+    Recorder.create(Path("run"), HEADER).finish("complete", {})
+    said = palpate("runs", "plot", "run", "--out", "plot.svg").complaint
+    assert "has no figure: it has no point" in said and not Path("plot.svg").exists()
+
+
 # --- several runs --------------------------------------------------------------------------------------
 
 
