@@ -35,8 +35,8 @@ class RecordedResult:
     changed: list[str]
 
 
-def result_of(run: Run) -> RecordedResult:
-    """Evaluate the points of a run anew.
+def result_of(run: Run, stored: list[dict[str, Any]]) -> RecordedResult:
+    """Evaluate the points of a run anew; `stored`: as they are stored.
 
     Raises:
         UnknownName, ConfigError: its procedure, a device or a calibration is not known here.
@@ -45,7 +45,7 @@ def result_of(run: Run) -> RecordedResult:
     """
     kind, lab = procedure_class(run.procedure), recorded_lab(run)
     procedure, plan = planned(kind.recorded(run), lab.target)
-    points = values_of(kind.point, run.points(), f"{run.folder}: its points")
+    points = values_of(kind.point, stored, f"{run.folder}: its points")
     result = evaluated(procedure, points, plan, lab)
     now: dict[str, Any] = json.loads(
         as_json({**result.summary(), "budgets": [each.summary() for each in result.budgets]})

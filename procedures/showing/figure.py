@@ -14,6 +14,8 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any, Protocol
 from xml.sax.saxutils import escape
 
+import numpy as np
+
 from palpate.instrument.bench.beside import Beside
 from palpate.instrument.durable import numbered
 from palpate.instrument.errors import UsageError
@@ -23,11 +25,13 @@ from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.showing.text import STAMP
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP*X"
 FORMATS = (".png", ".svg")
+MANY = 2000  # points of a line or a cloud that SVG has as an image: as a path it would have 100 bytes for each
 _drawn_anew: ContextVar[tuple[Path, str] | None] = ContextVar("drawn_anew", default=None)  # run, format of its figure
 STAMP_ABOVE = 4  # above all bars, bands and curves (3 at most), which would cover it; below legends (5)
 
@@ -204,6 +208,8 @@ def write(figure: Figure, path: Path, dpi: int = 120) -> None:
 
     title, told = described(figure)
     vector = path.suffix == ".svg"
+    for artist in figure.findobj(_has_many) if vector else ():
+        artist.set_rasterized(True)
     about = {"Title": title, "Description": told} | ({"Date": None} if vector else {"Software": None})
     with storing(path), warnings.catch_warnings(), rc_context({"svg.hashsalt": "palpate"}):
         warnings.filterwarnings("ignore", "Creating legend with loc", UserWarning)  # comes on a busy machine
@@ -211,6 +217,16 @@ def write(figure: Figure, path: Path, dpi: int = 120) -> None:
         if vector:  # matplotlib writes <title>, and the text only into its metadata
             text = path.read_text(encoding="utf-8")
             path.write_text(text.replace("</title>", f"</title>\n <desc>{escape(told)}</desc>", 1), encoding="utf-8")
+
+
+def _has_many(artist: Artist) -> bool:
+    """Whether it is a line or a cloud of many points."""
+    from matplotlib.collections import Collection
+    from matplotlib.lines import Line2D
+
+    if isinstance(artist, Line2D):
+        return np.size(artist.get_xdata()) > MANY
+    return isinstance(artist, Collection) and max(np.shape(artist.get_offsets())[0], len(artist.get_paths())) > MANY
 
 
 def described(figure: Figure) -> tuple[str, str]:

@@ -25,10 +25,10 @@ from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.run import Run, storing, telling_damage
 from palpate.procedures.showing.budget import show_budgets
 from palpate.procedures.showing.figure import drawn_anew, is_png
-from palpate.procedures.showing.page import figure, of_things, page, pairs, rows, section, warning
+from palpate.procedures.showing.page import MOST, figure, of_things, page, pairs, rows, section, warning
 from palpate.procedures.showing.points import show_result
 from palpate.procedures.showing.runs import facts, shown_points
-from palpate.procedures.showing.text import legend
+from palpate.procedures.showing.text import ends, legend
 from palpate.procedures.showing.verdicts import show_verdicts
 from palpate.procedures.steps.beside import sentence
 from palpate.procedures.steps.flags import FLAGS
@@ -54,6 +54,7 @@ class Reported:
     Attributes:
         folder: its folder.
         run: the run; of a damaged one, what was salvaged.
+        points: its points, as they are stored.
         facts: what it says of itself, by names.
         faults: what is damaged.
         found: its result; None: there is none.
@@ -63,6 +64,7 @@ class Reported:
 
     folder: Path
     run: Run
+    points: list[dict[str, Any]]
     facts: Mapping[str, str]
     faults: Sequence[str]
     found: RecordedResult | None
@@ -110,16 +112,17 @@ def reported(folders: Iterable[Path], limits: LimitsFile | None = None) -> Itera
                 raise UsageError(f"{folder} is damaged, so it cannot be judged; leave out --limits")
             told = {"folder": str(folder.absolute()), **facts(run, run.digest(), run.signal_digest())}
             judged = judge(run, limits) if limits else None
-            found.append(Reported(folder.absolute(), run, told, faults, *_result(run), judged))
+            points = run.points()
+            found.append(Reported(folder.absolute(), run, points, told, faults, *_result(run, points), judged))
         check_alike([each.run for each in found])
         yield found
 
 
-def _result(run: Run) -> tuple[RecordedResult | None, str]:
-    if not run.points():
+def _result(run: Run, points: list[dict[str, Any]]) -> tuple[RecordedResult | None, str]:
+    if not points:
         return None, "it has no point"
     try:
-        found = result_of(run)
+        found = result_of(run, points)
     except PalpateError as error:
         return None, f"its points give no result: {error}"
     except Exception as error:  # a package's procedure can fail in any way, and the points are shown all the same
@@ -160,7 +163,7 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
     if each.judged is not None:
         yield told("Verdicts", of_things(show_verdicts(each.judged, run.simulated)))
     yield told("Uncertainty budgets", of_things(show_budgets(each.budgets, run.simulated)))
-    line, table = shown_points(run)
+    line, table = shown_points(run, each.points)
     yield told("Points as recorded", of_things([line, table, *legend(table, marks=FLAGS)]))
     beside = () if found is None else found.outcome.get("beside", ())
     sources = ((each["name"], f"{sentence(each)}, {each['field']} of {each['device']}") for each in beside)
@@ -170,8 +173,9 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
     yield told("Devices", rows(("device", "serial number"), [(name, serials[name] or "-") for name in serials]))
     heads = ("calibration of", "source", "device", "created", "expires", "SHA-256", "rests on")
     yield told("Calibrations", rows(heads, _calibrations(header)))
-    events = [(f"{event['bench_ns'] / 1e9:z.1f}", event["kind"], event["message"]) for event in run.events()]
-    yield told("Incidents and other events", rows(("bench time s", "kind", "what"), events))
+    kept, left_out = ends(run.events(), MOST)
+    events = [(f"{event['bench_ns'] / 1e9:z.1f}", event["kind"], event["message"]) for event in kept]
+    yield told("Incidents and other events", rows(("bench time s", "kind", "what"), events, left_out=left_out))
     yield told("Software", pairs(_software(header).items()))
 
 

@@ -21,7 +21,7 @@ import palpate as package
 from palpate.extend import Recorder
 from tests.frozen.cells import PROCEDURES
 from tests.procedures.conftest import HEADER, Palpate
-from tests.runs import rehash
+from tests.runs import made, rehash
 from tests.shares import first_of
 
 SWEEP = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
@@ -33,7 +33,7 @@ VNU = Path(os.environ.get("NODE_PATH", "node_modules")) / "vnu-jar" / "build" / 
 class Page(HTMLParser):
     """The elements and the texts of a page, whose elements must be closed in order."""
 
-    VOID = frozenset({"meta", "img", "br", "path", "use"})
+    VOID = frozenset({"meta", "img", "br", "path", "use", "image"})
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -225,6 +225,32 @@ def test_a_report_has_the_verdicts_of_limits(palpate: Palpate, limit: str, verdi
     assert (said.status, told["runs"][0]["verdict"]) == (status, verdict)
     page = read(told["report"])
     assert "Verdicts" in page.texts and verdict in page.texts
+
+
+# --- a run of many points ------------------------------------------------------------------------------
+
+
+def test_a_long_table_is_cut_in_the_middle_and_says_how_to_get_all(palpate: Palpate) -> None:
+    made(Path("run"), HEADER, (({"value": 1e3 + number}, {}) for number in range(1, 1301)))
+    page = read(palpate("runs", "report", "run", "--json").object["report"])
+    assert any("1300 points" in text for text in page.texts)
+    assert {"1001", "1100", "2201", "2300"} <= set(page.texts) and not {"1101", "2200"} & set(page.texts)
+    (told,) = (text for text in page.texts if "left out here" in text)
+    assert told.startswith("1,100 lines") and "palpate runs export" in told
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("drawing")
+def test_a_figure_of_many_points_is_an_image_of_all_of_them(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    run = package.read("run")
+    points = [{name: value for name, value in each.items() if name not in ("id", "bench_ns")} for each in run.points()]
+    made(Path("many"), run.header, ((points[number % len(points)], {}) for number in range(5000)))
+    report = Path(palpate("runs", "report", "many", "--json").object["report"])
+    page = read(report)
+    assert "image" in page.tags and all(link.startswith(("#", "data:image/png")) for link in page.links)
+    assert sum("is drawn as an image" in text for text in page.texts) == 1
+    assert report.stat().st_size < 1e6
 
 
 # --- the figure of a run -------------------------------------------------------------------------------
