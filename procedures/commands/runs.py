@@ -235,16 +235,18 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     check_page(out)
     asked, folders = None if limits is None else read_limits(limits), [find_run(name, store()) for name in run]
     with reported(folders, asked) as found:
-        file = write_page(report_page(found), out, folders[0])
+        comparisons = compared(found)
+        file = write_page(report_page(found, comparisons), out, folders[0])
     if as_json:
         told = [
             {"run": str(each.folder), "damaged": bool(each.faults), "warning": each.warning or None}
             | (each.judged.summary() if each.judged else {})
             for each in found
         ]
-        gaps = [[each.summary() for each in one] for one in compared(found)]
+        gaps = [[each.summary() for each in one.results] for one in comparisons]
+        points = [one.points and one.points.summary() for one in comparisons]
         simulated = any(each.run.simulated for each in found)
-        output.json({"report": str(file), "simulated": simulated, "runs": told, "differences": gaps})
+        output.json({"report": str(file), "simulated": simulated, "runs": told, "differences": gaps, "points": points})
     warnings = [f"{each.folder}: {each.warning}" for each in found if each.warning]
     for line in (*warnings, str(file)):
         output.line(line)

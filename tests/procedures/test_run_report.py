@@ -320,6 +320,52 @@ def _shared_variance(one: dict[str, Any], other: dict[str, Any]) -> float:
     return variance
 
 
+def test_points_are_compared_with_those_of_the_same_step_whatever_their_order(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    run = package.read("run")
+    stored = [{name: value for name, value in each.items() if name not in ("id", "bench_ns")} for each in run.points()]
+    changed = [dict(each) for each in reversed(stored)]
+    changed[1]["force_ratio"] += 3 * changed[1]["force_ratio_u"]
+    changed[2]["valid"] = False
+    extra = {**changed[0], "load_N": 5.0}
+    made(Path("other"), run.header, ((each, {}) for each in (*changed, extra)))
+    report = palpate("runs", "report", "run", "other", "--json").object
+    (found,) = report["points"]
+    first, *rest = found["greatest"]
+    assert first["step"] == {"sample": "2", "load_N": 2.0, "set": 1}
+    assert (first["quantity"], first["unit"]) == ("force_ratio", "")
+    assert first["in_u"] == pytest.approx(3 / math.sqrt(2)) and first["u"] == pytest.approx(2**0.5 * first["first_u"])
+    assert {each["difference"] for each in rest} == {0.0}
+    assert (found["compared"], found["alone"], found["beyond_2_u"]) == (12, [4, 4], 1)
+    assert found["by_chance"] == pytest.approx(12 * 0.0455, rel=1e-3)
+    texts = read(report["report"]).texts
+    assert "Points of run 2 less those of run 1" in texts and "+2.1" in texts
+    assert any("Beyond 2 u are 1 of 12 values" in text and "4 of run 1 and 4 of run 2" in text for text in texts)
+
+
+def test_the_points_of_one_step_are_compared_in_their_order_and_only_the_greatest_are_told(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    run = package.read("run")
+    point = {name: value for name, value in run.points()[0].items() if name not in ("id", "bench_ns")}
+    for name, sign in (("one", 1), ("two", -1)):
+        points = ({**point, "load_measured_N": 2 + sign * 1e-3 * number} for number in range(40))
+        made(Path(name), run.header, ((each, {}) for each in points))
+    report = palpate("runs", "report", "one", "two", "--json").object
+    (found,) = report["points"]
+    assert [each["step"]["set"] for each in found["greatest"]] == list(range(40, 20, -1))
+    assert found["greatest"][0]["difference"] == pytest.approx(-0.078)
+    assert "Points of run 2 less those of run 1, the greatest ones" in read(report["report"]).texts
+
+
+def test_points_without_a_result_are_not_compared(palpate: Palpate) -> None:
+    header = {**HEADER, "procedure": "of-a-script"}
+    for name in ("one", "two"):
+        made(Path(name), header, [({"value": 1.0}, {})])
+    report = palpate("runs", "report", "one", "two", "--json").object
+    assert report["points"] == [None]
+    assert any("none of both are of one step" in text for text in read(report["report"]).texts)
+
+
 def test_a_run_compared_with_itself_differs_in_nothing(palpate: Palpate) -> None:
     palpate(*SWEEP, "--out", "run")
     (found,) = palpate("runs", "report", "run", "run", "--json").object["differences"]
