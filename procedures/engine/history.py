@@ -21,7 +21,6 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import RunSummary
 
 MONTH = timedelta(days=365.25 / 12)
-CALIBRATIONS = ("calibration", "film_calibration", "model_calibration")  # in the header of a run that used them
 LONGEST = 1200  # months; no date is told that is farther away
 
 
@@ -178,10 +177,9 @@ def _check_order(run: Run) -> None:
 
     Nothing else in a record tells the order of runs but the time.
     """
-    for key in CALIBRATIONS:
-        used = run.header.get(key)
+    for key, used in run.header.items():
         made, when = str(used.get("created")) if isinstance(used, dict) else "", run.started
-        with suppress(ValueError):  # it does not tell when it was made
+        with suppress(ValueError):  # it is no calibration, or does not tell when it was made
             when = datetime.fromisoformat(made).astimezone(UTC)
         if when > run.started:
             raise EstimateError(

@@ -68,15 +68,13 @@ def check(folder: Path) -> DamageReport:
 def _faults(stored: Record, found: DamageReport) -> Iterator[str]:
     yield from stored.faults()
     last_ns = 0
-    for expected, point in enumerate(stored.points(), 1):
+    for expected, point in enumerate(stored.rows(), 1):
         found.points += 1
-        if point.id != expected:
-            yield f"point {point.id} stands where point {expected} should"
-        if point.bench_ns < last_ns:
-            yield f"point {point.id}: bench time goes back from {last_ns} to {point.bench_ns} ns"
-        if not isinstance(json.loads(point.text), dict):
-            yield f"point {point.id}: its data is no JSON object"
-        last_ns = point.bench_ns
+        if point["id"] != expected:
+            yield f"point {point['id']} stands where point {expected} should"
+        if point["bench_ns"] < last_ns:
+            yield f"point {point['id']}: bench time goes back from {last_ns} to {point['bench_ns']} ns"
+        last_ns = point["bench_ns"]
     found.waveforms = sum(1 for _ in stored.waveforms())
     stored.events()
     found.unfinished = str(stored.unfinished() or "")

@@ -125,8 +125,8 @@ class Run:
         """
         total = hashlib.sha256(json.dumps(self.header.get("settings"), sort_keys=True).encode() + b"\n")
         with reading(self.folder) as stored:
-            for point in stored.points():
-                total.update(json.dumps((point.id, point.bench_ns)).encode() + b"\n")
+            for point in stored.rows():
+                total.update(json.dumps((point["id"], point["bench_ns"])).encode() + b"\n")
             _add_waveforms(total, stored.waveforms())
         return total.hexdigest()
 
