@@ -210,14 +210,14 @@ class Campaign:
             raise ConfigError(f'{where}: drift and of belong together, as drift = 0.01 and of = "sensitivity_mV_per_N"')
         try:
             kind = procedure_class(step.procedure)
-            known = {each.name: each for each in asked_of(kind)}
+            known = {each.option.removeprefix("--").replace("-", "_"): each for each in asked_of(kind)}
             if unknown := sorted(step.settings.keys() - known.keys()):
                 raise UnknownName(f"setting of {step.procedure}", unknown[0], known)
             values = {
-                key: known[key].value(_as_typed(given, known[key].setting.repeated))
+                known[key].name: known[key].value(_as_typed(given, known[key].setting.repeated))
                 for key, given in step.settings.items()
             }
-            if lacking := [each.name for each in known.values() if each.required and each.name not in values]:
+            if lacking := [key for key, each in known.items() if each.required and each.name not in values]:
                 raise ConfigError(f"settings: {lacking[0]} is missing, which {step.procedure} needs; give it")
             return made(kind, values)
         except PalpateError as error:

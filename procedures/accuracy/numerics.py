@@ -18,14 +18,13 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.price_list import DATA, PriceList
 from palpate.instrument.quantity import show
 from palpate.instrument.signals.estimate import ESTIMATORS, LEAST_SQUARES, amplitude_ratios, fit_sine, ratio_bound
-from palpate.procedures.showing.figure import MARKERS, save_in_new
+from palpate.procedures.showing.figure import MARKERS, write
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Clock = Literal["processor", "bench"]
-PLOT = "numerics.png"
 FRONT = "*"
 LEAST = 1e-16  # error of an exact method in the picture
 INTERVAL = 1  # of the price list's moduli: the rubber samples
@@ -133,7 +132,7 @@ def of_estimators(
     return Task(f"force ratio of {where}", "bench", tuple(ways), slopes={LEAST_SQUARES: 0.5})
 
 
-def print_numerics(tasks: Sequence[Task], about: str, plot: Path | None) -> None:
+def print_numerics(tasks: Sequence[Task], about: str, plot: str | None) -> None:
     """Print one table: a part for each task, and a row for each way."""
     for task in tasks:
         title = stamped(task.clock == "bench", task.name)
@@ -150,11 +149,11 @@ def print_numerics(tasks: Sequence[Task], about: str, plot: Path | None) -> None
     )
 
 
-def plot_numerics(tasks: Sequence[Task], folder: Path) -> Path:
-    """Draw `numerics.png` in a folder: a panel for each task whose error is bought with time.
+def plot_numerics(tasks: Sequence[Task], file: Path) -> None:
+    """Draw into a file: a panel for each task whose error is bought with time.
 
     Raises:
-        RecordError: the folder or file cannot be written.
+        RecordError: the file cannot be written.
     """
     from matplotlib.figure import Figure
 
@@ -163,7 +162,7 @@ def plot_numerics(tasks: Sequence[Task], folder: Path) -> Path:
     figure = Figure(figsize=(7, 4.3 * rows), layout="constrained")
     for place, task in enumerate(drawn):
         _draw(task, figure.add_subplot(rows, 2, place + 1))
-    return save_in_new(figure, folder, PLOT)
+    write(figure, file)
 
 
 def _draw(task: Task, ax: Axes) -> None:

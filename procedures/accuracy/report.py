@@ -15,14 +15,13 @@ from palpate.instrument.quantity import as_asked, counted, plus_minus, show
 from palpate.procedures.accuracy.front import INTEGRATION, MINUTE, QUIET, CauseCost, FrontPoint, ModulusFront
 from palpate.procedures.measurements.object_modulus.planning import MOUNTED, mounting_lines, worth_lines
 from palpate.procedures.measurements.prospects import share
-from palpate.procedures.showing.figure import save_in_new
+from palpate.procedures.showing.figure import write
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import STAMP, folded, new_table, print_all, stamped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PLOT = "accuracy.png"
 LEAST, SMALL = 0.0005, 0.02  # of the variance: a smaller share is no number, and no bar of its own
 COLUMNS, TITLE, WIDTH = 80, 75, 105  # letters in a line of text, of the picture's title, and of its own text
 NAME = 18  # letters in a line of a cause
@@ -131,18 +130,18 @@ def _notes(front: ModulusFront) -> list[str]:
     return [folded(line, COLUMNS) for line in lines]
 
 
-def plot_front(front: ModulusFront, simulated: bool, folder: Path) -> Path | None:
-    """Draw `accuracy.png` in a folder: the front, and below it what binds, who pays and what would help.
+def plot_front(front: ModulusFront, simulated: bool, file: Path) -> bool:
+    """Draw into a file: the front, and below it what binds, who pays and what would help.
 
-    Returns: None: there is nothing to draw, as no plan reaches the largest tolerance.
+    Returns: False: there is nothing to draw, as no plan reaches the largest tolerance.
 
     Raises:
-        RecordError: the folder or file cannot be written.
+        RecordError: the file cannot be written.
     """
     from matplotlib.figure import Figure
 
     if not front.points:
-        return None
+        return False
     asked = front.asked
     if asked is None:
         title, *helps = front.why.splitlines()
@@ -169,7 +168,8 @@ def plot_front(front: ModulusFront, simulated: bool, folder: Path) -> Path | Non
     text.axis("off")
     text.set_title("What would help", loc="left", fontsize=9, weight="bold")
     text.text(0, 1, "\n".join(helps), va="top", fontsize=8, transform=text.transAxes)
-    return save_in_new(figure, folder, PLOT)
+    write(figure, file)
+    return True
 
 
 def _draw_shares(front: ModulusFront, ax: Axes) -> None:

@@ -16,9 +16,9 @@ from palpate.procedures.commands.options import (
     StrictCommand,
     StrictGroup,
     dwell_option,
-    make_folder,
     option,
     output_options,
+    picture_option,
 )
 from palpate.procedures.commands.scene import question_options
 from palpate.procedures.commands.settings import SettingsCommand
@@ -51,7 +51,7 @@ TOLERANCE = 0.05
 )
 @option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench; nothing is sent to it.")
 @option("--absolute", is_flag=True, help="Count the model's validation error, too, not its scale alone.")
-@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot accuracy.png (default: no plot).")
+@picture_option("no picture")
 @output_options
 def front_command(
     sample: str | None,
@@ -79,11 +79,12 @@ def front_command(
     from palpate.procedures.lab.calibrations import with_films
     from palpate.procedures.lab.chosen import choose
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+    from palpate.procedures.showing.figure import check_picture
 
     output = Output(as_json, quiet)
     if absolute and settings.get("relative_to_model"):
         raise UsageError("--absolute and --relative-to-model: they are each other's contrary; give one of them")
-    make_folder(out)
+    check_picture(out)
     target = with_films(choose(bench, scene).target)
     known = "4" if sample is None and modulus is None else sample
     touched = None if known is None else get_sample(known)
@@ -96,19 +97,19 @@ def front_command(
         asked.check(target)
         command = _command(asked, known, thickness, scene, bench)
         front = ModulusFront.of(asked.plans_on(target), object_.modulus, command)
-    plot = None
+    plot = None if out is None else str(out.absolute())
     if out is not None:
         from palpate.procedures.accuracy.report import plot_front
 
-        plot = plot_front(front, bench is None, out)
+        plot = plot if plot_front(front, bench is None, out) else None
 
     def show() -> None:
         from palpate.procedures.accuracy.report import print_front
 
-        print_front(front, bench is None, "" if out is None else str(plot or "none: no plan reaches ± 50 %"))
+        print_front(front, bench is None, "" if out is None else plot or "none: no plan reaches ± 50 %")
 
     head = {"simulated": bench is None, "design": target.design.name, "sample": known}
-    output.result(lambda: {**head, **front.summary(), "plot": None if plot is None else str(plot)}, show)
+    output.result(lambda: {**head, **front.summary(), "plot": plot}, show)
     return 1 if front.asked is None else 0
 
 
@@ -179,7 +180,7 @@ def promises_command(store: Path | None, as_json: bool, quiet: bool) -> None:
 @SCENE
 @question_options
 @dwell_option
-@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot scene.png (default: no plot).")
+@picture_option("no picture")
 @output_options
 def scene_command(
     scene: str,
@@ -196,17 +197,18 @@ def scene_command(
     The effect that changes force and force ratio least is left out first. Each subset is measured together, against the
     whole scene with the same noise. Of all subsets only these are tried, as many as there are effects.
     """
+    from palpate.procedures.showing.figure import check_picture
     from palpate.procedures.virtual.explained import Question
     from palpate.procedures.virtual.scene_front import SceneFront, plot_front, print_front
 
     output = Output(as_json, quiet)
-    make_folder(out)
+    check_picture(out)
     with output.prices(), output.progress("the whole scene") as progress:
         found = SceneFront.of(scene, Question(sample, load, frequency, dwell), progress)
-    plot = None if out is None else plot_front(found, out)
-    output.result(
-        lambda: {**found.summary(), "plot": None if plot is None else str(plot)}, lambda: print_front(found, plot)
-    )
+    if out is not None:
+        plot_front(found, out)
+    plot = None if out is None else str(out.absolute())
+    output.result(lambda: {**found.summary(), "plot": plot}, lambda: print_front(found, plot))
 
 
 # --- The command palpate accuracy numerics, and the group ----------------------------------------------
@@ -242,7 +244,7 @@ accuracy.add_command(scene_command, "scene")
 )
 @option("--design", help="single_round, single, common_base, different_base, array or array_16 (default: single).")
 @option("--store", is_flag=True, help="First measure the models' prices anew, of all designs or of the named one.")
-@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot numerics.png (default: no plot).")
+@picture_option("no picture")
 @output_options
 def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Show error and time of every method that computes a number, in about 15 s.
@@ -261,12 +263,13 @@ def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, q
     from palpate.instrument.shipped import text
     from palpate.procedures.accuracy.measure import DESIGNS, expected_seconds, keep, measure, this_machine
     from palpate.procedures.accuracy.meshes import MODULI
+    from palpate.procedures.showing.figure import check_picture
     from palpate.procedures.virtual.numerics import SECONDS, collect
 
     output = Output(as_json, quiet)
     if design is not None and design not in DESIGNS:
         raise UnknownName("design with prices", design, DESIGNS)
-    make_folder(out)
+    check_picture(out)
     with output.prices(), output.progress("the stored prices") as progress:
         if store:
             if design is not None:
@@ -279,11 +282,11 @@ def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, q
         prices = price_list.stored()
         price("measuring estimators, integrators and arithmetic", SECONDS)
         tasks = collect(design or "single", progress)
-    plot = None
+    plot = None if out is None else str(out.absolute())
     if out is not None:
         from palpate.procedures.accuracy.numerics import plot_numerics
 
-        plot = plot_numerics(tasks, out)
+        plot_numerics(tasks, out)
 
     def show() -> None:
         from palpate.procedures.accuracy.numerics import print_numerics
@@ -291,4 +294,4 @@ def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, q
         print_numerics(tasks, prices.machine.told(this_machine()), plot)
 
     told = {"machine": asdict(prices.machine), "tasks": [task.summary() for task in tasks]}
-    output.result(lambda: {**told, "plot": None if plot is None else str(plot)}, show)
+    output.result(lambda: {**told, "plot": plot}, show)

@@ -77,7 +77,7 @@ def campaign(
             rows.append({**step.summary(), "run": None if folder is None else str(folder), **told_of})
             judged.append((step, verdicts))
             _tell_page(output, told, rows, planned)
-    output.result(lambda: {**told, "folder": str(found.folder), "steps": rows}, lambda: _show_done(rows, judged))
+    output.result(lambda: {**told, "folder": str(found.folder), "steps": rows}, lambda: _show_done(told, rows, judged))
     return max((verdicts.status for _, verdicts in judged if verdicts is not None), key=BY_WEIGHT.index, default=0)
 
 
@@ -103,11 +103,16 @@ def _show_ahead(planned: Sequence[PlannedStep]) -> None:
     print_all(table, f"all together   {duration(sum(step.seconds for step in planned))}", *person)
 
 
-def _show_done(rows: Sequence[Mapping[str, object]], judged: Sequence[tuple[PlannedStep, Judgement | None]]) -> None:
+def _show_done(
+    told: Mapping[str, object],
+    rows: Sequence[Mapping[str, object]],
+    judged: Sequence[tuple[PlannedStep, Judgement | None]],
+) -> None:
     """Print the runs, and why limits do not pass."""
-    from palpate.procedures.showing.text import new_table, print_all
+    from palpate.procedures.showing.text import new_table, print_all, stamped
 
-    table = new_table(None, "step", "procedure", "why", "run", "verdict")
+    title = stamped(bool(told["simulated"]), f"Campaign {told['campaign']}")
+    table = new_table(title, "step", "procedure", "why", "run", "verdict")
     for row in rows:
         table.add_row(*(str(row.get(column) or "-") for column in ("name", "procedure", "why", "run", "verdict")))
     print_all(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, WHERE, Output, StrictCommand, option, output_options
+from palpate.procedures.commands.options import WHERE, Output, StrictCommand, option, output_options, picture_option
 from palpate.procedures.lab.store import store
 
 
@@ -18,7 +18,7 @@ from palpate.procedures.lab.store import store
 @click.argument("quantity")
 @WHERE
 @option("--tolerance", help="Change that is allowed, such as '1 %' or '0.1 mV/N' (default: the u of the last run).")
-@option("--out", type=FILE_NAME, metavar="FILE", help="File of a picture, .png or .svg (default: no picture).")
+@picture_option("no picture")
 @output_options
 def history(
     quantity: str, where: tuple[str, ...], tolerance: str | None, out: Path | None, as_json: bool, quiet: bool
@@ -34,14 +34,14 @@ def history(
     from palpate.procedures.engine.history import history as found_in
     from palpate.procedures.lab.run_table import chosen
     from palpate.procedures.records.run_list import list_runs
-    from palpate.procedures.showing.figure import picture_file
+    from palpate.procedures.showing.figure import check_picture
     from palpate.procedures.showing.history import plot_history, print_history
 
     output = Output(as_json, quiet)
-    picture = None if out is None else picture_file("history", out, store())
+    check_picture(out)
     runs = [run for run, _ in chosen(list_runs(store()), where)]
     found = found_in(runs, quantity, tolerance, datetime.now(UTC))
-    if picture is not None:
-        plot_history(found, picture)
-    told = {**found.summary(), "picture": None if picture is None else str(picture)}
-    output.result(lambda: told, lambda: print_history(found, picture))
+    if out is not None:
+        plot_history(found, out)
+    picture = None if out is None else str(out.absolute())
+    output.result(lambda: {**found.summary(), "picture": picture}, lambda: print_history(found, picture))

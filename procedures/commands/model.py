@@ -14,7 +14,15 @@ from palpate.instrument.arithmetic import arithmetic, own_kernels
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from palpate.procedures.commands import completion, texts
-from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, StrictGroup, option, output_options
+from palpate.procedures.commands.options import (
+    FILE_NAME,
+    Output,
+    StrictCommand,
+    StrictGroup,
+    option,
+    output_options,
+    picture_option,
+)
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.store import store
 
@@ -398,7 +406,7 @@ def modulus(
     required=True,
     help="Young modulus of the object, or a list with commas.",
 )
-@option("--out", type=FILE_NAME, metavar="FILE", help="File of the picture, .png or .svg (default: in runs/plots/).")
+@picture_option("in runs/plots/")
 @question_options
 @output_options
 def plot(

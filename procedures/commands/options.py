@@ -65,19 +65,16 @@ class StrictGroup(StrictCommand, click.Group):
             formatter.write_dl([(name, each.get_short_help_str(LONGEST)) for name, each in listed if each is not None])
 
 
-def make_folder(out: Path | None) -> None:
-    """Make the folder for a plot, before anything is measured. Raises RecordError: it cannot be made."""
-    from palpate.procedures.records.run import storing
-
-    if out is not None:
-        with storing(out, "a writable folder with --out"):
-            out.mkdir(parents=True, exist_ok=True)
-
-
 def output_options(command: F) -> F:
     """Add the options --json and --quiet."""
     command = option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
     return option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
+
+
+def picture_option(default: str) -> Callable[[F], F]:
+    """The option --out of a command that draws a picture; `default`: where it is drawn without it."""
+    says = f"File of the picture, .png or .svg (default: {default})."
+    return option("--out", type=FILE_NAME, metavar="FILE", help=says)
 
 
 BAR, EVENTS = "bar", "json"

@@ -19,6 +19,7 @@ from palpate.procedures.commands.options import (
     live_options,
     option,
     output_options,
+    picture_option,
 )
 from palpate.procedures.lab.store import store
 
@@ -234,21 +235,48 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     check_page(out)
     asked, folders = None if limits is None else read_limits(limits), [find_run(name, store()) for name in run]
     with reported(folders, asked) as found:
-        file = write_page(report_page(found), out, folders[0])
+        comparisons = compared(found)
+        file = write_page(report_page(found, comparisons), out, folders[0])
     if as_json:
         told = [
             {"run": str(each.folder), "damaged": bool(each.faults), "warning": each.warning or None}
             | (each.judged.summary() if each.judged else {})
             for each in found
         ]
-        gaps = [[each.summary() for each in one] for one in compared(found)]
+        gaps = [[each.summary() for each in one.results] for one in comparisons]
+        points = [one.points and one.points.summary() for one in comparisons]
         simulated = any(each.run.simulated for each in found)
-        output.json({"report": str(file), "simulated": simulated, "runs": told, "differences": gaps})
+        output.json({"report": str(file), "simulated": simulated, "runs": told, "differences": gaps, "points": points})
     warnings = [f"{each.folder}: {each.warning}" for each in found if each.warning]
     for line in (*warnings, str(file)):
         output.line(line)
     statuses = {each.judged.status for each in found if each.judged}
     return STATUS["fail"] if STATUS["fail"] in statuses else max(statuses, default=0)
+
+
+@runs.command(
+    epilog="Examples:\n\n  palpate runs plot first-day\n\n  palpate runs plot first-day --out first-day.svg --json"
+)
+@RUN
+@picture_option("in runs/plots/")
+@output_options
+def plot(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Draw the figure of a run anew from its record. RUN is a folder or a name in runs/."""
+    from palpate.procedures.commands.procedures import after
+    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.showing.figure import picture_file
+    from palpate.procedures.showing.run_report import draw_run, reported
+
+    output = Output(as_json, quiet)
+    folder = find_run(run, store())
+    file = picture_file(folder.name, out, store())
+    with after(folder), reported([folder]) as (found,):
+        draw_run(found, file)
+    if as_json:
+        told = {"run": str(found.folder), "simulated": found.run.simulated, "warning": found.warning or None}
+        output.json({**told, "picture": str(file)})
+    for line in (*([f"{found.folder}: {found.warning}"] if found.warning else []), str(file)):
+        output.line(line)
 
 
 @runs.command(

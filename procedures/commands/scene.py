@@ -9,7 +9,6 @@ import click
 from palpate.procedures.commands import texts
 from palpate.procedures.commands.completion import SCENE
 from palpate.procedures.commands.options import (
-    FILE_NAME,
     F,
     Output,
     StrictCommand,
@@ -17,6 +16,7 @@ from palpate.procedures.commands.options import (
     dwell_option,
     option,
     output_options,
+    picture_option,
 )
 
 # --- The command palpate scene explain -----------------------------------------------------------------
@@ -128,7 +128,7 @@ def check(scene: str, as_json: bool, quiet: bool) -> None:
 @SCENE
 @question_options
 @option("--periods", default=3, type=click.IntRange(1, 100), help="Number of drawn periods.")
-@option("--out", type=FILE_NAME, metavar="FILE", help="File of the picture, .png or .svg (default: in runs/plots/).")
+@picture_option("in runs/plots/")
 @output_options
 def plot(
     scene: str, sample: str, load: float, frequency: float, periods: int, out: Path | None, as_json: bool, quiet: bool

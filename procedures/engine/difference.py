@@ -1,4 +1,4 @@
-"""Differences between the results of two runs of one procedure, with their uncertainties.
+"""Differences between the results of two runs of one procedure, and between their points, with their uncertainties.
 
 Two runs share what they rest on: a calibration, a sample's area, a model. How much they share is not recorded, so the
 uncertainty of a difference is told twice: as if they shared nothing, and as if each contribution of kind B that both
@@ -15,6 +15,9 @@ from typing import Any
 
 from palpate.instrument.errors import UsageError
 from palpate.instrument.uncertainty.budget import Budget, Component, groups
+from palpate.instrument.uncertainty.decision import Estimate
+from palpate.procedures.engine.verdict import of_points
+from palpate.procedures.records.columns import Column
 from palpate.procedures.records.run import Run
 
 Told = Mapping[str, Any]  # a budget as the record has it
@@ -125,3 +128,113 @@ def _budget(one: Told, other: Told, shared: frozenset[str]) -> Budget:
         correlations |= {(names[a], names[b]): r for (a, b), r in _correlations(budget).items()}
     components = tuple(Component(name, 1.0, *rest) for name, rest in found.items())
     return Budget(one["quantity"], other["value"] - one["value"], one["unit"], components, correlations)
+
+
+# --- points --------------------------------------------------------------------------------------------
+
+FAR, BY_CHANCE = 2.0, math.erfc(math.sqrt(2.0))  # a difference beyond 2 u, and how often one is without a cause
+GREATEST = 20  # differences that are told one by one
+
+Place = tuple[object, ...]  # what a value of a point is: of which step, which of the points of that step, and so on
+
+
+@dataclass(frozen=True, slots=True)
+class PointDifference:
+    """The difference of a quantity between points of two runs, which are of the same step.
+
+    Attributes:
+        step: what was asked for, by its names, and the number of the `set` among the points of that step, from 1.
+        quantity: name of the column; of one with several values, as for each film, with the number of the value.
+        first, other: what the runs found.
+    """
+
+    step: Mapping[str, Any]
+    quantity: str
+    unit: str
+    first: Estimate
+    other: Estimate
+
+    @property
+    def value(self) -> float:
+        """The other value less the first."""
+        return self.other.value - self.first.value
+
+    @property
+    def u(self) -> float:
+        """Its standard uncertainty, if the runs share nothing."""
+        return math.hypot(self.first.u, self.other.u)
+
+    @property
+    def in_u(self) -> float:
+        """How many u it is."""
+        return self.value / self.u
+
+    def summary(self) -> dict[str, Any]:
+        """The difference for JSON."""
+        told = {"first": self.first.value, "first_u": self.first.u, "other": self.other.value, "other_u": self.other.u}
+        own = {"difference": self.value, "u": self.u, "in_u": self.in_u}
+        return {"step": dict(self.step), "quantity": self.quantity, "unit": self.unit, **told, **own}
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedPoints:
+    """The points of two runs, compared one by one.
+
+    Attributes:
+        differences: all of them, the greatest by its u first.
+        alone: how many values of the first run, and of the other, have none like them.
+    """
+
+    differences: Sequence[PointDifference]
+    alone: tuple[int, int]
+
+    @property
+    def far(self) -> int:
+        """How many differences are beyond 2 u."""
+        return sum(abs(each.in_u) > FAR for each in self.differences)
+
+    def summary(self) -> dict[str, Any]:
+        """The comparison for JSON."""
+        compared, greatest = len(self.differences), self.differences[:GREATEST]
+        told = {"compared": compared, "beyond_2_u": self.far, "by_chance": BY_CHANCE * compared, "alone": self.alone}
+        return {**told, "greatest": [each.summary() for each in greatest]}
+
+
+def compared_points(
+    columns: Mapping[str, Column], asked: Sequence[str], first: Sequence[Told], other: Sequence[Told]
+) -> ComparedPoints:
+    """Compare all values with an uncertainty of valid points that are of the same step.
+
+    Args:
+        columns: the columns of the points.
+        asked: those that tell of which step a point is. The n-th points of one step belong together.
+        first, other: points of the runs, as they are stored.
+    """
+    known = {name: column for name, column in columns.items() if column.u}
+    one, two = (_placed(known, asked, points) for points in (first, other))
+    found = []
+    for place, estimate in one.items():
+        if place in two:
+            name, number, nth, *step = place
+            told = dict(zip(asked, step, strict=True)) | {"set": nth}
+            quantity = str(name) if number == 1 and (name, 2, nth, *step) not in one else f"{name} {number}"
+            found.append(PointDifference(told, quantity, known[str(name)].unit, estimate, two[place]))
+    found.sort(key=lambda each: abs(each.in_u), reverse=True)
+    return ComparedPoints(found, (len(one) - len(found), len(two) - len(found)))
+
+
+def _placed(columns: Mapping[str, Column], asked: Sequence[str], points: Sequence[Told]) -> dict[Place, Estimate]:
+    """What is known of points, each by name of the column, number of the value, number of the set, and step."""
+    steps, seen = list[Place](), Counter[Place]()
+    for point in points:
+        step = tuple(point[name] for name in asked)
+        seen[step] += 1
+        steps.append((seen[step], *step))
+    found: dict[Place, Estimate] = {}
+    for name, quantity in of_points(columns, points).items():
+        numbers: Counter[int | None] = Counter()
+        for value in quantity.values:
+            numbers[value.point] += 1
+            if value.point is not None and value.estimate is not None and value.estimate.u > 0:
+                found[name, numbers[value.point], *steps[value.point - 1]] = value.estimate
+    return found

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from palpate.instrument.errors import EstimateError, RecordError, UnknownName, UsageError, quoted
@@ -45,6 +46,20 @@ class Series:
     since: datetime
 
     @property
+    def span(self) -> timedelta:
+        """Time from the first run to the last."""
+        return self.runs[-1].started - self.runs[0].started
+
+    @property
+    def too_short(self) -> bool:
+        """Whether the runs span too short a time for a drift in a month.
+
+        Then its 95 % interval is wider than ± the mean itself and ± the tolerance: it rules out no change at all.
+        """
+        mean = abs(math.fsum(self.values) / len(self.values))
+        return self.drift.expanded() > max(mean, self.tolerance)
+
+    @property
     def due(self) -> str | None:
         """Date at which the drift has used up the tolerance; None: the drift's interval has 0 in it, or `LONGEST`."""
         low, high = self.drift.interval()
@@ -67,10 +82,19 @@ class Series:
             | {**asdict(check), "alarms": list(check.alarms)}
             for run, value, u, check in zip(self.runs, self.values, self.us, self.checks, strict=True)
         ]
-        drift = {"drift_per_month": self.drift.value, "drift_u": self.drift.u, "drift_low": low, "drift_high": high}
-        dates = {"since": self.since.isoformat(), "recalibrate": self.due, "recalibrate_earliest": self.earliest}
-        alarms = sum(bool(check.alarms) for check in self.checks)
-        return {**self.conditions, "runs": told, "alarms": alarms, **drift, "tolerance": self.tolerance, **dates}
+        slope = {"drift_per_month": self.drift.value, "drift_u": self.drift.u, "drift_low": low, "drift_high": high}
+        of_drift = {**slope, "recalibrate": self.due, "recalibrate_earliest": self.earliest}
+        if self.too_short:
+            of_drift = dict.fromkeys(of_drift)
+        return {
+            **self.conditions,
+            "runs": told,
+            "alarms": sum(bool(check.alarms) for check in self.checks),
+            "span_s": self.span.total_seconds(),
+            "tolerance": self.tolerance,
+            "since": self.since.isoformat(),
+            **of_drift,
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +141,7 @@ def history(found: Iterable[RunSummary], quantity: str, tolerance: str | None, n
                 continue
             present = True
             _check_time(run, now)
+            _check_order(run)
             conditions = _conditions(run, quantities[quantity])
             alike.setdefault(json.dumps(conditions), []).append((run, *_value(quantities[quantity]), conditions))
         except (RecordError, EstimateError) as error:
@@ -145,6 +170,22 @@ def _check_time(run: Run, now: datetime) -> None:
             f" set back, or that run's clock was ahead; set it, or leave such runs out with --where 'started <="
             f" {now:%Y-%m-%d}'"
         )
+
+
+def _check_order(run: Run) -> None:
+    """Raises EstimateError: the run began before a calibration was made that it used, so its time is wrong.
+
+    Nothing else in a record tells the order of runs but the time.
+    """
+    for key, used in run.header.items():
+        made, when = str(used.get("created")) if isinstance(used, dict) else "", run.started
+        with suppress(ValueError):  # it is no calibration, or does not tell when it was made
+            when = datetime.fromisoformat(made).astimezone(UTC)
+        if when > run.started:
+            raise EstimateError(
+                f"it began on {run.started:%Y-%m-%d %H:%M}, before the {key.replace('_', ' ')} that it used was made,"
+                f" {made}: a clock was set back"
+            )
 
 
 def _value(found: FoundQuantity) -> tuple[float, float]:

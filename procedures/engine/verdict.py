@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from palpate.instrument.errors import ConfigError, RecordError, UnknownName, UsageError
 from palpate.instrument.quantity import counted, show
@@ -26,12 +26,9 @@ from palpate.instrument.uncertainty.decision import (
 from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.engine.limits import LimitsFile, number_columns, read_limits
 from palpate.procedures.engine.procedure import Finished
+from palpate.procedures.engine.result import Result
+from palpate.procedures.records.columns import Column
 from palpate.procedures.records.run import Run
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-    from palpate.procedures.engine.result import Result
 
 WORST = (FAIL, UNDECIDED, PASS)
 STATUS: dict[Outcome, int] = {PASS: 0, FAIL: 3, UNDECIDED: 4}  # exit status
@@ -67,7 +64,8 @@ def _of_budgets(budgets: Iterable[Mapping[str, Any]]) -> dict[str, FoundQuantity
     return found
 
 
-def _of_points(kind: type[DataclassInstance], points: Sequence[Mapping[str, Any]]) -> dict[str, FoundQuantity]:
+def of_points(columns: Mapping[str, Column], points: Sequence[Mapping[str, Any]]) -> dict[str, FoundQuantity]:
+    """The quantities of points by the names of columns; those of points that are not valid are left out."""
     valid = [(number, point) for number, point in enumerate(points, 1) if point.get("valid", True)]
     return {
         name: FoundQuantity(
@@ -75,7 +73,7 @@ def _of_points(kind: type[DataclassInstance], points: Sequence[Mapping[str, Any]
             [_measured(*cell, number) for number, point in valid for cell in _cells(point, name, column.u)],
             len(points) - len(valid),
         )
-        for name, column in number_columns(kind).items()
+        for name, column in columns.items()
     }
 
 
@@ -85,7 +83,7 @@ def _of_run(run: Run) -> dict[str, FoundQuantity]:
         kind = procedure_class(run.procedure)
     except UnknownName:
         return {}
-    return _of_points(kind.point, run.points())
+    return of_points(number_columns(kind.point), run.points())
 
 
 def _cells(point: Mapping[str, Any], name: str, u: str) -> Iterator[tuple[Any, Any]]:
@@ -120,7 +118,7 @@ def quantities_of(of: Finished[Any] | Result | Run) -> dict[str, FoundQuantity]:
             raise RecordError(f"{of.folder}: another version of palpate recorded it ({error}); run it anew") from None
     result = of.result if isinstance(of, Finished) else of
     points = [asdict(point) for point in result.points]
-    columns = _of_points(type(result.points[0]), points) if points else {}
+    columns = of_points(number_columns(type(result.points[0])), points) if points else {}
     return columns | _of_budgets(each.summary() for each in result.budgets)
 
 

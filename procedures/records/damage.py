@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -29,6 +29,7 @@ class DamageReport:
     """Result of a check.
 
     Attributes:
+        points, waveforms: how many are whole.
         faults: what is damaged or missing; empty: every row is as it was written.
         unfinished: what is stored of a dwell whose point is not stored; empty: nothing.
     """
@@ -57,6 +58,8 @@ def check(folder: Path) -> DamageReport:
         try:
             with salvaging(found.folder) as left:
                 found.faults += [f"gone: {what}" for what in left.gone]
+                found.points = len(left.points)
+                found.waveforms = sum(len(left.waveforms(number)) for number in left.points)
         except RecordError as error:
             found.faults.append(str(error))
     return found
@@ -65,15 +68,13 @@ def check(folder: Path) -> DamageReport:
 def _faults(stored: Record, found: DamageReport) -> Iterator[str]:
     yield from stored.faults()
     last_ns = 0
-    for expected, point in enumerate(stored.points(), 1):
+    for expected, point in enumerate(stored.rows(), 1):
         found.points += 1
-        if point.id != expected:
-            yield f"point {point.id} stands where point {expected} should"
-        if point.bench_ns < last_ns:
-            yield f"point {point.id}: bench time goes back from {last_ns} to {point.bench_ns} ns"
-        if not isinstance(json.loads(point.text), dict):
-            yield f"point {point.id}: its data is no JSON object"
-        last_ns = point.bench_ns
+        if point["id"] != expected:
+            yield f"point {point['id']} stands where point {expected} should"
+        if point["bench_ns"] < last_ns:
+            yield f"point {point['id']}: bench time goes back from {last_ns} to {point['bench_ns']} ns"
+        last_ns = point["bench_ns"]
     found.waveforms = sum(1 for _ in stored.waveforms())
     stored.events()
     found.unfinished = str(stored.unfinished() or "")
@@ -86,11 +87,11 @@ Waves = dict[str, tuple[float, np.ndarray]]
 
 @dataclass(frozen=True, slots=True)
 class LeftPoint:
-    """A point that is left: its data, and the number of waveforms that it had."""
+    """A point that is left: its data, and the names of the waveforms that it had."""
 
     bench_ns: int
     data: dict[str, Any]
-    waveforms: int
+    waveforms: Sequence[str]
 
 
 @dataclass(slots=True)
@@ -119,9 +120,9 @@ class Left:
         self.gone += _missing("point {}", "points {} to {}", self.points, last_point)
         for number, point in self.points.items():
             whole = self.waveforms(number)
-            if (lost := point.waveforms - len(whole)) > 0:
+            if lost := [name for name in point.waveforms if name not in whole]:
                 left = ", ".join(whole) or "none"
-                self.gone.append(f"{lost} of {point.waveforms} waveforms of point {number}, left: {left}")
+                self.gone.append(f"waveform {', '.join(lost)} of point {number}, left: {left}")
         self.gone += _missing("event {}", "events {} to {}", self.events, last_event)
 
 
@@ -166,7 +167,9 @@ def _of_chain(file: ChainFile, head_file: Path) -> Left:
                 left.events[frame.id] = (content["bench_ns"], content["kind"], content["message"])
             case b"POIN":
                 listed[frame.id] = content["waveforms"], content.get("dwell", 0)
-                left.points[frame.id] = LeftPoint(content["bench_ns"], content["data"], len(content["waveforms"]))
+                left.points[frame.id] = LeftPoint(
+                    content["bench_ns"], content["data"], [name for name, *_ in listed[frame.id][0]]
+                )
 
     def waveforms(point: int) -> Waves:
         rates = {name: rate for name, rate, _ in listed[point][0]}

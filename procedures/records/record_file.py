@@ -259,6 +259,12 @@ class Record:
                 point_id, found["bench_ns"], as_json(found["data"]), tuple(w[0] for w in found["waveforms"])
             )
 
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """The data of all points in order, with `id` and `bench_ns`."""
+        for point_id, frame in self._points.items():
+            found = self.json(frame)
+            yield {"id": point_id, "bench_ns": found["bench_ns"], **found["data"]}
+
     def events(self) -> list[dict[str, Any]]:
         """All events in order: `bench_ns`, `kind`, `message`."""
         return [self.json(frame) for frame in self._events]

@@ -79,7 +79,7 @@ class Run:
     def points(self) -> list[dict[str, Any]]:
         """All points in order, as they were stored, with `id` and `bench_ns`; null is None."""
         with reading(self.folder) as stored:
-            return [{"id": point.id, "bench_ns": point.bench_ns, **json.loads(point.text)} for point in stored.points()]
+            return [*stored.rows()]
 
     def events(self) -> list[dict[str, Any]]:
         """All events in order: `bench_ns`, `kind`, `message`."""
@@ -125,8 +125,8 @@ class Run:
         """
         total = hashlib.sha256(json.dumps(self.header.get("settings"), sort_keys=True).encode() + b"\n")
         with reading(self.folder) as stored:
-            for point in stored.points():
-                total.update(json.dumps((point.id, point.bench_ns)).encode() + b"\n")
+            for point in stored.rows():
+                total.update(json.dumps((point["id"], point["bench_ns"])).encode() + b"\n")
             _add_waveforms(total, stored.waveforms())
         return total.hexdigest()
 

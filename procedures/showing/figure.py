@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+import tempfile
 import tomllib
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from datetime import UTC, datetime
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any, Protocol
 from xml.sax.saxutils import escape
+
+import numpy as np
 
 from palpate.instrument.bench.beside import Beside
 from palpate.instrument.durable import numbered
@@ -23,12 +25,14 @@ from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.showing.text import STAMP
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP*X"
 FORMATS = (".png", ".svg")
-_reported: ContextVar[Path | None] = ContextVar("reported", default=None)  # the run of whose figures a report makes SVG
+MANY = 2000  # points of a line or a cloud that SVG has as an image: as a path it would have 100 bytes for each
+_drawn_anew: ContextVar[tuple[Path, str] | None] = ContextVar("drawn_anew", default=None)  # run, format of its figure
 STAMP_ABOVE = 4  # above all bars, bands and curves (3 at most), which would cover it; below legends (5)
 
 
@@ -119,16 +123,25 @@ def plot_over_loads(axes: Axes, number: int, label: str, sets: Sequence[PlottedL
 def picture_file(subject: str, out: Path | None, store: Path) -> Path:
     """Path of a new picture: `out`, or a file in `plots/` of the store, named after time and subject.
 
-    Raises:
-        UsageError: the name ends in no format of pictures, its folder does not exist, or the file exists.
-        RecordError: the store cannot be written to.
+    Raises as `check_picture` does, and RecordError: the store cannot be written to.
     """
     if out is None:
         plots = store / "plots"
         with storing(plots):
             plots.mkdir(parents=True, exist_ok=True)
             names = (f"{name}.png" for name in numbered(f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{subject}"))
-            out = next(plots / name for name in names if not (plots / name).exists())
+            return next(plots / name for name in names if not (plots / name).exists()).absolute()
+    check_picture(out)
+    return out.absolute()
+
+
+def check_picture(out: Path | None) -> None:
+    """Check a file for a new picture; None: there shall be none.
+
+    Raises UsageError: its name ends in no format of pictures, its folder does not exist, or the file exists.
+    """
+    if out is None:
+        return
     if out.suffix not in FORMATS:
         raise UsageError(f"{out} ends in no format of pictures, {' or '.join(FORMATS)}; choose another --out")
     with storing(out):
@@ -136,7 +149,6 @@ def picture_file(subject: str, out: Path | None, store: Path) -> Path:
             raise UsageError(f"{out}: there is no folder {out.parent}; make it, or choose another --out")
         if out.exists():
             raise UsageError(f"{out} exists and is not overwritten; choose another --out")
-    return out.absolute()
 
 
 def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
@@ -144,23 +156,27 @@ def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
 
     Returns its path. Raises RecordError: the file cannot be written, or the run not be read.
     """
-    path, run = folder / name, _reported.get()
-    if run is not None:
-        path = path.with_suffix(".svg")
-    if is_run(run or folder):
-        _add_beside(figure, Run.open(run or folder))
+    run, suffix = _drawn_anew.get() or (folder, ".png")
+    path = (folder / name).with_suffix(suffix)
+    if is_run(run):
+        _add_beside(figure, Run.open(run))
     write(figure, path)
     return path
 
 
-@contextmanager
-def saved_as_svg(run: Path) -> Iterator[None]:
-    """Inside, `save` writes figures of the run in this folder as SVG in the place of PNG, into any folder."""
-    token = _reported.set(run)
+def drawn_anew(draw: Callable[[Path], Path], run: Path, suffix: str) -> bytes:
+    """The picture that `draw` draws into a folder of a run, in another format; PNG if it does not use `save`."""
+    token = _drawn_anew.set((run, suffix))
     try:
-        yield
+        with tempfile.TemporaryDirectory() as folder:
+            return draw(Path(folder)).read_bytes()
     finally:
-        _reported.reset(token)
+        _drawn_anew.reset(token)
+
+
+def is_png(picture: bytes) -> bool:
+    """Whether a picture is PNG."""
+    return picture.startswith(b"\x89PNG")
 
 
 def _add_beside(figure: Figure, run: Run) -> None:
@@ -183,13 +199,6 @@ def _add_beside(figure: Figure, run: Run) -> None:
         _prepare(axes, run.simulated)
 
 
-def save_in_new(figure: Figure, folder: Path, name: str) -> Path:
-    """As `save`, in a folder that is made if there is none."""
-    with storing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    return save(figure, folder, name)
-
-
 def write(figure: Figure, path: Path, dpi: int = 120) -> None:
     """Write a figure into a file, as PNG or SVG by its suffix, with its text for who cannot see it.
 
@@ -199,6 +208,8 @@ def write(figure: Figure, path: Path, dpi: int = 120) -> None:
 
     title, told = described(figure)
     vector = path.suffix == ".svg"
+    for artist in figure.findobj(_has_many) if vector else ():
+        artist.set_rasterized(True)
     about = {"Title": title, "Description": told} | ({"Date": None} if vector else {"Software": None})
     with storing(path), warnings.catch_warnings(), rc_context({"svg.hashsalt": "palpate"}):
         warnings.filterwarnings("ignore", "Creating legend with loc", UserWarning)  # comes on a busy machine
@@ -206,6 +217,16 @@ def write(figure: Figure, path: Path, dpi: int = 120) -> None:
         if vector:  # matplotlib writes <title>, and the text only into its metadata
             text = path.read_text(encoding="utf-8")
             path.write_text(text.replace("</title>", f"</title>\n <desc>{escape(told)}</desc>", 1), encoding="utf-8")
+
+
+def _has_many(artist: Artist) -> bool:
+    """Whether it is a line or a cloud of many points."""
+    from matplotlib.collections import Collection
+    from matplotlib.lines import Line2D
+
+    if isinstance(artist, Line2D):
+        return np.size(artist.get_xdata()) > MANY
+    return isinstance(artist, Collection) and max(np.shape(artist.get_offsets())[0], len(artist.get_paths())) > MANY
 
 
 def described(figure: Figure) -> tuple[str, str]:

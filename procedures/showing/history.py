@@ -10,13 +10,14 @@ from palpate.instrument.quantity import show_with_u
 from palpate.instrument.uncertainty.control_chart import DECISION, SHEWHART
 from palpate.procedures.engine.history import QuantityHistory, Series
 from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, write
+from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 
-def print_history(found: QuantityHistory, picture: Path | None) -> None:
+def print_history(found: QuantityHistory, picture: str | None) -> None:
     """Print a table for each series, with its drift and when a calibration is needed again."""
     for series in found.series:
         print_all(_table(found.quantity, series), *_lines(series))
@@ -45,6 +46,10 @@ def _lines(series: Series) -> list[str]:
     mean = abs(math.fsum(series.values) / len(series.values))
     share = f"{100 * series.drift.value / mean:+.2g} % a month, " if mean else ""
     unit = f" {series.conditions['unit']}".rstrip()
+    if series.too_short:
+        span, width = duration(series.span.total_seconds()), f"{series.drift.expanded():.2g}{unit}"
+        drift = f"drift          too short a span, {span}: within ± {width} a month (95 %)"
+        return [drift, "recalibrate    not known, for the same reason"]
     used = f"{series.tolerance:.2g}{unit} used up"
     due = "no drift is shown" if low <= 0 <= high else f"{series.due or 'not within a century'}, with {used}"
     return [

@@ -6,14 +6,13 @@ import base64
 import html
 import itertools
 import re
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.procedures.console.terminal import clean
-from palpate.procedures.showing.figure import saved_as_svg
-from palpate.procedures.showing.text import LABEL, STAMP, blocks
+from palpate.procedures.showing.figure import MANY, drawn_anew, is_png
+from palpate.procedures.showing.text import LABEL, STAMP, blocks, shortened
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -22,6 +21,12 @@ PAPER = 116  # characters in a line of a table on A4
 INDENT = 24  # most characters of a label and the spaces behind it
 FOLDED = 30  # characters above which a cell may have several lines
 SHORT = 20  # lines of a table that stays on one page
+MOST = 200  # lines of a table of a run; of a longer one the first and the last are shown
+LEFT_OUT = (
+    "{:,} lines are left out here: palpate runs export RUN writes all points into a table, palpate runs show RUN --json"
+    " prints all points and events"
+)
+AS_PIXELS = "What has more than {:,} points is drawn as an image in this figure; no point is left out."
 STYLE = """
 @page { size: A4; margin: 14mm }
 body { font: 11pt/1.4 sans-serif; max-width: 182mm; margin: 2em auto; padding: 0 1em; color: #111 }
@@ -35,7 +40,7 @@ th, td { padding: 1px 5px; text-align: left; vertical-align: top; border-bottom:
 thead th { border-bottom: 1px solid #333; vertical-align: bottom; white-space: nowrap }
 .n { text-align: right } .s { white-space: nowrap }
 figure { margin: 1em 0; break-inside: avoid } figure svg, figure img { width: 100%; height: auto }
-p { margin: 0.4em 0; font-size: 9pt; overflow-wrap: anywhere }
+p, figcaption { margin: 0.4em 0; font-size: 9pt; overflow-wrap: anywhere }
 .warn { border-left: 4px solid #c00; padding-left: 0.6em }
 .stamp { color: #c00; font-weight: bold }
 .across { position: fixed; top: 40%; left: 0; width: 100%; text-align: center; font-size: 72pt; font-weight: bold;
@@ -75,7 +80,10 @@ def warning(text: str) -> str:
 
 
 def of_things(things: Iterable[object]) -> str:
-    """Tables and lines, as `print_all` takes them. Lines `label   text` that follow each other are one table."""
+    """Tables and lines, as `print_all` takes them. Lines `label   text` that follow each other are one table.
+
+    A table of more than `MOST` lines is cut in the middle, and says so.
+    """
     parts = []
     for labelled, group in itertools.groupby(things, lambda thing: _label(thing) > 0):
         if labelled:
@@ -83,7 +91,8 @@ def of_things(things: Iterable[object]) -> str:
             continue
         for thing in group:
             if getattr(thing, "columns", ()):
-                parts += [_table(part) for part in blocks(thing, PAPER)]  # type: ignore[arg-type]
+                table, left_out = shortened(thing, MOST)  # type: ignore[arg-type]
+                parts += [_table(part, left_out) for part in blocks(table, PAPER)]
             elif str(text := getattr(thing, "title", "") if hasattr(thing, "columns") else thing).strip():
                 parts.append(f"<p>{escaped(text)}</p>\n")
     return "".join(parts)
@@ -101,13 +110,13 @@ def pairs(rows: Iterable[tuple[object, object]]) -> str:
     return f"<table>\n<tbody>\n{''.join(lines)}</tbody>\n</table>\n" if lines else ""
 
 
-def rows(heads: Sequence[str], lines: Iterable[Sequence[object]], caption: str = "") -> str:
-    """A table of texts; nothing if it has no line."""
+def rows(heads: Sequence[str], lines: Iterable[Sequence[object]], caption: str = "", left_out: int = 0) -> str:
+    """A table of texts, with so many lines left out in its middle; nothing if it has no line."""
     body = [f"<tr>{''.join(_cell(str(cell)) for cell in line)}</tr>\n" for line in lines]
-    return _with_head(caption, [(head, "") for head in heads], body) if body else ""
+    return _with_head(caption, [(head, "") for head in heads], body, left_out) if body else ""
 
 
-def _table(table: Table) -> str:
+def _table(table: Table, left_out: int) -> str:
     """A table of rich."""
     sides = ["n" if column.justify == "right" else "" for column in table.columns]
     body = []
@@ -116,10 +125,13 @@ def _table(table: Table) -> str:
     title = "" if table.title is None else str(table.title)
     heads = [(str(column.header), side) for column, side in zip(table.columns, sides, strict=True)]
     below = f"<p>{escaped(table.caption)}</p>\n" if table.caption else ""
-    return _with_head(title, heads, body) + below
+    return _with_head(title, heads, body, left_out) + below
 
 
-def _with_head(caption: str, heads: Iterable[tuple[str, str]], body: Sequence[str]) -> str:
+def _with_head(caption: str, heads: Sequence[tuple[str, str]], body: list[str], left_out: int) -> str:
+    if left_out:
+        told = escaped(LEFT_OUT.format(left_out))
+        body.insert(len(body) // 2, f'<tr><td colspan="{len(heads)}"><em>{told}</em></td></tr>\n')
     cells = "".join(f"<th{_class(side)}>{'<br>'.join(map(escaped, head.split(chr(10))))}</th>" for head, side in heads)
     said = f"<caption>{escaped(caption)}</caption>\n" if caption else ""
     short = _class("short" if len(body) <= SHORT else "")
@@ -146,12 +158,12 @@ def figure(draw: Callable[[Path], Path], run: Path, name: str) -> str:
 
     `name` is unlike those of other figures on the page. The figure's title and description are its alternative text.
     """
-    with tempfile.TemporaryDirectory() as folder, saved_as_svg(run):
-        content = draw(Path(folder)).read_bytes()
-    if content.startswith(b"\x89PNG"):
+    content = drawn_anew(draw, run, ".svg")
+    if is_png(content):
         data = base64.b64encode(content).decode()
         return f'<figure><img src="data:image/png;base64,{data}" alt="Plot of {escaped(name)}"></figure>\n'
     own = re.sub(r"\W", "-", name)
     drawn = _IDS.sub(rf"\g<1>{own}-", _GONE.sub("", content.decode())).strip()
     drawn = drawn.replace("<svg ", '<svg role="img" ', 1)
-    return f"<figure>{drawn}</figure>\n"
+    told = f"<figcaption>{AS_PIXELS.format(MANY)}</figcaption>" if "<image " in drawn else ""
+    return f"<figure>{drawn}{told}</figure>\n"

@@ -16,18 +16,29 @@ from palpate.instrument.errors import PalpateError, UsageError
 from palpate.instrument.quantity import show, show_with_u
 from palpate.procedures.console.drawing import load_matplotlib
 from palpate.procedures.engine.catalogue import procedure_class
-from palpate.procedures.engine.difference import Difference, check_alike, differences
-from palpate.procedures.engine.limits import LimitsFile
+from palpate.procedures.engine.difference import (
+    BY_CHANCE,
+    FAR,
+    GREATEST,
+    ComparedPoints,
+    Difference,
+    PointDifference,
+    check_alike,
+    compared_points,
+    differences,
+)
+from palpate.procedures.engine.limits import LimitsFile, number_columns
 from palpate.procedures.engine.recorded import RecordedResult, result_of
 from palpate.procedures.engine.settings import asked_of, shown
 from palpate.procedures.engine.verdict import Judgement, judge
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.run import Run, storing, telling_damage
 from palpate.procedures.showing.budget import show_budgets
-from palpate.procedures.showing.page import figure, of_things, page, pairs, rows, section, warning
+from palpate.procedures.showing.figure import drawn_anew, is_png
+from palpate.procedures.showing.page import MOST, figure, of_things, page, pairs, rows, section, warning
 from palpate.procedures.showing.points import show_result
 from palpate.procedures.showing.runs import facts, shown_points
-from palpate.procedures.showing.text import legend
+from palpate.procedures.showing.text import ends, legend, number
 from palpate.procedures.showing.verdicts import show_verdicts
 from palpate.procedures.steps.beside import sentence
 from palpate.procedures.steps.flags import FLAGS
@@ -46,6 +57,12 @@ SHARED = (
 )
 
 
+INDEPENDENT = (
+    "Points of the same step are compared in their order, by the u of each, as if the runs shared nothing. What they do"
+    " share, such as a calibration, makes differences smaller, so that fewer are beyond 2 u."
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Reported:
     """A run for its report.
@@ -53,6 +70,7 @@ class Reported:
     Attributes:
         folder: its folder.
         run: the run; of a damaged one, what was salvaged.
+        points: its points, as they are stored.
         facts: what it says of itself, by names.
         faults: what is damaged.
         found: its result; None: there is none.
@@ -62,6 +80,7 @@ class Reported:
 
     folder: Path
     run: Run
+    points: list[dict[str, Any]]
     facts: Mapping[str, str]
     faults: Sequence[str]
     found: RecordedResult | None
@@ -109,16 +128,17 @@ def reported(folders: Iterable[Path], limits: LimitsFile | None = None) -> Itera
                 raise UsageError(f"{folder} is damaged, so it cannot be judged; leave out --limits")
             told = {"folder": str(folder.absolute()), **facts(run, run.digest(), run.signal_digest())}
             judged = judge(run, limits) if limits else None
-            found.append(Reported(folder.absolute(), run, told, faults, *_result(run), judged))
+            points = run.points()
+            found.append(Reported(folder.absolute(), run, points, told, faults, *_result(run, points), judged))
         check_alike([each.run for each in found])
         yield found
 
 
-def _result(run: Run) -> tuple[RecordedResult | None, str]:
-    if not run.points():
+def _result(run: Run, points: list[dict[str, Any]]) -> tuple[RecordedResult | None, str]:
+    if not points:
         return None, "it has no point"
     try:
-        found = result_of(run)
+        found = result_of(run, points)
     except PalpateError as error:
         return None, f"its points give no result: {error}"
     except Exception as error:  # a package's procedure can fail in any way, and the points are shown all the same
@@ -131,20 +151,20 @@ def _result(run: Run) -> tuple[RecordedResult | None, str]:
 # --- the page ------------------------------------------------------------------------------------------
 
 
-def report_page(reports: Sequence[Reported]) -> str:
-    """The page of one run, or that which compares several."""
+def report_page(reports: Sequence[Reported], comparisons: Sequence[Comparison]) -> str:
+    """The page of one run, or that of several with their comparisons."""
     load_matplotlib()
     first, *others = reports
     simulated = any(each.run.simulated for each in reports)
     if not others:
         return page(f"{first.run.procedure}: {first.folder.name}", simulated, _sections(first, 1, 2))
-    parts = [section("Comparison", _comparison(reports))]
-    for number, each in enumerate(reports, 1):
-        parts.append(section(f"Run {number}: {each.folder.name}", _sections(each, number, 3)))
+    parts = [section("Comparison", _comparison(reports, comparisons))]
+    for order, each in enumerate(reports, 1):
+        parts.append(section(f"Run {order}: {each.folder.name}", _sections(each, order, 3)))
     return page(f"{first.run.procedure}: {len(reports)} runs compared", simulated, parts)
 
 
-def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
+def _sections(each: Reported, order: int, level: int) -> Iterator[str]:
     run, found = each.run, each.found
     header: Mapping[str, Any] = run.header
     if each.warning:
@@ -155,11 +175,11 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
 
     yield told("Run", pairs(each.facts.items()))
     if found is not None:
-        yield told("Result", *_shown(found, run.folder, f"{run.procedure} {number}"))
+        yield told("Result", *_shown(found, run.folder, f"{run.procedure} {order}"))
     if each.judged is not None:
         yield told("Verdicts", of_things(show_verdicts(each.judged, run.simulated)))
     yield told("Uncertainty budgets", of_things(show_budgets(each.budgets, run.simulated)))
-    line, table = shown_points(run)
+    line, table = shown_points(run, each.points)
     yield told("Points as recorded", of_things([line, table, *legend(table, marks=FLAGS)]))
     beside = () if found is None else found.outcome.get("beside", ())
     sources = ((each["name"], f"{sentence(each)}, {each['field']} of {each['device']}") for each in beside)
@@ -169,8 +189,9 @@ def _sections(each: Reported, number: int, level: int) -> Iterator[str]:
     yield told("Devices", rows(("device", "serial number"), [(name, serials[name] or "-") for name in serials]))
     heads = ("calibration of", "source", "device", "created", "expires", "SHA-256", "rests on")
     yield told("Calibrations", rows(heads, _calibrations(header)))
-    events = [(f"{event['bench_ns'] / 1e9:z.1f}", event["kind"], event["message"]) for event in run.events()]
-    yield told("Incidents and other events", rows(("bench time s", "kind", "what"), events))
+    kept, left_out = ends(run.events(), MOST)
+    events = [(f"{event['bench_ns'] / 1e9:z.1f}", event["kind"], event["message"]) for event in kept]
+    yield told("Incidents and other events", rows(("bench time s", "kind", "what"), events, left_out=left_out))
     yield told("Software", pairs(_software(header).items()))
 
 
@@ -231,24 +252,56 @@ def _part(header: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
+def draw_run(of: Reported, file: Path) -> None:
+    """Draw the figure of a run into a new file.
+
+    Raises UsageError: it has none, or none of this format; RecordError: the file cannot be written.
+    """
+    if of.found is None or of.found.report is None:
+        raise UsageError(f"{of.folder} has no figure: {of.why or 'its procedure draws none'}")
+    load_matplotlib()
+    picture = drawn_anew(of.found.report.draw, of.run.folder, file.suffix)
+    if file.suffix == ".svg" and is_png(picture):
+        raise UsageError(f"{of.run.procedure} draws its figure as PNG alone; choose an --out that ends in .png")
+    with storing(file):
+        file.write_bytes(picture)
+
+
 # --- the comparison ------------------------------------------------------------------------------------
 
 
-def compared(reports: Sequence[Reported]) -> list[list[Difference]]:
-    """The differences of each further run from the first."""
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A run compared with the first: their results, and their points; None: one of both gives no result."""
+
+    results: Sequence[Difference]
+    points: ComparedPoints | None
+
+
+def compared(reports: Sequence[Reported]) -> list[Comparison]:
+    """Each further run compared with the first."""
     first, *others = reports
-    return [list(differences(first.budgets, each.budgets)) for each in others]
+    found = []
+    for each in others:
+        points = None
+        if first.found is not None and each.found is not None:
+            columns = number_columns(procedure_class(first.run.procedure).point)
+            points = compared_points(columns, first.found.asked, first.points, each.points)
+        found.append(Comparison(list(differences(first.budgets, each.budgets)), points))
+    return found
 
 
-def _comparison(reports: Sequence[Reported]) -> Iterator[str]:
-    for number, found in enumerate(compared(reports), 2):
-        values = ("run 1", "u", f"run {number}", "u")
+def _comparison(reports: Sequence[Reported], comparisons: Sequence[Comparison]) -> Iterator[str]:
+    for order, found in enumerate(comparisons, 2):
+        values = ("run 1", "u", f"run {order}", "u")
         heads = ("quantity", *values, "difference", "u independent", "u shared", "± 95 %", "told apart")
-        caption = f"Run {number} less run 1"
+        caption = f"Run {order} less run 1"
         nothing = of_things([f"{caption}: no result of both has a budget."])
-        yield rows(heads, map(tuple, map(_row, found)), caption) or nothing
+        yield rows(heads, map(tuple, map(_row, found.results)), caption) or nothing
     yield of_things([SHARED])
-    names = ["", *(f"run {number}" for number in range(1, len(reports) + 1))]
+    for order, found in enumerate(comparisons, 2):
+        yield from _points_of(order, found.points)
+    names = ["", *(f"run {which}" for which in range(1, len(reports) + 1))]
     yield rows(names, _side_by_side(reports), "The runs")
 
 
@@ -260,6 +313,32 @@ def _row(each: Difference) -> Iterator[str]:
     yield show_with_u(each.shared.value, max(u), unit)[0]
     yield from (show(value, unit, 2) for value in (*u, each.half_width))
     yield "yes" if each.told_apart else "no"
+
+
+def _points_of(order: int, found: ComparedPoints | None) -> Iterator[str]:
+    """The points of a run beside those of the first."""
+    caption = f"Points of run {order} less those of run 1"
+    if found is None or not found.differences:
+        yield of_things([f"{caption}: none of both are of one step and have an uncertainty."])
+        return
+    many, greatest = len(found.differences), found.differences[:GREATEST]
+    step = greatest[0].step
+    heads = (*step, "quantity", "run 1", "u", f"run {order}", "u", "difference", "u", "in u")
+    yield rows(heads, map(_point_row, greatest), caption + (", the greatest ones" if many > GREATEST else ""))
+    alone = " and ".join(f"{count:,} of run {which}" for count, which in zip(found.alone, (1, order), strict=True))
+    yield of_things(
+        [
+            f"Beyond {FAR:g} u are {found.far:,} of {many:,} values of points; by chance alone some"
+            f" {BY_CHANCE * many:,.0f} would be. {alone} have none of the same step beside them. {INDEPENDENT}"
+        ]
+    )
+
+
+def _point_row(each: PointDifference) -> list[str]:
+    told = (show_with_u(of.value, of.u, each.unit) for of in (each.first, each.other))
+    values = [text for pair in told for text in pair]
+    difference = show_with_u(each.value, each.u, each.unit)
+    return [*map(number, each.step.values()), each.quantity, *values, *difference, f"{each.in_u:+.1f}"]
 
 
 def _side_by_side(reports: Sequence[Reported]) -> Iterator[list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -81,7 +82,7 @@ def _unfinished(what: str) -> dict[str, str]:
 
 def print_run(run: Run, digest: str, signal_digest: str, unfinished: str) -> None:
     """Print header, points and events of a run."""
-    line, table = shown_points(run)
+    line, table = shown_points(run, run.points())
     print_all(
         stamped(run.simulated, str(run.folder)),
         *(f"{name:<12} {text}" for name, text in facts(run, digest, signal_digest).items()),
@@ -114,17 +115,18 @@ def facts(run: Run, digest: str, signal_digest: str) -> dict[str, str]:
     }
 
 
-def shown_points(run: Run) -> tuple[str, Table]:
+def shown_points(run: Run, stored: Iterable[dict[str, Any]]) -> tuple[str, Table]:
     """A line with what is the same at all points of a run, and a table of their other values."""
-    points = [_flagged(point) for point in run.points()]
+    points = list(map(_flagged, stored))
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
-    same = [k for k in columns if len(points) > 1 and len({number(point[k]) for point in points}) == 1]
+    cells = {k: [number(point[k]) for point in points] for k in columns}
+    same = [k for k, told in cells.items() if len(points) > 1 and told.count(told[0]) == len(told)]
     same = [k for k in same if k != "flags" or points[0][k] is None]
     columns = [k for k in columns if k not in same]
     table = new_table(stamped(run.simulated, f"{run.procedure}: {counted(len(points), 'point')}"), *columns)
-    for point in points:
-        table.add_row(*(number(point[column]) for column in columns))
-    told = ", ".join(f"{k} {number(points[0][k])}" for k in same) or "-"
+    for row in zip(*(cells[column] for column in columns), strict=True):
+        table.add_row(*row)
+    told = ", ".join(f"{k} {cells[k][0]}" for k in same) or "-"
     return f"each point   {told}", table
 
 

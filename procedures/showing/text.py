@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from palpate.procedures.console.terminal import console
 from palpate.procedures.steps.beside import sentence
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.session import Outcome
 
 
+T = TypeVar("T")
 STAMP = "SIMULATED"
 PIPE_WIDTH = 80  # columns if the output is no terminal
 WIDEST = 100_000  # columns, more than any table has
@@ -70,6 +72,22 @@ def new_table(title: Text | None, *columns: str) -> Table:
     return table
 
 
+def ends(lines: Sequence[T], most: int) -> tuple[list[T], int]:
+    """The first and last of some lines, `most` together, and how many are left out between them."""
+    if len(lines) <= most:
+        return [*lines], 0
+    return [*lines[: most // 2], *lines[-(most // 2) :]], len(lines) - 2 * (most // 2)
+
+
+def shortened(table: Table, most: int) -> tuple[Table, int]:
+    """A table of the first and last lines of a table, `most` together, and how many are left out between them."""
+    if table.row_count <= most:
+        return table, 0
+    part = _part(table, range(len(table.columns)), most)
+    part.title, part.caption = table.title, table.caption
+    return part, table.row_count - part.row_count
+
+
 def blocks(table: Table, width: int) -> list[Table]:
     """The table; where it is wider than some columns, several tables that share its first columns.
 
@@ -107,9 +125,10 @@ def _least_widths(table: Table) -> list[int]:
     return [(measure.maximum if whole else measure.minimum) - 1 for measure, whole in found]
 
 
-def _part(table: Table, columns: Sequence[int]) -> Table:
+def _part(table: Table, columns: Sequence[int], most: int = sys.maxsize) -> Table:
+    """Some columns of a table, with the first and last of its lines, `most` together."""
     part = new_table(None, *(str(table.columns[i].header) for i in columns))
-    cells = [list(table.columns[i].cells) for i in columns]
+    cells = [ends([*table.columns[i].cells], most)[0] for i in columns]
     for own, i in zip(part.columns, columns, strict=True):
         own.justify, own.no_wrap = table.columns[i].justify, table.columns[i].no_wrap
     for row in zip(*cells, strict=True):

@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any, Self
 
 from palpate.procedures.console.progress import Progress
-from palpate.procedures.showing.figure import new_figure, save_in_new
+from palpate.procedures.showing.figure import new_figure, write
 from palpate.procedures.showing.text import new_table, print_all, stamped
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.prices import PRICE, PRICE_OF
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.weights import DRAWS, Subset, Weight, front, nested, weigh
-
-PLOT = "scene.png"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +63,7 @@ class SceneFront:
         }
 
 
-def print_front(found: SceneFront, plot: Path | None) -> None:
+def print_front(found: SceneFront, plot: str | None) -> None:
     """Print a line for each subset, with what was left out since the line before."""
     title = f"scene {found.scene}, sample {found.question.sample}: fewer effects, less time"
     table = new_table(
@@ -90,10 +88,10 @@ def print_front(found: SceneFront, plot: Path | None) -> None:
     )
 
 
-def plot_front(found: SceneFront, folder: Path) -> Path:
-    """Draw `scene.png` in a folder: a row for each subset, with its changes on the left and its time on the right.
+def plot_front(found: SceneFront, file: Path) -> None:
+    """Draw into a file: a row for each subset, with its changes on the left and its time on the right.
 
-    Raises RecordError: the folder or the file cannot be written.
+    Raises RecordError: the file cannot be written.
     """
     title = f"scene {found.scene}, sample {found.question.sample}: one effect after the other left out"
     figure, (left, right) = new_figure(True, 2, title)
@@ -114,4 +112,4 @@ def plot_front(found: SceneFront, folder: Path) -> Path:
     right.set_yticks(rows, [""] * len(found.tried))
     for axes in (left, right):
         axes.set_ylim(len(found.tried) - 0.4, -0.6)
-    return save_in_new(figure, folder, PLOT)
+    write(figure, file)

@@ -92,7 +92,7 @@ def test_the_front_leaves_out_what_is_neither_nearer_nor_quicker() -> None:
 
 @pytest.mark.slow
 def test_the_command_shows_each_subset_and_draws_it(palpate: Palpate, scene: str) -> None:
-    found = palpate("accuracy", "scene", scene, "--out", "prices", "--json").object
+    found = palpate("accuracy", "scene", scene, "--out", "prices.svg", "--json").object
     assert [each["name"] for each in found["effects"]] == list(read_scene(scene).effects)
     assert len(found["subsets"]) == 5
     assert found["subsets"][0]["front"] in (True, False)

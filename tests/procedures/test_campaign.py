@@ -280,6 +280,15 @@ def test_what_needs_a_step_that_does_not_pass_its_limits_is_left_out(
         assert [rows[name]["why"] for name in ("after", "last")] == ["sweep did not pass", "after did not pass"]
     said = palpate("campaign", file, "--out", "one")
     assert (said.status, verdict in said.out) == (status, True)
+    assert said.out.splitlines()[0] == "SIMULATED Campaign nightly"
+
+
+def test_the_settings_of_a_step_are_named_as_the_options_of_its_command(palpate: Palpate) -> None:
+    step = 'name = "one"\n[step.stiff]\nprocedure = "measure-modulus"\nsettings = {{ {} = "4", time = "2 min" }}\n'
+    Path("one.toml").write_text(step.format("sample"), encoding="utf-8")
+    assert palpate("campaign", "one.toml", "--dry-run", "--json").object["steps"][0]["due"] is True
+    Path("one.toml").write_text(step.format("object"), encoding="utf-8")
+    assert "unknown setting of measure-modulus 'object'" in palpate("campaign", "one.toml", "--dry-run").err
 
 
 @pytest.mark.parametrize(

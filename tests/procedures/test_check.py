@@ -76,7 +76,7 @@ def longer(folder: Path) -> None:
 
 POINT_2 = b'{"bench_ns":2000'
 DAMAGES: list[tuple[str, Damage, str, list[str]]] = [
-    ("a sample", flip(2, "rigid", 50), "'rigid' of point 2 is not", ["1 of 2 waveforms of point 2, left: total"]),
+    ("a sample", flip(2, "rigid", 50), "'rigid' of point 2 is not", ["waveform rigid of point 2, left: total"]),
     ("a point's data", near(POINT_2, before=-3), "point 2 is not as it was written", ["point 2"]),
     ("a point's length", near(POINT_2, before=36), "some of its 18 rows are", ["point 2"]),
     ("the hash before", near(POINT_2, before=9), "some of its 18 rows are", ["point 2"]),
@@ -84,13 +84,13 @@ DAMAGES: list[tuple[str, Damage, str, list[str]]] = [
         "a waveform's number",
         near(b'{"first":0', before=60),
         "of its 18 rows",
-        ["1 of 2 waveforms of point 1, left: total"],
+        ["waveform rigid of point 1, left: total"],
     ),
     ("the header", near(b'{"format"', before=-9), "the header is not", ["the header", "'procedure'", "'started'"]),
     ("the magic bytes", near(b'{"format"', before=80), "its first row", ["the header", "'procedure'", "'started'"]),
     ("the event", near(b"clipped"), "event 1 is not as it was", ["event 1"]),
     ("the summary", near(b'"force_ratio"'), "the status is not as it was written", ["the status or the summary"]),
-    ("a block", near(POINT_2, zeros=512), "of its 18 rows", ["point 2", "1 of 2 waveforms of point 3, left: total"]),
+    ("a block", near(POINT_2, zeros=512), "of its 18 rows", ["point 2", "waveform rigid of point 3, left: total"]),
     ("the end", cut(1), "some of its 18 rows are", ["the status or the summary"]),
     ("the tail", cut(700), "some of its 18 rows are", ["point 5", "event 1"]),
     ("an entry of the head", near(b"\x89PAL", zeros=8, file=HEAD_FILE), "run.head is not as it was written", []),
@@ -111,8 +111,10 @@ def test_damage_is_named_and_every_whole_point_is_salvaged(
 def salvaged(run: Path, out: Path, fault: str, gone: list[str], summary: Mapping[str, object]) -> None:
     """What a check says, and what a repair brings back: every point but those that are said to be gone."""
     bytes_before = bytes_of(run)
-    assert fault in " ".join(check(run).faults)
+    found = check(run)
+    assert fault in " ".join(found.faults)
     done = repair(run, out)
+    assert (found.points, found.waveforms) == (done.points, done.waveforms)
     assert bytes_of(run) == bytes_before
     assert len(done.gone) == len(gone)
     assert all(part in said for part, said in zip(gone, done.gone, strict=True))

@@ -204,6 +204,37 @@ def test_a_run_of_a_time_to_come_is_refused(palpate: Palpate) -> None:
     assert len(series(palpate, "--where", "started <= 2026-01-01")[0]["runs"]) == 4
 
 
+def test_a_run_that_began_before_its_calibration_was_made_is_left_out(palpate: Palpate) -> None:
+    monthly(*STEADY, calibration={"created": "2025-01-10T08:00:00+00:00"})
+    stored("back", 3.5, 0.3, calibration={"created": "2025-01-10T08:00:00+00:00"})
+    stored("odd", 3.6, 0.3, calibration={"created": "not recorded"})
+    assert len(series(palpate)[0]["runs"]) == 6
+    stored("set-back", 3.7, 0.3, film_calibration={"created": "2026-01-10T08:00:00+00:00"})
+    (left,) = palpate("history", RATIO, "--json").object["left_out"]
+    assert left["run"] == "set-back" and "film calibration" in left["why"] and "clock was set back" in left["why"]
+
+
+def test_runs_within_seconds_tell_no_drift_of_a_month(palpate: Palpate) -> None:
+    minute = 60 / MONTH.total_seconds()
+    for number, value in enumerate((0.3, 0.301, 0.2995)):
+        stored(f"run-{number}", minute * number, value)
+    (found,) = series(palpate)
+    assert found["span_s"] == 120
+    assert {found[name] for name in found if name.startswith(("drift", "recalibrate"))} == {None}
+    said = palpate("history", RATIO).out
+    assert "too short a span, 2 min 00 s" in said and "recalibrate    not known" in said
+
+
+@pytest.mark.parametrize(("u", "tolerance", "told"), [(0.21, "1 %", True), (0.22, "1 %", False), (0.22, "0.31", True)])
+def test_a_drift_is_told_if_its_interval_is_within_the_value_or_the_tolerance(
+    palpate: Palpate, u: float, tolerance: str, told: bool
+) -> None:
+    """Of runs a month and two apart, the u of a line is theirs over the root of 2, and 95 % are 1.96 of it."""
+    monthly(0.3, 0.3, 0.3, u=u)
+    (found,) = series(palpate, "--tolerance", tolerance)
+    assert (found["drift_high"] is not None) is told
+
+
 @pytest.mark.parametrize(("tolerance", "why"), [("0", "not above 0"), ("1 N", "plain number"), ("200 %", "200 %")])
 def test_a_tolerance_that_cannot_be_one_is_refused(palpate: Palpate, tolerance: str, why: str) -> None:
     monthly(*STEADY)

@@ -74,7 +74,8 @@ def test_a_certificate_is_a_digital_calibration_certificate_by_schema_and_rules_
     assert values[0] == result["sensitivity_mV_per_N"]
     assert expanded[0] / factors[0] == pytest.approx(result["sensitivity_u"])
     contents = [each.text for each in root.iter(f"{names['dcc']}content")]
-    assert "SIMULATED" in contents
+    assert "SIMULATED" in contents and "not measured" in contents
+    assert not [each for each in contents if each and each.endswith("-")]
     assert contents[2:5] == (["Soft & Co", "<b>", "C"] if about else ["not recorded"] * 3)
     assert root.findtext(f".//{names['dcc']}countryCodeISO3166_1") == ("DE" if about else "ZZ")
 

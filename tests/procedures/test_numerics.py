@@ -10,7 +10,7 @@ import pytest
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.price_list import stored
-from palpate.procedures.accuracy import arithmetic, numerics
+from palpate.procedures.accuracy import arithmetic
 from palpate.procedures.accuracy.numerics import BOUND, Task, Way, of_estimators, of_models
 from palpate.procedures.virtual import numerics as collecting
 from palpate.simulators.linear import integrators
@@ -99,10 +99,10 @@ def test_models_are_priced_as_callers_get_them_and_data_are_no_model() -> None:
 
 
 def test_the_command_joins_all_tasks_in_one_schema_with_a_picture(palpate: Palpate, tmp_path: Path) -> None:
-    said = palpate("accuracy", "numerics", "--json", "--out", str(tmp_path / "new"))
+    said = palpate("accuracy", "numerics", "--json", "--out", str(tmp_path / "new.svg"))
     assert said.err.startswith("palpate: note: measuring estimators, integrators and arithmetic takes about")
     found = said.object
-    assert found["machine"]["cpu"] == stored().machine.cpu and Path(found["plot"]).name == numerics.PLOT
+    assert found["machine"]["cpu"] == stored().machine.cpu and Path(found["plot"]) == tmp_path / "new.svg"
     assert Path(found["plot"]).exists()
     assert [task["clock"] for task in found["tasks"]] == ["processor", "bench", *["processor"] * 6]
     for task in found["tasks"]:

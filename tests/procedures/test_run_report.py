@@ -21,7 +21,7 @@ import palpate as package
 from palpate.extend import Recorder
 from tests.frozen.cells import PROCEDURES
 from tests.procedures.conftest import HEADER, Palpate
-from tests.runs import rehash
+from tests.runs import made, rehash
 from tests.shares import first_of
 
 SWEEP = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
@@ -33,7 +33,7 @@ VNU = Path(os.environ.get("NODE_PATH", "node_modules")) / "vnu-jar" / "build" / 
 class Page(HTMLParser):
     """The elements and the texts of a page, whose elements must be closed in order."""
 
-    VOID = frozenset({"meta", "img", "br", "path", "use"})
+    VOID = frozenset({"meta", "img", "br", "path", "use", "image"})
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -227,6 +227,56 @@ def test_a_report_has_the_verdicts_of_limits(palpate: Palpate, limit: str, verdi
     assert "Verdicts" in page.texts and verdict in page.texts
 
 
+# --- a run of many points ------------------------------------------------------------------------------
+
+
+def test_a_long_table_is_cut_in_the_middle_and_says_how_to_get_all(palpate: Palpate) -> None:
+    made(Path("run"), HEADER, (({"value": 1e3 + number}, {}) for number in range(1, 1301)))
+    page = read(palpate("runs", "report", "run", "--json").object["report"])
+    assert any("1300 points" in text for text in page.texts)
+    assert {"1001", "1100", "2201", "2300"} <= set(page.texts) and not {"1101", "2200"} & set(page.texts)
+    (told,) = (text for text in page.texts if "left out here" in text)
+    assert told.startswith("1,100 lines") and "palpate runs export" in told
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("drawing")
+def test_a_figure_of_many_points_is_an_image_of_all_of_them(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    run = package.read("run")
+    points = [{name: value for name, value in each.items() if name not in ("id", "bench_ns")} for each in run.points()]
+    made(Path("many"), run.header, ((points[number % len(points)], {}) for number in range(5000)))
+    report = Path(palpate("runs", "report", "many", "--json").object["report"])
+    page = read(report)
+    assert "image" in page.tags and all(link.startswith(("#", "data:image/png")) for link in page.links)
+    assert sum("is drawn as an image" in text for text in page.texts) == 1
+    assert report.stat().st_size < 1e6
+
+
+# --- the figure of a run -------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("drawing")
+def test_the_figure_of_a_run_is_drawn_anew_as_svg_or_png(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    for name, begin in (("plot.svg", b"<?xml"), ("plot.png", b"\x89PNG")):
+        found = palpate("runs", "plot", "run", "--out", name, "--json").object
+        assert found == {"run": str(Path("run").absolute()), "simulated": True, "warning": None} | {
+            "picture": str(Path(name).absolute())
+        }
+        assert Path(name).read_bytes().startswith(begin)
+    assert Path("plot.png").read_bytes() == Path("run/plot.png").read_bytes()
+    assert "plot.svg exists and is not overwritten" in palpate("runs", "plot", "run", "--out", "plot.svg").complaint
+    assert ".png or .svg" in palpate("runs", "plot", "run", "--out", "plot.pdf").complaint
+    assert Path(palpate("runs", "plot", "run").out.strip()).parent == Path("runs/plots").absolute()
+
+
+def test_a_run_without_a_figure_is_told_why(palpate: Palpate) -> None:
+    Recorder.create(Path("run"), HEADER).finish("complete", {})
+    said = palpate("runs", "plot", "run", "--out", "plot.svg").complaint
+    assert "has no figure: it has no point" in said and not Path("plot.svg").exists()
+
+
 # --- several runs --------------------------------------------------------------------------------------
 
 
@@ -268,6 +318,52 @@ def _shared_variance(one: dict[str, Any], other: dict[str, Any]) -> float:
             if number == 0 or a in contributions:  # a pair of kind B is in both
                 variance += 2 * each["coefficient"] * contributions[a] * contributions[b]
     return variance
+
+
+def test_points_are_compared_with_those_of_the_same_step_whatever_their_order(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    run = package.read("run")
+    stored = [{name: value for name, value in each.items() if name not in ("id", "bench_ns")} for each in run.points()]
+    changed = [dict(each) for each in reversed(stored)]
+    changed[1]["force_ratio"] += 3 * changed[1]["force_ratio_u"]
+    changed[2]["valid"] = False
+    extra = {**changed[0], "load_N": 5.0}
+    made(Path("other"), run.header, ((each, {}) for each in (*changed, extra)))
+    report = palpate("runs", "report", "run", "other", "--json").object
+    (found,) = report["points"]
+    first, *rest = found["greatest"]
+    assert first["step"] == {"sample": "2", "load_N": 2.0, "set": 1}
+    assert (first["quantity"], first["unit"]) == ("force_ratio", "")
+    assert first["in_u"] == pytest.approx(3 / math.sqrt(2)) and first["u"] == pytest.approx(2**0.5 * first["first_u"])
+    assert {each["difference"] for each in rest} == {0.0}
+    assert (found["compared"], found["alone"], found["beyond_2_u"]) == (12, [4, 4], 1)
+    assert found["by_chance"] == pytest.approx(12 * 0.0455, rel=1e-3)
+    texts = read(report["report"]).texts
+    assert "Points of run 2 less those of run 1" in texts and "+2.1" in texts
+    assert any("Beyond 2 u are 1 of 12 values" in text and "4 of run 1 and 4 of run 2" in text for text in texts)
+
+
+def test_the_points_of_one_step_are_compared_in_their_order_and_only_the_greatest_are_told(palpate: Palpate) -> None:
+    palpate(*SWEEP, "--out", "run")
+    run = package.read("run")
+    point = {name: value for name, value in run.points()[0].items() if name not in ("id", "bench_ns")}
+    for name, sign in (("one", 1), ("two", -1)):
+        points = ({**point, "load_measured_N": 2 + sign * 1e-3 * number} for number in range(40))
+        made(Path(name), run.header, ((each, {}) for each in points))
+    report = palpate("runs", "report", "one", "two", "--json").object
+    (found,) = report["points"]
+    assert [each["step"]["set"] for each in found["greatest"]] == list(range(40, 20, -1))
+    assert found["greatest"][0]["difference"] == pytest.approx(-0.078)
+    assert "Points of run 2 less those of run 1, the greatest ones" in read(report["report"]).texts
+
+
+def test_points_without_a_result_are_not_compared(palpate: Palpate) -> None:
+    header = {**HEADER, "procedure": "of-a-script"}
+    for name in ("one", "two"):
+        made(Path(name), header, [({"value": 1.0}, {})])
+    report = palpate("runs", "report", "one", "two", "--json").object
+    assert report["points"] == [None]
+    assert any("none of both are of one step" in text for text in read(report["report"]).texts)
 
 
 def test_a_run_compared_with_itself_differs_in_nothing(palpate: Palpate) -> None:

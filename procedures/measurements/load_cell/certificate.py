@@ -16,7 +16,7 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.durable import put_whole
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
-from palpate.procedures.measurements.load_cell.dcc import CertifiedQuantity, dcc
+from palpate.procedures.measurements.load_cell.dcc import TOLD, CertifiedQuantity, dcc
 from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
 from palpate.procedures.showing.page import page, pairs, rows, section
@@ -45,7 +45,7 @@ def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
     """
     run, quantities = Run.open(folder), _quantities(calibration)
     sections = _sections(run, calibration, quantities)
-    told = {each.heading: [(row[0], " ".join(row[1:])) for row in each.rows] for each in sections}
+    told = {each.heading: list(map(_told, each.rows)) for each in sections if each.heading in TOLD}
     texts = {
         "certificate.md": _markdown(calibration.simulated, sections),
         "certificate.html": page(TITLE, calibration.simulated, map(_html, sections)),
@@ -111,6 +111,12 @@ def _sections(run: Run, c: LoadCellCalibration, quantities: Sequence[CertifiedQu
             ("valid for", f"{c.least_N:.4g} to {c.greatest_N:.4g} N with this indicator at this gage factor"),
         ]),
     ]  # fmt: skip
+
+
+def _told(row: Sequence[str]) -> tuple[str, str]:
+    """A row of two or three cells in words: a name, then a value and its class, if they are known."""
+    name, *cells = row
+    return name, "; class: ".join(cell for cell in cells if cell != "-")
 
 
 def _quantities(c: LoadCellCalibration) -> list[CertifiedQuantity]:

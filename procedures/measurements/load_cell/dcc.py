@@ -29,6 +29,7 @@ UNITS = {
     "mV/N²": r"\milli\volt\newton\tothe{-2}",
 }  # of the SI as a DCC writes them
 NORMS = ("ISO 376", "ASTM E74")
+TOLD = ("Settings", "Conditions", "Classification", "Validity")  # sections that it tells in words
 Told = Iterable[tuple[str, str]]  # names and texts
 
 
@@ -54,7 +55,7 @@ def dcc(run: Run, device: str, quantities: Sequence[CertifiedQuantity], told: Ma
         run: the run, with its points.
         device: serial number of the load cell with its indicator.
         quantities: the results with their uncertainties.
-        told: names and texts of its "Settings", "Conditions", "Classification" and "Validity".
+        told: names and texts of the sections `TOLD`.
     """
     serials: Any = run.header["devices"]
     settings = "; ".join(f"{name}: {text}" for name, text in told["Settings"])
