@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from palpate.instrument.allocation.lines import MOST_FREEDOM, BudgetLine, Costs, RepeatUnit, budget, half_widths
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import as_typed, counted
+from palpate.instrument.quantity import LARGEST_SHARE, as_typed, counted, plus_minus, rounded_up
 from palpate.instrument.uncertainty.budget import Floats
 
 Numbers = npt.NDArray[np.int64]
@@ -88,14 +88,18 @@ class OutOfReach(RangeError):
         best: the least half-width of all plans.
         floor: half-width that no number of mountings and sets lowers.
         binds: name of the line that binds: the largest of what nothing lowers, or else of the best plan.
+        why: why no plan reaches it, for people; rounded as the best is, to which it may be equal.
     """
 
     def __init__(self, tolerance: float, best: Allocation, floor: float, binds: str) -> None:
-        why = f"{binds} leaves ± {floor:.3g}, which no longer run lowers"
-        if floor < tolerance:
-            why = f"{binds} binds, and a run has {counted(best.sets, 'load set')} at most"
-        super().__init__(f"± {tolerance:.3g} cannot be reached: {why}; ± {best.half:.3g} can")
         self.best, self.floor, self.binds = best.half, floor, binds
+        if floor >= tolerance:
+            least = rounded_up(floor) if floor <= LARGEST_SHARE else floor
+            self.why = f"{binds} leaves {plus_minus(least)}, which no longer run lowers"
+        else:
+            mountings = f" and {MOST_MOUNTINGS} mountings" if best.mountings > 1 else ""
+            self.why = f"{binds} binds, and a run has {MOST_SETS:,} load sets{mountings} at most"
+        super().__init__(f"± {100 * tolerance:.3g} % cannot be reached: {self.why}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +224,8 @@ class Table:
         best = self.row(int(np.argmin(self.half)))
         way = max(self.ways, key=lambda each: each.load)
         fixed = [line for line in way.lines if line.per is RepeatUnit.NOTHING]
-        floor = budget(fixed, 1, 1, 1).expanded() if fixed else 0.0
+        # Alone these have fewer effective degrees of freedom than with noise beside them, and so a wider interval.
+        floor = min(budget(fixed, 1, 1, 1).expanded(), best.half) if fixed else 0.0
         binds = max(fixed, key=lambda line: line.u).name if fixed and floor >= tolerance else best.binds
         return OutOfReach(tolerance, best, floor, binds)
 

@@ -22,7 +22,7 @@ from palpate.instrument.findings.object_modulus import COVERAGE, estimate
 from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
-from palpate.instrument.quantity import plus_minus, show
+from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Between, Budget, Component, between_groups
 from palpate.procedures.engine.plan import expected_noise, noise_of
@@ -279,10 +279,7 @@ class Course:
         try:
             found = enough(lines, self.costs, tolerance, plan, slope, ratios)
         except OutOfReach as error:
-            why = "by the scatter that was found no time on the bench is enough"
-            if error.floor >= tolerance:
-                why = f"{error.binds} leaves {plus_minus(error.floor)}, which no set lowers"
-            return StoppingVerdict(plan.mountings, plan.sets, why)
+            return StoppingVerdict(plan.mountings, plan.sets, f"by the scatter that was found {error.why}")
         asked, each = plan.mountings, plan.sets // plan.mountings
         missing = asked - sum(len(sets) >= each for sets in ratios)  # one that was interrupted does not count
         if self.wanted.mountings is None or missing <= 0:

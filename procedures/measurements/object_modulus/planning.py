@@ -46,13 +46,13 @@ from palpate.instrument.findings.object_modulus import (
 from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import Validation, ValidationLine, validate
-from palpate.instrument.quantity import LARGEST_TOLERANCE, as_asked, as_typed, counted, plus_minus, show
+from palpate.instrument.quantity import LARGEST_TOLERANCE, as_asked, as_typed, counted, plus_minus, rounded_up, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target
-from palpate.procedures.measurements.prospects import MOST, rounded_up, share
+from palpate.procedures.measurements.prospects import MOST, share
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_frequency, preload_for
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, settling_length
@@ -661,10 +661,8 @@ class ModulusPlans:
     def refused(self, error: OutOfReach) -> RangeError:
         """The refusal of a tolerance that no plan reaches."""
         wanted, found, tolerance = self.wanted, self.found, self.wanted.tolerance or 0.0
-        why = f"{error.binds} leaves {plus_minus(error.floor)}, which no longer run lowers"
-        if error.floor < tolerance:
-            why = f"{error.binds} binds, and a run has {MOST_SETS:,} load sets and {MOST_MOUNTINGS} mountings at most"
-        elif error.binds == VALIDATION:
+        why = error.why
+        if error.binds == VALIDATION and error.floor >= tolerance:
             why = f"the model binds: {why} ({found.validation.source})"
         best = plus_minus(error.best)
         if error.best < LARGEST_TOLERANCE:
