@@ -250,7 +250,7 @@ MOST_UNKNOWNS = 1400  # displacements, so that a dense solution takes less than 
 # Worst is an object of Poisson ratio 0.4999, 23 mm thick. The reference has 14 digits there (refined by residuals in 80
 # bits), and palpate 12 at 0.495, where nothing is extrapolated: with half the LEAST_COMPLIANCE, 13 times less is lost.
 DENSE_DIGITS = 6.0
-KEEPS_VOLUME = "; fewest digits where an object keeps its volume, whose pressure palpate extrapolates to the fourth order"
+KEEPS_VOLUME = "; fewest digits where an object keeps its volume: palpate extrapolates its pressure to the fourth order"
 SENSORS = 10  # in each of two cases
 
 
