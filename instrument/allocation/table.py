@@ -31,7 +31,6 @@ MOST_MOUNTINGS = 60  # of a plan that chooses their number
 STEP = 1.02  # ratio of neighbouring numbers of sets
 PARTS = 25  # of equal probability, at whose middles it is asked how much sets may scatter
 PREFERRED = 1.02  # what a plan with the greatest load may cost over one with a smaller load
-SHORTEST = 0.1  # s, the usual least dwell of a set: one period at 10 Hz
 LONGER = 12  # times that a dwell is doubled at most, from the shortest one on
 PAYS = 0.05  # share of noise in the scatter of a set below which a longer dwell buys nothing
 ROUNDING = 1e-9
@@ -273,21 +272,6 @@ def dwells(
     while len(found) <= LONGER and of_second / found[-1] > PAYS * of_set:
         found.append(whole(2 * found[-1]))
     return found
-
-
-def allocate(
-    lines: Sequence[BudgetLine],
-    costs: Costs,
-    tolerance: float,
-    between: Sequence[float] = (SHORTEST,),
-    *,
-    rounds: int = 1,
-    fewest: int = FIRST,
-    most: int = MOST_SETS,
-) -> Allocation:
-    """The quickest plan of one mounting for a tolerance, with one of some dwells [s]; raises as `for_tolerance`."""
-    ways = [RunOption(lines, costs, dwell) for dwell in between]
-    return Table.of(ways, rounds=rounds, fewest=fewest, most=most).for_tolerance(tolerance)
 
 
 def first_of(each: Numbers) -> Numbers:

@@ -12,8 +12,7 @@ import numpy.typing as npt
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGES
 from palpate.instrument.quantity import parse
 from palpate.instrument.signals.estimate import amplitudes
-from palpate.procedures.accuracy.measure import seconds_of
-from palpate.procedures.accuracy.numerics import Task, Way
+from palpate.procedures.accuracy.numerics import Task, Way, seconds_of
 
 Floats = npt.NDArray[np.float64]
 Real = Literal["float32", "float64"]

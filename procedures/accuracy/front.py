@@ -99,7 +99,7 @@ class FrontPoint:
             "person_s": person * self.plan.times.mountings,
             "reached_by": self.plan.times.enough,
             "U95": plan.half,
-            "load_N": self.plan.load,
+            "load_N": plan.load,
             "mountings": plan.mountings,
             "sets": plan.sets,
             "dwell_s": plan.dwell,
@@ -282,9 +282,9 @@ def _in_time(plans: ModulusPlans, rows: Sequence[int], seconds: float) -> float 
 def costs_for(plans: ModulusPlans, prospect: Prospect) -> list[CauseCost]:
     """One row for each cause; shares add up to 1, and bench times to the mean time of the plan."""
     plan, design, found, wanted = prospect.allocation, plans.design, plans.found, plans.wanted
-    costs = costs_of(prospect.load, wanted.frequency, wanted.mounts)
+    costs = costs_of(plan.load, wanted.frequency, wanted.mounts)
     cycles = round(plan.dwell * wanted.frequency)
-    lines = lines_of(design, found, prospect.load, wanted, not wanted.relative, cycles)
+    lines = lines_of(design, found, plan.load, wanted, not wanted.relative, cycles)
     reached = budget(lines, plan.mountings, plan.sets, plan.dwell)
     shares = {row["name"]: (abs(row["contribution"]), row["share"]) for row in reached.rows()}
     slope = found.sensitivity or 1.0

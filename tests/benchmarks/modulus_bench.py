@@ -145,7 +145,7 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
     mountings may be enough: there it is asked after every set, too.
     """
     course, draws = asked.course_on(truth.target), Draws(truth)
-    load, plan = course.prospect.load, course.prospect.allocation
+    load, plan = course.prospect.allocation.load, course.prospect.allocation
     costs = costs_of(load, asked.frequency)
     rng = np.random.default_rng(truth.seed)
     points: list[ModulusPoint] = []
