@@ -317,12 +317,12 @@ class Course:
         """Bench time at the end of a measurement that takes another set [s]."""
         costs, taken = self.costs, math.fsum(point.seconds for point in points)
         following = costs.set + self.prospect.allocation.dwell
-        following += costs.mounting if _remounts(points, found) else 0.0
+        following += costs.mounting if mounts_again(points, found) else 0.0
         return taken + following + end_seconds(self.prospect.allocation.load) + RESERVE
 
     def remounts(self, points: Sequence[ModulusPoint]) -> bool:
         """Whether the object is mounted again before the next set."""
-        return _remounts(points, self.verdict(points))
+        return mounts_again(points, self.verdict(points))
 
     def answer(self, points: Sequence[ModulusPoint]) -> ObjectModulusAnswer | None:
         """The modulus by the valid points; None: there is none. Raises EstimateError."""
@@ -434,7 +434,7 @@ class Course:
         return list(lines)
 
 
-def _remounts(points: Sequence[ModulusPoint], verdict: StoppingVerdict) -> bool:
+def mounts_again(points: Sequence[ModulusPoint], verdict: StoppingVerdict) -> bool:
     ratios = ratios_of(points)
     each = max(1, verdict.sets // verdict.mountings)
     return bool(ratios) and len(ratios) < verdict.mountings and len(ratios[-1]) >= each
