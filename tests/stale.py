@@ -134,7 +134,7 @@ def read_polls(chance: random.Random, tries: int) -> Counter[str]:
             if again:
                 wire.pause()
             try:
-                told = round(1e6 * driver._look()[0])
+                told = round(1e6 * driver.look()[0])
             except BenchError:
                 found["polls: errors"] += 1
                 continue
@@ -199,7 +199,7 @@ class Node:
         self._left = b""
         self.sdo: Any = CheckedSdoClient(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         self.sdo.network, self.sdo.responses, self.sdo.RESPONSE_TIMEOUT = self, self, TIMEOUT
-        self.sdo._now = lambda: self.now
+        self.sdo.now = lambda: self.now
         self.sdo.shortest = shortest_transfer(BITRATE)
 
     def send_message(self, _cob_id: int, request: bytes) -> None:
