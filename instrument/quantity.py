@@ -208,6 +208,12 @@ def plus_minus(half: float, digits: int = 2, factor: float | None = None) -> str
     return f"× {told:.{digits if told < 99.5 else 3}g}"
 
 
+def rounded_up(share: float) -> float:
+    """A share above 0, rounded up to two digits in percent."""
+    step = 10.0 ** (math.floor(math.log10(share)) - 1)
+    return step * math.ceil(share / step * (1 - 1e-9))
+
+
 def as_asked(tolerance: float, digits: int = 2) -> str:
     """Text of a tolerance as it is typed, above ± 20 % with what `plus_minus` makes of it: "± 50 % (× 1.6)"."""
     typed, told = f"± {100 * tolerance:.{digits}g} %", plus_minus(tolerance)

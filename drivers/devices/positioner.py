@@ -216,7 +216,7 @@ class MappedPositioner(EitherBus):
         while True:
             passed = 1e-9 * (self.clock.now_ns() - begun)
             self.clock.wait(min(max(expected - passed, POLL), RENEWAL))
-            position, arrived = self._look()
+            position, arrived = self.look()
             if arrived and abs(position - target) <= NEAR:
                 return
             if passed > longest:
@@ -227,7 +227,7 @@ class MappedPositioner(EitherBus):
                 )
             self._renew(values)
 
-    def _look(self) -> tuple[float, bool]:
+    def look(self) -> tuple[float, bool]:
         """Position [m], and whether the device says that it has arrived. Raises DeviceError: it has an alarm."""
         m = self._map
         states = tuple(dict.fromkeys((m.arrived.field, m.fine.field)))
@@ -304,7 +304,7 @@ class MicroPositioner(ModbusDevice):
         """Present position, counted downwards from home [m]."""
         return self.get("position")
 
-    def _look(self) -> tuple[float, frozenset[str]]:
+    def look(self) -> tuple[float, frozenset[str]]:
         """Position [m], and the status bits of the same moment or just before.
 
         The contract has no field next to these two, so that all such reads would have the same length, and a late reply
@@ -350,14 +350,14 @@ class MicroPositioner(ModbusDevice):
 
     def _has_begun(self, target: float) -> bool:
         """Whether it moves, or stands at this position [m]."""
-        position, status = self._look()
+        position, status = self.look()
         return "moving" in status or abs(position - target) <= CLOSE
 
     def stop(self) -> None:
         """Stop at the present position."""
         self._target = None
         if not self.set(command="stop"):
-            self._await_start(lambda: "moving" not in self._look()[1])
+            self._await_start(lambda: "moving" not in self.look()[1])
 
     def set_limits(self, low: float, high: float) -> None:
         """Set the soft limits [m]. Raises RangeError: `low` is above `high`; nothing is sent."""
@@ -374,7 +374,7 @@ class MicroPositioner(ModbusDevice):
         self.clock.wait(waited)
         polls, before = 1, math.inf
         while True:
-            position, status = self._look()
+            position, status = self.look()
             if "moving" not in status:
                 break
             if waited >= timeout:
@@ -394,7 +394,7 @@ class MicroPositioner(ModbusDevice):
     def differences(self) -> list[str]:
         """As for every device; it must also know its home, and stand at the position that it was sent to."""
         found = super().differences()
-        position, status = self._look()
+        position, status = self.look()
         if "homed" not in status:
             found.append(f"{self.name}: has lost its home")
         if self._target is not None and abs(position - self._target) > CLOSE:

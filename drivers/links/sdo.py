@@ -51,18 +51,18 @@ class CheckedSdoClient(SdoClient):
             self._object = request[1:4]
         self._forget()
         self.too_soon = 0
-        earliest = self._now() + self.shortest
+        earliest = self.now() + self.shortest
         self.send_request(request)  # type: ignore[no-untyped-call]
-        until = self._now() + self.RESPONSE_TIMEOUT
+        until = self.now() + self.RESPONSE_TIMEOUT
         for heard in itertools.count():
-            left = max(until - self._now(), 0.0)
+            left = max(until - self.now(), 0.0)
             if not left and heard > LATE_ANSWERS:
                 break
             try:
                 answer = self.next_answer(left)
             except queue.Empty:
                 break
-            if self._now() < earliest:
+            if self.now() < earliest:
                 self.too_soon += 1
                 continue
             if answer[0] == ABORT and answer[1:4] in (self._object, NO_OBJECT):
@@ -75,9 +75,9 @@ class CheckedSdoClient(SdoClient):
     def next_answer(self, within: float) -> bytes:
         """The next answer of the node, to whatever request. Raises queue.Empty: none comes for so long [s]."""
         if self.stepper is not None:
-            until = self._now() + within
+            until = self.now() + within
             self.stepper.step()
-            while self.responses.empty() and (left := until - self._now()) > 0:
+            while self.responses.empty() and (left := until - self.now()) > 0:
                 self.stepper.glance(left)
             within = 0.0
         answer: bytes = self.responses.get(timeout=within)
@@ -96,7 +96,8 @@ class CheckedSdoClient(SdoClient):
         while not self.responses.empty():
             self.responses.get()
 
-    def _now(self) -> float:
+    def now(self) -> float:
+        """Time by which answers are late or too soon [s]."""
         return time.monotonic()
 
     def upload(self, index: int, subindex: int, size: int | None = None) -> bytes:

@@ -1,6 +1,6 @@
 """When a run has measured enough, and what its answer is worth: Stein's two stages.
 
-    plan = allocate(lines, costs, 0.02)
+    plan = Table.of([RunOption(lines, costs, 0.1)]).for_tolerance(0.02)
     while not (verdict := enough(lines, costs, 0.02, plan, sensitivity, ratios)).why: ...  # one more set
     answer(lines, plan, sensitivity, ratios).u
 
@@ -257,7 +257,7 @@ def _learned(
     of_sets = [line for line in lines if line.per in (RepeatUnit.SET, RepeatUnit.SECOND)]
     of_mountings = [line for line in lines if line.per is RepeatUnit.MOUNTING]
     rest = [line for line in lines if line.per is RepeatUnit.NOTHING]
-    prior = _prior(of_sets, dwell)
+    prior = budget(of_sets, 1, 1, dwell)
     sets = pooled(prior.u / sensitivity, prior.degrees_of_freedom, *batch)
     own = sum(len(each) for each in batch) >= FIRST and math.isfinite(prior.degrees_of_freedom)
     told = pooled(0.0, 0.0, *batch) if own else sets
@@ -291,11 +291,6 @@ def _mounted(
         return list(lines), False
     scatter = sensitivity * math.sqrt(max(0.0, squares / more - of_mean))
     return _scaled(lines, MOUNTINGS, scatter, u, more, RepeatUnit.MOUNTING), True
-
-
-def _prior(lines: Sequence[BudgetLine], dwell: float) -> Budget:
-    """What some lines together add to one set of one mounting."""
-    return budget(lines, 1, 1, dwell)
 
 
 def _scaled(

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from palpate.instrument.allocation.lines import MOST_FREEDOM, BudgetLine, Costs, RepeatUnit, budget, half_widths
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import as_typed, counted
+from palpate.instrument.quantity import LARGEST_SHARE, as_typed, counted, plus_minus, rounded_up
 from palpate.instrument.uncertainty.budget import Floats
 
 Numbers = npt.NDArray[np.int64]
@@ -31,7 +31,6 @@ MOST_MOUNTINGS = 60  # of a plan that chooses their number
 STEP = 1.02  # ratio of neighbouring numbers of sets
 PARTS = 25  # of equal probability, at whose middles it is asked how much sets may scatter
 PREFERRED = 1.02  # what a plan with the greatest load may cost over one with a smaller load
-SHORTEST = 0.1  # s, the usual least dwell of a set: one period at 10 Hz
 LONGER = 12  # times that a dwell is doubled at most, from the shortest one on
 PAYS = 0.05  # share of noise in the scatter of a set below which a longer dwell buys nothing
 ROUNDING = 1e-9
@@ -88,14 +87,18 @@ class OutOfReach(RangeError):
         best: the least half-width of all plans.
         floor: half-width that no number of mountings and sets lowers.
         binds: name of the line that binds: the largest of what nothing lowers, or else of the best plan.
+        why: why no plan reaches it, for people; rounded as the best is, to which it may be equal.
     """
 
-    def __init__(self, tolerance: float, best: Allocation, floor: float, binds: str) -> None:
-        why = f"{binds} leaves ± {floor:.3g}, which no longer run lowers"
-        if floor < tolerance:
-            why = f"{binds} binds, and a run has {counted(best.sets, 'load set')} at most"
-        super().__init__(f"± {tolerance:.3g} cannot be reached: {why}; ± {best.half:.3g} can")
+    def __init__(self, tolerance: float, best: Allocation, floor: float, binds: str, mountings: int = 1) -> None:
         self.best, self.floor, self.binds = best.half, floor, binds
+        if floor >= tolerance:
+            least = rounded_up(floor) if floor <= LARGEST_SHARE else floor
+            self.why = f"{binds} leaves {plus_minus(least)}, which no longer run lowers"
+        else:
+            more = f" and {mountings} mountings" if mountings > 1 else ""
+            self.why = f"{binds} binds, and a run has {MOST_SETS:,} load sets{more} at most"
+        super().__init__(f"± {100 * tolerance:.3g} % cannot be reached: {self.why}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,9 +223,10 @@ class Table:
         best = self.row(int(np.argmin(self.half)))
         way = max(self.ways, key=lambda each: each.load)
         fixed = [line for line in way.lines if line.per is RepeatUnit.NOTHING]
-        floor = budget(fixed, 1, 1, 1).expanded() if fixed else 0.0
+        # Alone these have fewer effective degrees of freedom than with noise beside them, and so a wider interval.
+        floor = min(budget(fixed, 1, 1, 1).expanded(), best.half) if fixed else 0.0
         binds = max(fixed, key=lambda line: line.u).name if fixed and floor >= tolerance else best.binds
-        return OutOfReach(tolerance, best, floor, binds)
+        return OutOfReach(tolerance, best, floor, binds, int(self.mountings.max()))
 
 
 def allocation(
@@ -268,21 +272,6 @@ def dwells(
     while len(found) <= LONGER and of_second / found[-1] > PAYS * of_set:
         found.append(whole(2 * found[-1]))
     return found
-
-
-def allocate(
-    lines: Sequence[BudgetLine],
-    costs: Costs,
-    tolerance: float,
-    between: Sequence[float] = (SHORTEST,),
-    *,
-    rounds: int = 1,
-    fewest: int = FIRST,
-    most: int = MOST_SETS,
-) -> Allocation:
-    """The quickest plan of one mounting for a tolerance, with one of some dwells [s]; raises as `for_tolerance`."""
-    ways = [RunOption(lines, costs, dwell) for dwell in between]
-    return Table.of(ways, rounds=rounds, fewest=fewest, most=most).for_tolerance(tolerance)
 
 
 def first_of(each: Numbers) -> Numbers:

@@ -69,7 +69,7 @@ class LoadLine:
                 f" {LEAST_POINTS} are needed; compress further or in more steps"
             )
         positions, loads = series.positions[sure], loads[sure]
-        known, freedom = _reading_u(series.displays, calibration)
+        known, freedom = displays_u(series.displays, calibration)
         line = interpolate(positions, loads, known)
         scatter = max(line.residual_sd, known)
         # The F-test asks whether the loads scatter about the line more than the display's steps explain.
@@ -113,7 +113,7 @@ class LoadLine:
         )
 
 
-def _reading_u(displays: Floats, calibration: LoadCellCalibration) -> tuple[float, float]:
+def displays_u(displays: Floats, calibration: LoadCellCalibration) -> tuple[float, float]:
     """Standard uncertainty [N] of a mean of displayed values, and its degrees of freedom.
 
     Where the values scatter by about a step, the scatter dithers the rounding: of the first term of its Fourier series

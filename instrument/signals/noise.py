@@ -111,7 +111,7 @@ def _shaped(spectrum: Complexes, pink: Floats) -> tuple[EquivalentNoise, npt.NDA
     sound = np.asarray((power > 0).all(axis=(-2, -1)))
     power = np.where(sound[..., np.newaxis, np.newaxis], power, 1.0)
     slope = np.add.reduceat(pink, first) / lines
-    white, rising = _whittle(power, slope, lines)
+    white, rising = whittle(power, slope, lines)
     density = white[..., np.newaxis] + rising[..., np.newaxis] * slope
     whitened = spectrum / np.sqrt(white[..., np.newaxis] + rising[..., np.newaxis] * pink)
     correlation = moments(np.concatenate([whitened.real, whitened.imag], axis=-1), pink.size)[1]
@@ -122,7 +122,7 @@ def _shaped(spectrum: Complexes, pink: Floats) -> tuple[EquivalentNoise, npt.NDA
     return EquivalentNoise(np.sqrt(white + rising), correlation, known), sound & _holds(power / density, lines)
 
 
-def _whittle(power: Floats, slope: Floats, lines: Floats) -> tuple[Floats, Floats]:
+def whittle(power: Floats, slope: Floats, lines: Floats) -> tuple[Floats, Floats]:
     """Power (..., channels) of white noise and of 1/f noise, neither negative, by Fisher scoring.
 
     The power of a line is its density times half a chi-squared of two degrees of freedom. The channels of a record

@@ -64,17 +64,17 @@ def short_noise(
     sound = np.asarray((squares > 0).all(axis=(-2, -1)))
     squares = np.where(sound[..., np.newaxis, np.newaxis], squares, 1.0)
     likelihood = -0.5 * np.log(shape).sum(axis=1) - 0.5 * count * np.log(squares)
-    mean, freedom, weight = _power(likelihood, squares, count)
+    mean, freedom, weight = mean_power(likelihood, squares, count)
     cycles = basis.frequency * basis.time.size * step
-    worse, worse_freedom, _ = _power(likelihood + LEANING / cycles * np.log(SHARES), squares, count)
-    wider = np.sqrt((1 + STEEPER / cycles) * _typical(worse, worse_freedom) / _typical(mean, freedom))
+    worse, worse_freedom, _ = mean_power(likelihood + LEANING / cycles * np.log(SHARES), squares, count)
+    wider = np.sqrt((1 + STEEPER / cycles) * typical(worse, worse_freedom) / typical(mean, freedom))
     factor = stdtrit(worse_freedom, UPPER) * wider
     known = stdtridf(UPPER, np.maximum(factor, stdtrit(freedom, UPPER)))
     whitened = seen / np.sqrt(weight @ shape)
-    return EquivalentNoise(np.sqrt(_typical(mean, freedom)), moments(whitened, count)[1], known.min(axis=-1)), sound
+    return EquivalentNoise(np.sqrt(typical(mean, freedom)), moments(whitened, count)[1], known.min(axis=-1)), sound
 
 
-def _power(log: Floats, squares: Floats, count: int) -> tuple[Floats, Floats, Floats]:
+def mean_power(log: Floats, squares: Floats, count: int) -> tuple[Floats, Floats, Floats]:
     """Mean (..., channels) of the noise's power at the drive, its degrees of freedom, and the weights of the shares.
 
     Args:
@@ -89,7 +89,7 @@ def _power(log: Floats, squares: Floats, count: int) -> tuple[Floats, Floats, Fl
     return mean, 4 + 2 / (square / mean**2 - 1), weight
 
 
-def _typical(mean: Floats, freedom: Floats) -> Floats:
+def typical(mean: Floats, freedom: Floats) -> Floats:
     """Scale of a scaled inverse chi-squared of this mean: Student's factor applies to the scale, not to the mean."""
     typical: Floats = mean * (freedom - 2) / freedom
     return typical

@@ -12,8 +12,7 @@ import numpy.typing as npt
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGES
 from palpate.instrument.quantity import parse
 from palpate.instrument.signals.estimate import amplitudes
-from palpate.procedures.accuracy.measure import seconds_of
-from palpate.procedures.accuracy.numerics import Task, Way
+from palpate.procedures.accuracy.numerics import Task, Way, seconds_of
 
 Floats = npt.NDArray[np.float64]
 Real = Literal["float32", "float64"]
@@ -43,13 +42,18 @@ def _task(name: str, ways: Mapping[str, Callable[[], float]], error: Callable[[f
 
 
 def _fits() -> dict[str, Callable[[], float]]:
-    time = LATE + np.arange(round(DWELL * RATE)) / RATE
-    signal = OFFSET + np.cos(2 * np.pi * FREQUENCY * time + 0.3)
+    time, signal = late_sine(DWELL, RATE, FREQUENCY)
     return {
         "float64, centred QR": lambda: float(amplitudes(time, signal[np.newaxis], FREQUENCY)[0]),
         "float64, normal equations": lambda: _normal(time, signal, "float64"),
         "float32, normal equations": lambda: _normal(time, signal, "float32"),
     }
+
+
+def late_sine(dwell: float, rate: float, frequency: float) -> tuple[Floats, Floats]:
+    """Times [s] and values of a sine of amplitude 1 that is hard to fit: late, and on a large offset."""
+    time = LATE + np.arange(round(dwell * rate)) / rate
+    return time, OFFSET + np.cos(2 * np.pi * frequency * time + 0.3)
 
 
 def _normal(time: Floats, signal: Floats, real: Real) -> float:

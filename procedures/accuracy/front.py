@@ -25,6 +25,7 @@ from palpate.instrument.quantity import LARGEST_TOLERANCE, counted, parse, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.instrument.uncertainty.budget import coverage_factor
+from palpate.procedures.accuracy.arithmetic import NEAR, late_sine
 from palpate.procedures.engine.plan import noise_of
 from palpate.procedures.measurements.object_modulus.planning import (
     CURVE,
@@ -46,8 +47,6 @@ MINUTE = 60.0  # s: what one minute less and one more would give
 FIT, CONVERTER, INTEGRATION = "fit", "converter", "integration"
 QUIET = "converter, without noise"
 SETUP, FURTHER = "start and end", "more, if needed"
-LATE, OFFSET = 86_400.0, 1000.0  # s, a day on the bench, and amplitudes: a hard case for the fit
-NEAR = np.linspace(0.95, 1.05, 41)  # sizes near the nominal one, because rounding depends on the size
 ROUNDS = 15  # of timing
 
 
@@ -99,7 +98,7 @@ class FrontPoint:
             "person_s": person * self.plan.times.mountings,
             "reached_by": self.plan.times.enough,
             "U95": plan.half,
-            "load_N": self.plan.load,
+            "load_N": plan.load,
             "mountings": plan.mountings,
             "sets": plan.sets,
             "dwell_s": plan.dwell,
@@ -282,9 +281,9 @@ def _in_time(plans: ModulusPlans, rows: Sequence[int], seconds: float) -> float 
 def costs_for(plans: ModulusPlans, prospect: Prospect) -> list[CauseCost]:
     """One row for each cause; shares add up to 1, and bench times to the mean time of the plan."""
     plan, design, found, wanted = prospect.allocation, plans.design, plans.found, plans.wanted
-    costs = costs_of(prospect.load, wanted.frequency, wanted.mounts)
+    costs = costs_of(plan.load, wanted.frequency, wanted.mounts)
     cycles = round(plan.dwell * wanted.frequency)
-    lines = lines_of(design, found, prospect.load, wanted, not wanted.relative, cycles)
+    lines = lines_of(design, found, plan.load, wanted, not wanted.relative, cycles)
     reached = budget(lines, plan.mountings, plan.sets, plan.dwell)
     shares = {row["name"]: (abs(row["contribution"]), row["share"]) for row in reached.rows()}
     slope = found.sensitivity or 1.0
@@ -336,10 +335,8 @@ def _error(error: float) -> str:
 
 def _fit_of(dwell: float, frequency: float) -> Callable[[], float]:
     """A fit of a set's record, a day after the start and on a large offset: the amplitude that is found of 1."""
-    rate = SAMPLES_PER_CYCLE * frequency
-    at = LATE + np.arange(round(dwell * rate)) / rate
-    signal = (OFFSET + np.cos(2 * np.pi * frequency * at + 0.3))[np.newaxis]
-    return lambda: float(amplitudes(at, signal, frequency)[0])
+    at, signal = late_sine(dwell, SAMPLES_PER_CYCLE * frequency, frequency)
+    return lambda: float(amplitudes(at, signal[np.newaxis], frequency)[0])
 
 
 def _timed(call: Callable[[], object]) -> tuple[float, float]:

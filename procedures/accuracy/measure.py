@@ -7,15 +7,11 @@ import itertools
 import math
 import os
 import platform
-import time
-import timeit
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models import beam
@@ -28,37 +24,11 @@ from palpate.instrument.models.stored.surface import Surface
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.procedures.accuracy.elements import element_prices, errors_of
+from palpate.procedures.accuracy.elements import Array, element_prices, errors_of
 from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, solve_all
+from palpate.procedures.accuracy.numerics import seconds_of
 from palpate.procedures.accuracy.references import reference_of
 from palpate.procedures.console.progress import Progress
-from palpate.procedures.records.run import storing
-
-# --- Writing the files of what is measured once and shipped: prices of models and validation -----------
-
-
-def keep(text: str, path: Path) -> None:
-    """Replace a file at once, so that an interruption leaves the old one.
-
-    Raises:
-        RecordError: it cannot be written.
-    """
-    fresh = path.with_suffix(".new")
-    with storing(path):
-        fresh.write_text(text, encoding="utf-8")
-        fresh.replace(path)
-
-
-# --- Timing of calls on this machine, and a description of the machine ---------------------------------
-
-
-def seconds_of(call: Callable[[], object]) -> float:
-    """Processor time of one call [s]: the least of five rounds of 20 ms or more."""
-    timer = timeit.Timer(call, timer=time.process_time)
-    count = 1
-    while timer.timeit(count) < 0.02:
-        count *= 2
-    return min(timer.repeat(5, count)) / count
 
 
 def this_machine() -> Machine:
@@ -79,24 +49,7 @@ def this_machine() -> Machine:
 
 # --- the price list ------------------------------------------------------------------------------------
 
-Array = NDArray[np.float64]
-
 DESIGNS = ("single_round", "single", "common_base", "different_base", "array", "array_16")
-
-
-@dataclass(frozen=True, slots=True)
-class DesignCase:
-    """One design and its shipped curves, which give the force ratios between the moduli.
-
-    Attributes:
-        design: the design.
-        surface: its shipped curves.
-        surface_errors: error of the surface in each interval of moduli.
-    """
-
-    design: Design
-    surface: Surface
-    surface_errors: Array
 
 
 def measure(designs: Sequence[str], progress: Progress) -> PriceList:
@@ -113,11 +66,12 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
     for design, known in zip(chosen, surfaces, strict=True):
         truth = reference_of(design, solved)
         errors = errors_of(known.force_ratios(np.array(MODULI)), truth)
-        case = DesignCase(design, known, errors)
         found.append(truth)
-        prices += _closed_forms(case)
+        for name in ("column", "column_fitted", "experiment", "beam_printed", "beam_exact"):
+            prices.append(_at_once(design, known, errors, name, "closed form"))
+        prices.append(_at_once(design, known, errors, "beam", f"{beam.ELEMENTS} elements a stretch"))
         prices += element_prices(design, truth, known.force_ratios(np.array(MIDDLES)), errors, solved)
-        prices += _surfaces(case)
+        prices.append(_surface(design, known, errors))
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 
 
@@ -170,28 +124,23 @@ def sensor_of(name: str, parameters: str) -> Parameters:
 # --- what answers at once ------------------------------------------------------------------------------
 
 
-def _closed_forms(case: DesignCase) -> Iterator[Price]:
-    for name in ("column", "column_fitted", "experiment", "beam_printed", "beam_exact"):
-        yield _at_once(case, name, "closed form")
-    yield _at_once(case, "beam", f"{beam.ELEMENTS} elements a stretch")
-
-
-def _at_once(case: DesignCase, model: str, refinement: str) -> Price:
-    ratio = functools.partial(_ask, case.design, model)
+def _at_once(design: Design, known: Surface, known_errors: Array, model: str, refinement: str) -> Price:
+    """A price beside a design's shipped curves, whose own error in each interval counts as well."""
+    ratio = functools.partial(_ask, design, model)
     errors: list[float | None] = []
     failure = ""
-    for (low, high), own in zip(itertools.pairwise(MODULI), case.surface_errors, strict=True):
+    for (low, high), own in zip(itertools.pairwise(MODULI), known_errors, strict=True):
         kinks = [sample.modulus for sample in SAMPLES.values() if low < sample.modulus < high]  # the experiment's
         moduli = np.array([low, *np.geomspace(low, high, BETWEEN)[1:-1], *kinks, high])
         try:
-            apart = np.abs([ratio(float(modulus)) for modulus in moduli] - case.surface.force_ratios(moduli))
+            apart = np.abs([ratio(float(modulus)) for modulus in moduli] - known.force_ratios(moduli))
             errors.append(float(apart.max() + own))
         except RangeError as error:
             errors.append(None)
             failure = str(error)
     answers = any(error is not None for error in errors)
     return Price(
-        design=case.design.name,
+        design=design.name,
         model=model,
         refinement=refinement,
         errors=tuple(errors),
@@ -204,20 +153,20 @@ def _at_once(case: DesignCase, model: str, refinement: str) -> Price:
     )
 
 
-def _surfaces(case: DesignCase) -> Iterator[Price]:
-    """The shipped curves."""
+def _surface(design: Design, known: Surface, known_errors: Array) -> Price:
+    """The price of a design's shipped curves."""
     ends = [np.geomspace(low, high, BETWEEN) for low, high in itertools.pairwise(MODULI)]
     many = np.geomspace(MODULI[0], MODULI[-1], 10_000)
-    yield Price(
-        design=case.design.name,
+    return Price(
+        design=design.name,
         model="surface",
-        refinement=f"{len(case.surface.poles.rates)} poles of {case.surface.model}",
-        errors=tuple(float(own) for own in case.surface_errors),
-        estimates=tuple(float(case.surface.estimates(moduli)[0].max()) for moduli in ends),
-        build_s=case.surface.seconds,
+        refinement=f"{len(known.poles.rates)} poles of {known.model}",
+        errors=tuple(known_errors.tolist()),
+        estimates=tuple(float(known.estimates(moduli)[0].max()) for moduli in ends),
+        build_s=known.seconds,
         solve_s=None,
-        evaluate_s=seconds_of(functools.partial(case.surface.force_ratios, many)) / len(many),
-        answer_s=seconds_of(functools.partial(_ask, case.design, "surface", TIMED)),
+        evaluate_s=seconds_of(functools.partial(known.force_ratios, many)) / len(many),
+        answer_s=seconds_of(functools.partial(_ask, design, "surface", TIMED)),
     )
 
 

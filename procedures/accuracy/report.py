@@ -65,7 +65,7 @@ def plan_text(point: FrontPoint) -> str:
     """A plan in a few words."""
     plan = point.plan.allocation
     each = counted(plan.sets // plan.mountings, "set")
-    return f"{plan.mountings} x {each}, {show(point.plan.load, 'N')}, {show(plan.dwell, 's')}"
+    return f"{plan.mountings} x {each}, {show(plan.load, 'N')}, {show(plan.dwell, 's')}"
 
 
 def _costs(front: ModulusFront) -> list[object]:

@@ -257,12 +257,14 @@ def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, q
     """
     from dataclasses import asdict
 
+    from palpate.instrument.durable import put_whole
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models import price_list
     from palpate.instrument.notice import price
     from palpate.instrument.shipped import text
-    from palpate.procedures.accuracy.measure import DESIGNS, expected_seconds, keep, measure, this_machine
+    from palpate.procedures.accuracy.measure import DESIGNS, expected_seconds, measure, this_machine
     from palpate.procedures.accuracy.meshes import MODULI
+    from palpate.procedures.records.run import storing
     from palpate.procedures.showing.figure import check_picture
     from palpate.procedures.virtual.numerics import SECONDS, collect
 
@@ -277,7 +279,8 @@ def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, q
             asked = list(DESIGNS) if design is None else [design]
             price("measuring the models", expected_seconds(asked))
             fresh = measure(asked, progress)
-            keep(text(fresh if design is None else price_list.stored().replaced(fresh)), price_list.STORED)
+            with storing(price_list.STORED):
+                put_whole(price_list.STORED, text(fresh if design is None else price_list.stored().replaced(fresh)))
             price_list.stored.cache_clear()
         prices = price_list.stored()
         price("measuring estimators, integrators and arithmetic", SECONDS)

@@ -85,11 +85,12 @@ def validation(design: str | None, store: bool, as_json: bool, quiet: bool) -> N
     It is the model minus the measured mean, in percent of the measured mean, so positive values mean that the model is
     higher. No mesh makes it smaller. A model that was built from the measured means is "input": they cannot judge it.
     """
+    from palpate.instrument.durable import put_whole
     from palpate.instrument.errors import UnknownName, UsageError
     from palpate.instrument.models import validation as kept
     from palpate.instrument.notice import price
     from palpate.instrument.shipped import text
-    from palpate.procedures.accuracy.measure import keep
+    from palpate.procedures.records.run import storing
     from palpate.procedures.showing.validation import print_validation
 
     output = Output(as_json, quiet)
@@ -101,7 +102,8 @@ def validation(design: str | None, store: bool, as_json: bool, quiet: bool) -> N
     if store:
         with output.prices(), output.progress("solving") as progress:
             price("solving the stored finite elements anew", kept.SECONDS)
-            keep(text(kept.measure(progress)), kept.STORED)
+            with storing(kept.STORED):
+                put_whole(kept.STORED, text(kept.measure(progress)))
             kept.stored.cache_clear()
     compared = kept.validate_all(designs if design is None else [design])
     if output.as_json:

@@ -18,7 +18,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.models.springs import force_ratio
-from palpate.instrument.quantity import as_typed, plus_minus
+from palpate.instrument.quantity import as_typed, rounded_up
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget
@@ -141,11 +141,8 @@ def refusal(tolerance: float, of: str, error: OutOfReach, remedies: Mapping[str,
         error: why no plan reaches it.
         remedies: what would lower a line that binds, by its name.
     """
-    why = f"{error.binds} leaves {plus_minus(error.floor, 3)}, which no load set lowers"
-    if error.floor < tolerance:
-        why = f"{error.binds} binds, and a run has {MOST_SETS} load sets at most"
     lines = [
-        f"--tolerance {share(tolerance, 3)} of {of} cannot be reached: {why}",
+        f"--tolerance {share(tolerance, 3)} of {of} cannot be reached: {error.why}",
         f"best now  --tolerance '{reachable(error.best)}'",
         *remedies.get(error.binds, ()),
     ]
@@ -178,9 +175,3 @@ def share(u: float, digits: int = 2) -> str:
 def reachable(least: float) -> str:
     """A share in percent that may be asked for where `least` is the least."""
     return share(rounded_up(least))
-
-
-def rounded_up(least: float) -> float:
-    """A share, rounded up to two digits in percent."""
-    step = 10.0 ** (math.floor(math.log10(least)) - 1)
-    return step * math.ceil(least / step * (1 - 1e-9))

@@ -86,11 +86,11 @@ def after_change(films: Films, before: list[Standing]) -> Added:
         added[film] = now.voltage[film] - predicted
         bend = float(curve.coefficients[0]) - predicted
         noise = math.hypot(math.sqrt(line.covariance[0, 0]), max(line.residual_sd, rounding), bend)
-        u[film] = max(noise, _wandered(drift, -since[-1] / APART))
+        u[film] = max(noise, wandered(drift, -since[-1] / APART))
     return Added(added, u, now.time - changed, frozenset().union(now.lost, *(each.lost for each in before)))
 
 
-def _wandered(drift: list[float], hops: float) -> float:
+def wandered(drift: list[float], hops: float) -> float:
     """Standard deviation of a random walk with drift, some records after the last one.
 
     The residuals of a line make too little of 1/f noise. A random walk with the same steps wanders no less than it.

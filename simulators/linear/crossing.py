@@ -228,10 +228,10 @@ class CrossingWatch:
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, Floats, Floats | None]:
-        """Time [s] for which |exp(A t)| <= growth holds, that bound, and `_measure(A)`."""
+        """Time [s] for which |exp(A t)| <= growth holds, that bound, and `measure_of(A)`."""
         a = self._steady.system.a
         reach = 1 / float(np.abs(a).sum(axis=1).max())
-        return reach, exponential(np.abs(a) * reach), _measure(a)
+        return reach, exponential(np.abs(a) * reach), measure_of(a)
 
 
 def _by_modes(modes: Sequence[tuple[complex, complex]], elapsed_ns: int) -> list[TransientTerm]:
@@ -253,7 +253,7 @@ def _by_modes(modes: Sequence[tuple[complex, complex]], elapsed_ns: int) -> list
     return parts
 
 
-def _measure(a: Floats) -> Floats | None:
+def measure_of(a: Floats) -> Floats | None:
     """Matrix F (s, s) with which |F x| never grows while x' = a x; None where none is certain.
 
     P = F'F solves Lyapunov's equation, in units in which rows and columns of `a` have equal sizes. That x'Px never

@@ -155,7 +155,7 @@ def _cold() -> Iterator[Row]:
 @contextmanager
 def _cold_store() -> Iterator[None]:
     """A context without any curve that is known."""
-    for known in (curves._kept, solid._curve_on):
+    for known in (curves.kept_curve, solid.curve_of_one):
         known.cache_clear()
     with TemporaryDirectory() as folder, mock.patch.dict(os.environ, {VARIABLE: folder}):
         yield

@@ -27,7 +27,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
-from palpate.procedures.measurements.object_modulus.course import ModulusPoint, ObjectModulusAnswer, _remounts
+from palpate.procedures.measurements.object_modulus.course import ModulusPoint, ObjectModulusAnswer, mounts_again
 from palpate.procedures.measurements.object_modulus.planning import END, costs_of, most_sets
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.procedures.measurements.softness.procedure import unknown_object
@@ -145,7 +145,7 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
     mountings may be enough: there it is asked after every set, too.
     """
     course, draws = asked.course_on(truth.target), Draws(truth)
-    load, plan = course.prospect.load, course.prospect.allocation
+    load, plan = course.prospect.allocation.load, course.prospect.allocation
     costs = costs_of(load, asked.frequency)
     rng = np.random.default_rng(truth.seed)
     points: list[ModulusPoint] = []
@@ -156,7 +156,7 @@ def fast(asked: ObjectModulus, truth: Truth, steps: int | None = None, *, every:
         verdict = course.verdict(points) if number >= following else None
         if verdict and verdict.why:
             break
-        if not points or (verdict and _remounts(points, verdict)):
+        if not points or (verdict and mounts_again(points, verdict)):
             mounting += 1
             mounted = round(1e9 * taken)
             spent += costs.mounting

@@ -91,7 +91,7 @@ def test_a_stranger_is_not_written_to(sim: SimulatedBench, monkeypatch: pytest.M
 
 
 def test_an_amplifier_that_tripped_is_refused_with_its_fault(sim: SimulatedBench) -> None:
-    sim.amplifier._latched = 0b1
+    sim.amplifier.trip("over_current")
     with pytest.raises(SafetyError, match=r"shaker amplifier .* tripped on over_current"):
         open_bench(sim).__enter__()
 

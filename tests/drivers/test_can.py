@@ -55,7 +55,7 @@ def test_a_transfer_that_a_signal_breaks_off_leaves_its_answer_to_nobody(
         raise KeyboardInterrupt
 
     with sim.clock.lock, impatient_node(node, monkeypatch), monkeypatch.context() as patch:
-        patch.setattr(sdo, "_now", interrupted)  # which is looked at again when the request is sent
+        patch.setattr(sdo, "now", interrupted)  # which is looked at again when the request is sent
         with pytest.raises(KeyboardInterrupt):
             node.set("sync_period", 0.5)
     assert node.get("sync_period") == 0.5

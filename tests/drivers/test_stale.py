@@ -42,7 +42,7 @@ def test_the_tries_are_hard_late_replies_are_taken_where_nothing_tells_them(foun
 def test_without_the_drivers_care_the_same_tries_find_late_replies(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.drivers.links.modbus.ModbusLink.serial", False)  # whose reads may be alike
     monkeypatch.setattr("palpate.drivers.devices.load_indicator.COUNTED_NS", 0)
-    monkeypatch.setattr(MicroPositioner, "_look", lambda driver: driver.get_many("position", "status"))
+    monkeypatch.setattr(MicroPositioner, "look", lambda driver: driver.get_many("position", "status"))
     assert KINDS[kind][0](random.Random(1), 150)[f"{kind}: stale"] > 0
 
 
@@ -126,7 +126,7 @@ def node_that_answers_after(seconds: float, bitrate: float) -> CheckedSdoClient:
                 self.responses.put(stale)
                 self.responses.put(fresh)
 
-        def _now(self) -> float:
+        def now(self) -> float:
             now[0] += seconds if self.responses.qsize() == 0 else 0.0
             return now[0]
 

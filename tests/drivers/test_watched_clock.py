@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices import canopen_device
 from palpate.drivers.devices.canopen_device import Heartbeat
 from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.bench.patience import PATIENCE
@@ -143,21 +145,24 @@ def beat(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """Lets a heartbeat's thread take its turn and returns when it has; the time of the wall plays no part."""
     turn, turned = threading.Semaphore(0), threading.Semaphore(0)
 
-    def run(heartbeat: Heartbeat) -> None:
-        while True:
+    class Turns(threading.Event):
+        """Instead of the interval, a turn is waited for."""
+
+        begun = False
+
+        def wait(self, timeout: float | None = None) -> bool:
+            if self.begun:
+                turned.release()
+            self.begun = True
             turn.acquire()
-            if heartbeat._end.is_set():
-                return
-            heartbeat.turn(0.0)
-            turned.release()
+            return self.is_set()
 
-    def leave(heartbeat: Heartbeat, *_: object) -> None:
-        heartbeat._end.set()
-        turn.release()
-        heartbeat._thread.join()
+        def set(self) -> None:
+            super().set()
+            turn.release()
 
-    monkeypatch.setattr(Heartbeat, "_run", run)
-    monkeypatch.setattr(Heartbeat, "__exit__", leave)
+    monkeypatch.setattr(canopen_device, "threading", SimpleNamespace(Event=Turns, Thread=threading.Thread))
+    monkeypatch.setattr(canopen_device, "time", SimpleNamespace(monotonic=lambda: 0.0))
 
     def beat() -> None:
         turn.release()

@@ -29,11 +29,11 @@ AT = (3e-3, 3e-3)
 def nothing_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No curve is kept, neither on disk nor in memory."""
     monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "curves"))
-    model._curve_on.cache_clear()
-    model._judge.cache_clear()
+    model.curve_of_one.cache_clear()
+    model.judged.cache_clear()
     yield
-    model._curve_on.cache_clear()
-    model._judge.cache_clear()
+    model.curve_of_one.cache_clear()
+    model.judged.cache_clear()
 
 
 @pytest.fixture

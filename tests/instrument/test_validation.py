@@ -12,7 +12,7 @@ import pytest
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.models import price_list, validation
 from palpate.instrument.models import response as registry
-from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS, Model, Response
 from palpate.instrument.models.validation import validate, validate_all
@@ -81,8 +81,9 @@ def test_a_new_model_is_judged_without_being_listed_anywhere(monkeypatch: pytest
 )  # fmt: skip
 def test_a_kept_answer_is_the_models_own_now(design: str, parameters: str, model: str) -> None:
     """Only the softest sample is solved, as all of them take minutes."""
-    sensor, loads = validation._asked(design, parameters, model)
-    ratio = response(sensor, loads["2"], model, validation.TOLERANCE).force_ratio
+    chosen = get_parameter_set(parameters, model)
+    sensor, load = chosen.design(get_design(design)), chosen.load(SAMPLES["2"].modulus)
+    ratio = response(sensor, load, model, validation.TOLERANCE).force_ratio
     assert validation.kept(design, parameters, model)["2"] == pytest.approx(ratio, rel=1e-6)
 
 

@@ -71,7 +71,7 @@ def test_the_example_of_a_plain_number_is_one_of_use(words: tuple[str, ...], rem
         ("--dwell", "-1 s", "dwell -1 s is not above 0"),
         ("--dwell", "2 h", "dwell 7200 s is not above 0 and at most 3600 s"),
         ("--dwell", "99 ms", "dwell 99 ms is below one cycle of 10 Hz; dwell 100 ms or longer"),
-        ("--tolerance", "0.01 %", "gain scatter binds, and a run has 10000 load sets at most"),
+        ("--tolerance", "0.01 %", "gain scatter binds, and a run has 10,000 load sets at most"),
         ("--tolerance", "-1 %", "--tolerance: '-1 %' is not above 0"),
         ("--tolerance", "5", "--tolerance: '5' is 500 %, above the 50 % that are allowed; give a share such as"),
         ("--tolerance", "51 %", "is 51 %, above the 50 %"),

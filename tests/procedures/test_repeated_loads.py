@@ -11,6 +11,7 @@ import pytest
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.dataset import as_dataset
+from palpate.procedures.lab.chosen import choose
 from palpate.procedures.measurements.films.procedure import FilmSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
@@ -18,7 +19,7 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.procedures.study.results import Results
 from palpate.procedures.study.run import one_by_one
-from palpate.procedures.virtual.study_cell import StudyComputation, _target
+from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import load_sets
 from tests.procedures.conftest import sweep_scene
@@ -59,7 +60,7 @@ def test_sets_of_different_loads_are_as_they_were_before_a_load_could_be_repeate
 
 
 def test_steps_of_repeated_loads_are_told_apart_and_only_the_first_takes_long() -> None:
-    target = _target(read_scene("thesis_single"))
+    target = choose(None, "thesis_single").target
     sweep = LoadSweep(("2",), SAME).plan(target).steps
     told = ["sample 2, 3 N", "sample 2, 3 N, set 2", "sample 2, 4 N", "sample 2, 4 N, set 2"]
     assert [step.what for step in sweep] == told
@@ -73,7 +74,7 @@ def test_steps_of_repeated_loads_are_told_apart_and_only_the_first_takes_long() 
 
 def test_repetitions_do_not_show_that_a_film_is_linear() -> None:
     with pytest.raises(RangeError, match="2 loads cannot show linearity and scatter; use at least 3 different ones"):
-        FilmSeries(loads=(2.0, 2.0, 4.0)).check(_target(read_scene("thesis_single")))
+        FilmSeries(loads=(2.0, 2.0, 4.0)).check(choose(None, "thesis_single").target)
 
 
 @pytest.mark.slow

@@ -59,8 +59,8 @@ def test_as_many_sets_are_planned_as_students_interval_needs_whose_scatter_the_f
 def test_films_whose_calibration_is_worse_than_the_tolerance_are_named_with_what_would_do() -> None:
     covariance = tuple(tuple(2e-4 if i == j else 0.0 for j in range(2)) for i in range(2))
     known = replace(REAL, design=replace(SINGLE, film_covariance=covariance, film_freedom=5.0))
-    half = 100 * t.ppf(0.975, 5) * 0.02  # of two films of 1.41 % each, together 2 %
-    with pytest.raises(RangeError, match=f"films' calibration leaves ± {half:.2f} %, which no load set") as refused:
+    half = math.ceil(1000 * t.ppf(0.975, 5) * 0.02) / 10  # of two films of 1.41 % each, together 2 %
+    with pytest.raises(RangeError, match=f"films' calibration leaves ± {half:g} %, which no longer run") as refused:
         sweep(0.04).plan(known)
     best = parse_tolerance(str(refused.value).split("--tolerance '")[1].split("'")[0])
     sweep(best).plan(known)
@@ -70,7 +70,7 @@ def test_films_whose_calibration_is_worse_than_the_tolerance_are_named_with_what
 def test_pick_up_that_is_worse_than_the_tolerance_is_named_with_what_would_do() -> None:
     moving = replace(REAL, design=SINGLE.with_pickup(0.005))
     sweep(0.06).plan(moving)
-    with pytest.raises(RangeError, match="pick-up in step with the load leaves ± 4") as refused:
+    with pytest.raises(RangeError, match="pick-up in step with the load leaves ± 5 %") as refused:
         sweep(0.04).plan(moving)
     assert "tie the films' cables down" in str(refused.value)
 
@@ -106,13 +106,13 @@ def test_a_run_repeats_the_loads_until_the_mean_has_the_tolerance_and_resumes_to
 def test_a_run_that_was_begun_with_a_tolerance_of_u_is_not_resumed_as_if_it_were_one_of_the_interval(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A private name stands for an older version, whose records do not say what a tolerance is."""
+    """An older version's records do not say what a tolerance is under this name."""
 
     def stop(done: int, _all: int, _what: str) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.procedures.engine.run._meaning", lambda _procedure: {})
+    monkeypatch.setattr("palpate.procedures.engine.run.TOLERANCE_OF", "older")
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="thesis_single") as bench:
         palpate.run(sweep(0.03), bench, out=tmp_path / "old", listeners=[steps(stop)])
     monkeypatch.undo()

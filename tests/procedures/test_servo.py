@@ -49,7 +49,7 @@ def stiffen(sim: SimulatedBench, factor: float = 100.0) -> None:
     found = rig.mounted.response
     assert found is not None
     rig.mounted = replace(rig.mounted, response=replace(found, stiffness=factor * found.stiffness))
-    rig._begin()
+    rig.set_position(rig.position)  # from now on
 
 
 @contextmanager
@@ -164,13 +164,15 @@ def test_a_steady_force_is_not_read_from_an_open_bridge(
 def unstable(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, readings: int) -> list[int]:
     """The indicator calls so many further readings unstable; returns when it was asked."""
     asked: list[int] = []
-    stable = sim.indicator._stable
+    read, stable = sim.indicator.read, 1 << sim.indicator.contract["status"].bits["stable"]
 
-    def late() -> bool:
+    def late(name: str) -> float:
+        if name != "status":
+            return read(name)
         asked.append(sim.clock.now_ns())
-        return len(asked) > readings and stable()
+        return float(int(read(name)) & ~(0 if len(asked) > readings else stable))
 
-    monkeypatch.setattr(sim.indicator, "_stable", late)
+    monkeypatch.setattr(sim.indicator, "read", late)
     return asked
 
 
@@ -320,8 +322,7 @@ def test_an_amplifier_that_trips_stops_the_run(
 
     def trip() -> None:
         happened.append(sim.clock.now_ns())
-        sim.amplifier._trip("over_temperature")
-        sim.amplifier._changed()
+        sim.amplifier.trip("over_temperature")
 
     progress = during(monkeypatch, sim, moment, "sample 1, 3 N", trip)
     with pytest.raises(SafetyError, match="tripped on over_temperature; the output is off"):

@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from palpate.drivers.logs.bus_log import RUN
-from palpate.drivers.logs.can_frames import CanFrame
-from palpate.drivers.logs.pcapng import Link, Packet
+from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
 from palpate.instrument.contracts.contract import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import read_map
 from palpate.procedures.logs.modbus_shown import Conversation
-from palpate.procedures.logs.shown import _frame, _messages
+from palpate.procedures.logs.shown import read_log
 from tests.contracts import modbus_contract
 
 THING = modbus_contract(
@@ -80,9 +79,12 @@ def test_every_function_shows_fields_by_name(request_: str, reply: str, texts: l
     ],
 )
 def test_an_object_or_message_that_no_contract_has_is_shown_with_its_value(
-    identifier: int, data: str, text: str
+    tmp_path: Path, identifier: int, data: str, text: str
 ) -> None:
-    assert _frame(CanFrame(0.0, identifier, bytes.fromhex(data))).text == text
+    log = tmp_path / "bus.log"
+    log.write_text(f"(0.000000) can0 {identifier:03X}#{data.replace(' ', '')}\n")
+    (line,) = read_log(log)
+    assert line.text == text
 
 
 def test_a_laboratorys_map_is_found_by_the_runs_header_if_it_is_still_the_same(tmp_path: Path) -> None:
@@ -95,5 +97,10 @@ def test_a_laboratorys_map_is_found_by_the_runs_header_if_it_is_still_the_same(t
     for digest, text in ((read_map(path).sha256, "<- read heat"), ("0" * 64, "<- read 1 registers from 0x0001")):
         header = {"bench": f'[device.oven]\nmap = "{path}"\n', "maps": {"my-oven": digest}}
         note = Packet(0, RUN, Link.NOTE, True, json.dumps(header).encode())
-        (line,) = _messages(iter([note, reply]))
+        with (log := tmp_path / "bus.pcapng").open("wb") as file:
+            writer = PcapngWriter(file)
+            for packet in (note, reply):
+                writer.write(packet)
+            writer.end()
+        (line,) = read_log(log)
         assert line.text == text

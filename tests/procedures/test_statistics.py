@@ -21,7 +21,7 @@ from palpate.instrument.calibration.films import FilmReading, calibrate_films
 from palpate.instrument.calibration.load_cell_curve import WeightRun
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
-from palpate.instrument.findings.load_line import DisplaySeries, LoadLine, _reading_u
+from palpate.instrument.findings.load_line import DisplaySeries, LoadLine, displays_u
 from palpate.instrument.findings.mean_ratio import apart
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, shares_along
@@ -31,8 +31,8 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import Floor, dwell_of, floor_u
 from palpate.instrument.signals.estimate import FEW_DEGREES, fit_sine
 from palpate.instrument.signals.frequency_response import fit_corner, fit_resonance
-from palpate.instrument.signals.noise import _whittle
-from palpate.instrument.signals.noise_parts import _power, _typical
+from palpate.instrument.signals.noise import whittle
+from palpate.instrument.signals.noise_parts import mean_power, typical
 from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
@@ -41,11 +41,11 @@ from palpate.procedures.measurements.frequency import procedure as frequency
 from palpate.procedures.measurements.loads.procedure import floor_of
 from palpate.procedures.measurements.softness import result as softness
 from palpate.procedures.reproduce.judging import criterion as bias
-from palpate.procedures.reproduce.judging.criterion import _cells, fitted_line
+from palpate.procedures.reproduce.judging.criterion import cells_of, fitted_line
 from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ
 from palpate.procedures.steps.film_point import is_short
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER
-from palpate.procedures.steps.standing import _wandered
+from palpate.procedures.steps.standing import wandered
 from tests.instrument.test_film_forces import FREQUENCY, fitted
 from tests.procedures.test_characterise import LOADS, measured, rows
 
@@ -105,7 +105,7 @@ def test_a_load_line_is_a_regression_whose_scatter_passes_an_f_test() -> None:
         series = DisplaySeries(positions, np.rint(level[:, None] + random.normal(0, 3.0, (positions.size, 10))))
         found = LoadLine.through("line", series, THESIS_LOAD_CELL)
         expected = scipy.stats.linregress(positions, found.loads)
-        known, freedom = _reading_u(series.displays, THESIS_LOAD_CELL)
+        known, freedom = displays_u(series.displays, THESIS_LOAD_CELL)
         sd = expected.stderr * np.linalg.norm(positions - positions.mean())
         larger = scipy.stats.f.sf((sd / known) ** 2, positions.size - 2, freedom) <= SIGNIFICANCE
         by_residuals.append(bool(larger))
@@ -131,7 +131,7 @@ def test_the_lower_limit_factor_is_that_of_a_regression_through_all_readings() -
 
 def test_the_odds_of_a_table_are_those_of_a_fit() -> None:
     table = read_table("A2.1")
-    places, ratios, sound = _cells(table)
+    places, ratios, sound = cells_of(table)
     (start, slope), _ = scipy.optimize.curve_fit(
         lambda x, a, b: (a + b * x) / (1 + a + b * x), places[sound], ratios[sound], (0.2, 0.05), ftol=1e-14, xtol=1e-14
     )
@@ -184,20 +184,20 @@ def test_white_and_falling_noise_are_told_apart_as_likelihood_does() -> None:
             return float(lines @ (np.log(density) + power / density))
 
         best = scipy.optimize.minimize(unlikely, (0.0, 0.0), tol=1e-12)
-        found = [float(part[0]) for part in _whittle(power[None], slope, lines)]
+        found = [float(part[0]) for part in whittle(power[None], slope, lines)]
         assert found == pytest.approx(np.exp(best.x), rel=1e-3)
 
 
 def test_the_power_of_noise_of_an_unknown_shape_is_a_mixture_of_inverse_chi_squareds() -> None:
     """Each share of 1/f noise has its own; mean, variance and so degrees of freedom are those of the mixture."""
     log, squares, count = np.log([[0.2, 0.5, 0.3]]), np.array([[30.0, 40.0, 55.0]]), 40
-    mean, freedom, _ = _power(log, squares, count)
+    mean, freedom, _ = mean_power(log, squares, count)
     parts = [scipy.stats.invgamma(count / 2, scale=s / 2) for s in squares[0]]
     weights = np.array([0.2, 0.5, 0.3])
     expected = float(weights @ [part.mean() for part in parts])
     variance = float(weights @ [part.var() + part.mean() ** 2 for part in parts]) - expected**2
     assert mean[0] == pytest.approx(expected, rel=1e-12)
-    one = scipy.stats.invgamma(freedom[0] / 2, scale=freedom[0] * _typical(mean, freedom)[0] / 2)
+    one = scipy.stats.invgamma(freedom[0] / 2, scale=freedom[0] * typical(mean, freedom)[0] / 2)
     assert (one.mean(), one.var()) == pytest.approx((expected, variance), rel=1e-9)
 
 
@@ -229,7 +229,7 @@ def test_a_modulus_has_the_uncertainty_of_its_ratio_and_of_its_model() -> None:
     mean = Budget("ratio", 0.4, "", (Component("noise", 0.01, 1.0, 6), Component("scatter", 0.02)))
     each = SimpleNamespace(object="x", modulus_Pa=50e3, sensitivity=1.7, curve_error=0.003)
     line = ValidationLine(0.0, 0.24, 6, "six samples")
-    *_, on_scale, absolute = softness._budgets(each, mean, line)  # type: ignore[arg-type]
+    *_, on_scale, absolute = softness.budgets_of(each, mean, line)  # type: ignore[arg-type]
     ratio = gtc.ureal(0.4, 0.01, 6) + gtc.ureal(0, 0.02) + gtc.ureal(0, gtc.type_b.uniform(0.003))
     for found, factor in ((on_scale, 1.0), (absolute, gtc.exp(gtc.ureal(0, 0.24, 6)))):
         modulus = 50e3 * (ratio * factor / 0.4) ** 1.7
@@ -351,7 +351,7 @@ def test_the_gain_of_a_film_at_a_frequency_is_as_uncertain_as_its_parts() -> Non
         fit=fit, load_measured_N=1.6, load_measured_u=0.03, valid=True, dwell_s=1.0, settling_s=0.0, attempts=1,
         flags=(),
     )  # fmt: skip
-    found = frequency._point(SINGLE, FREQUENCY, point, 0.2)  # type: ignore[arg-type]
+    found = frequency.point_of(SINGLE, FREQUENCY, point, 0.2)  # type: ignore[arg-type]
     load = gtc.ureal(1.6, 0.03)
     for film, amplitude, u, told in zip(SINGLE.films, fit.amplitude, fit.amplitude_u, found.films, strict=True):
         gain = 2 * gtc.ureal(float(amplitude), float(u)) / load * gtc.ureal(1, film.scatter)
@@ -365,7 +365,7 @@ def test_a_signal_that_walks_goes_on_as_uncertainly_as_its_steps_say() -> None:
     drift = np.concatenate([[0.0], np.cumsum(steps)]).tolist()
     known = [gtc.ureal(float(step), float(np.std(steps, ddof=1))) for step in steps]
     ahead = [gtc.ureal(0, float(np.std(steps, ddof=1))) for _ in range(5)]
-    assert _wandered(drift, 5.0) == pytest.approx((5 * sum(known) / len(known) + sum(ahead)).u, rel=1e-9)
+    assert wandered(drift, 5.0) == pytest.approx((5 * sum(known) / len(known) + sum(ahead)).u, rel=1e-9)
 
 
 def test_a_plan_counts_the_pick_up_of_two_cables_in_a_ratio() -> None:
@@ -400,7 +400,7 @@ def test_the_mean_of_rows_that_share_a_part_is_that_of_gtc() -> None:
     for distance, common in ((0.5, 0.3), (-1.0, 0.6), (2.0, 0.0)):
         loads.append([SimpleNamespace(bias_distance=distance, common=common, u=0.1)] * 2)
         terms.append(gtc.ureal(distance, math.sqrt(1 - common**2)) + common * shared)
-    found = bias._mean("table", "force", None, loads)  # type: ignore[arg-type]
+    found = bias.mean_difference("table", "force", None, loads)  # type: ignore[arg-type]
     mean = sum(terms) / 3
     assert (found.mean, found.u) == pytest.approx((mean.x, mean.u), rel=1e-12)
     apart_ = [replace(found, mean=1.0, u=0.5, of=str(n)) for n in range(4)]

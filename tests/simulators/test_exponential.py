@@ -12,7 +12,7 @@ import scipy
 
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.pyroelectric import Pyroelectric
-from palpate.simulators.linear.crossing import _measure
+from palpate.simulators.linear.crossing import measure_of
 from palpate.simulators.linear.exponential import Doublings, exponential
 from palpate.simulators.linear.free_motion import BLOCK, FreeMotion
 from palpate.simulators.linear.lti import Floats
@@ -81,14 +81,14 @@ def test_what_bounds_a_motion_without_modes_never_grows_along_it() -> None:
     a = np.zeros((6, 6))
     a[:3, :3] = [[-3.5e4, 0, -4e4], [0, 0, 1], [4 / 0.03, -1e6 / 0.03, -2 / 0.03]]
     a[3, 1], a[3, 3], a[4, 3], a[4, 4], a[5, 4], a[5, 5] = 1e5, -1.0, 1.0, -1.0, 1e-3, -1e-3
-    measure = _measure(a)
+    measure = measure_of(a)
     assert measure is not None
     times = [0, 1000, 100_000, 10_000_000, 10**9, 10**12]
     motion = FreeMotion(a)
     for column in np.eye(6):
         sizes = [np.linalg.norm(measure @ motion.moment(column, time)) for time in times]
         assert all(after <= before * (1 + 1e-9) for before, after in itertools.pairwise(sizes))
-    assert _measure(np.array([[0.0, 1.0], [0.0, 0.0]])) is None
+    assert measure_of(np.array([[0.0, 1.0], [0.0, 0.0]])) is None
 
 
 @pytest.mark.parametrize("apart", [2.3e-16, 1e-15, 1e-10])

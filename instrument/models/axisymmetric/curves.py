@@ -287,11 +287,11 @@ def curve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     Raises:
         EstimateError: a stiffness is not positive definite to working precision.
     """
-    return _kept(replace(parameters, sensed_modulus=1.0), degree, layers, mixed)
+    return kept_curve(replace(parameters, sensed_modulus=1.0), degree, layers, mixed)
 
 
 @functools.lru_cache(maxsize=64)
-def _kept(parameters: RoundParameters, degree: int, layers: int, mixed: bool) -> Curve:
+def kept_curve(parameters: RoundParameters, degree: int, layers: int, mixed: bool) -> Curve:
     text = f"axisymmetric;degree={degree};layers={layers};mixed={mixed};{parameters.canonical()}"
     return keep(text, Curve, lambda: found_on(parameters, degree, layers, mixed))
 

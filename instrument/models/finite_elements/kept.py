@@ -104,11 +104,11 @@ def _caches() -> Path:
 
 def key_of(text: str) -> str:
     """SHA-256 of a text, of the code that computes what it asks for, and of all on which its last digits depend."""
-    return hashlib.sha256(f"{_code()};{without_processor(arithmetic())};{text}".encode()).hexdigest()
+    return hashlib.sha256(f"{code_digest()};{without_processor(arithmetic())};{text}".encode()).hexdigest()
 
 
 @functools.cache
-def _code() -> str:
+def code_digest() -> str:
     """SHA-256 of the models' source code, and of the packages with which it computes."""
     digest = hashlib.sha256(" ".join(map(version, PACKAGES)).encode())
     instrument = Path(__file__).parents[2]

@@ -146,7 +146,7 @@ def curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
     Raises:
         EstimateError: the stiffness is singular to working precision.
     """
-    return _curve_on(_of_one(parameters), resolution)
+    return curve_of_one(_of_one(parameters), resolution)
 
 
 def _of_one(parameters: SolidParameters) -> SolidParameters:
@@ -155,7 +155,7 @@ def _of_one(parameters: SolidParameters) -> SolidParameters:
 
 
 @functools.lru_cache(maxsize=64)
-def _curve_on(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
+def curve_of_one(parameters: SolidParameters, resolution: Resolution) -> SolidCurve:
     return keep(_text(parameters, resolution), SolidCurve, lambda: found_on(parameters, resolution))
 
 
@@ -181,7 +181,7 @@ _priced: dict[tuple[SolidParameters, Resolution], System] = {}  # those whose co
 
 
 @functools.lru_cache(maxsize=64)
-def _judge(parameters: SolidParameters, meshes: int) -> None:
+def judged(parameters: SolidParameters, meshes: int) -> None:
     """Judge, before anything is solved, what the first meshes of a sensor cost, with all that their estimate asks.
 
     If they take long, it is also said what the next one would need. Parameters are as in `found_on`.
@@ -264,7 +264,7 @@ def ladder(parameters: SolidParameters) -> Ladder[SolidCurve, SolidSolution]:
     return Ladder(
         "solid",
         refinements=ladders.refinements(parameters),
-        judge=lambda count: _judge(_of_one(parameters), count),
+        judge=lambda count: judged(_of_one(parameters), count),
         mesh=lambda refinement: curve(parameters, refinement),
         poles=lambda mesh: mesh.poles,
         estimates=lambda curves, moduli: estimates(curves, parameters, moduli),

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import enough
-from palpate.instrument.allocation.table import Allocation, OutOfReach, allocate
+from palpate.instrument.allocation.table import Allocation, OutOfReach, RunOption, Table
 from palpate.instrument.calibration.films import FEWEST, LOAD_CELL, REPEATS, FilmReading, calibrate_films
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError
@@ -126,7 +126,8 @@ class FilmRepeats:
             RangeError: no number of sets reaches the tolerance; the message says what binds and what would do.
         """
         try:
-            return allocate(self.lines(), self.costs, self.tolerance, [self.dwell], rounds=len(self.loads))
+            way = RunOption(self.lines(), self.costs, self.dwell)
+            return Table.of([way], rounds=len(self.loads)).for_tolerance(self.tolerance)
         except OutOfReach as error:
             raise refusal(self.tolerance, "each film's sensitivity", error, REMEDIES) from None
 

@@ -182,7 +182,7 @@ class FrequencySweepWork(SweepWork):
         self.hold(self._preloaded)
         dwell = dwell_at(step.frequency_Hz, self._sweep.dwell)
         measured = self.measured(self._sweep.load, step.what, dwell, compare=False)
-        point = _point(self.lab.design, step.frequency_Hz, measured, self.servo.amplitude)
+        point = point_of(self.lab.design, step.frequency_Hz, measured, self.servo.amplitude)
         return self.measurement(point, measured)
 
 
@@ -224,7 +224,7 @@ def dwell_at(frequency: float, shortest: float) -> float:
     return max(CYCLES, math.ceil(shortest * frequency * (1 - 1e-9))) / frequency
 
 
-def _point(design: Design, frequency: float, measured: FilmPoint, amplitude: float) -> FrequencyPoint:
+def point_of(design: Design, frequency: float, measured: FilmPoint, amplitude: float) -> FrequencyPoint:
     fit = measured.fit
     reference = next(i for i, film in enumerate(design.films) if film.kind == FILM_KINDS[1])
     relative_u = fit.amplitude_u / np.where(fit.amplitude > 0, fit.amplitude, np.nan)

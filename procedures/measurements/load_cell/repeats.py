@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.allocation.table import FIRST, Allocation, OutOfReach, allocate, allocation
+from palpate.instrument.allocation.table import FIRST, Allocation, OutOfReach, RunOption, Table, allocation
 from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.displayed import displayed_curve, rounding_u
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -199,9 +199,8 @@ class CellRepeats:
         # The runs are the sets; turning the cell is paid once.
         costs = Costs(MOUNTING * places if places > 1 else 0.0, 0.0, run_seconds(len(loads)) - dwell)
         fewest = self.runs * places
-        runs = allocate(
-            lines_by(fewest), costs, self.tolerance, [dwell], rounds=places, fewest=fewest, most=max(MOST_RUNS, fewest)
-        ).sets
+        way, most = RunOption(lines_by(fewest), costs, dwell), max(MOST_RUNS, fewest)
+        runs = Table.of([way], rounds=places, fewest=fewest, most=most).for_tolerance(self.tolerance).sets
         return PlannedRuns(loads, runs // places, allocation(lines_by(runs), costs, 1, runs, dwell))
 
     def predicted(self) -> Predicted:

@@ -22,7 +22,7 @@ from palpate.instrument.findings.object_modulus import COVERAGE, estimate
 from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
-from palpate.instrument.quantity import plus_minus, show
+from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Between, Budget, Component, between_groups
 from palpate.procedures.engine.plan import expected_noise, noise_of
@@ -208,7 +208,7 @@ class ObjectModulusResult:
             "mountings": len(groups),
             "sets": sum(map(len, groups)),
             "dwell_s": plan.dwell,
-            "load_N": self.prospect.load,
+            "load_N": self.prospect.allocation.load,
             "noise_density": self.noise_density,
             "mounting_scatter": None if scattered is None else scattered.u,
             "mounting_scatter_freedom": None if scattered is None else scattered.degrees_of_freedom,
@@ -252,7 +252,7 @@ class Course:
     @property
     def costs(self) -> Costs:
         """Bench times, by which further mountings and sets are chosen."""
-        return costs_of(self.prospect.load, self.wanted.frequency, self.wanted.mounts)
+        return costs_of(self.prospect.allocation.load, self.wanted.frequency, self.wanted.mounts)
 
     def verdict(self, points: Sequence[ModulusPoint]) -> StoppingVerdict:
         """Whether the points are enough, and how many mountings and sets there will be in all."""
@@ -279,10 +279,7 @@ class Course:
         try:
             found = enough(lines, self.costs, tolerance, plan, slope, ratios)
         except OutOfReach as error:
-            why = "by the scatter that was found no time on the bench is enough"
-            if error.floor >= tolerance:
-                why = f"{error.binds} leaves {plus_minus(error.floor)}, which no set lowers"
-            return StoppingVerdict(plan.mountings, plan.sets, why)
+            return StoppingVerdict(plan.mountings, plan.sets, f"by the scatter that was found {error.why}")
         asked, each = plan.mountings, plan.sets // plan.mountings
         missing = asked - sum(len(sets) >= each for sets in ratios)  # one that was interrupted does not count
         if self.wanted.mountings is None or missing <= 0:
@@ -320,12 +317,12 @@ class Course:
         """Bench time at the end of a measurement that takes another set [s]."""
         costs, taken = self.costs, math.fsum(point.seconds for point in points)
         following = costs.set + self.prospect.allocation.dwell
-        following += costs.mounting if _remounts(points, found) else 0.0
-        return taken + following + end_seconds(self.prospect.load) + RESERVE
+        following += costs.mounting if mounts_again(points, found) else 0.0
+        return taken + following + end_seconds(self.prospect.allocation.load) + RESERVE
 
     def remounts(self, points: Sequence[ModulusPoint]) -> bool:
         """Whether the object is mounted again before the next set."""
-        return _remounts(points, self.verdict(points))
+        return mounts_again(points, self.verdict(points))
 
     def answer(self, points: Sequence[ModulusPoint]) -> ObjectModulusAnswer | None:
         """The modulus by the valid points; None: there is none. Raises EstimateError."""
@@ -362,7 +359,7 @@ class Course:
         """Why the measurement needed more than the bound, which is enough for most runs; empty: it did not."""
         bound, plan = self.prospect.times.longest, self.prospect.allocation
         found, taken = self._whatever_it_takes(points), math.fsum(point.seconds for point in points)
-        within = taken + end_seconds(self.prospect.load) if found.why else self._seconds_after(points, found)
+        within = taken + end_seconds(self.prospect.allocation.load) if found.why else self._seconds_after(points, found)
         if self.wanted.tolerance is None or within <= bound:
             return ""
         expected = math.hypot(self.design.ratio_scatter, self._set_noise)
@@ -381,7 +378,7 @@ class Course:
     @property
     def _set_noise(self) -> float:
         """Relative standard deviation of the ratio of a set by noise that is expected."""
-        noise = expected_noise(self.design, self.prospect.load, self.prospect.found.ratio)
+        noise = expected_noise(self.design, self.prospect.allocation.load, self.prospect.found.ratio)
         return noise * cost_of_trend(self._cycles) / math.sqrt(self.prospect.allocation.dwell)
 
     def noise_density(self, points: Sequence[ModulusPoint]) -> float | None:
@@ -429,7 +426,7 @@ class Course:
     def _lines(self, ratios: Ratios, slope: float, *, absolute: bool) -> list[BudgetLine]:
         """The lines of the plan at the measured ratio; a scatter that sets do not show counts for mountings."""
         found = replace(self.prospect.found, ratio=_mean(ratios), sensitivity=slope)
-        lines = lines_of(self.design, found, self.prospect.load, self.wanted, absolute, self._cycles)
+        lines = lines_of(self.design, found, self.prospect.allocation.load, self.wanted, absolute, self._cycles)
         if self.too_alike(ratios):
             scatter = math.hypot(self.design.ratio_scatter, self.wanted.mounted)
             mounted = BudgetLine(MOUNTED, slope * scatter, RepeatUnit.MOUNTING, PRIOR_FREEDOM)
@@ -437,7 +434,7 @@ class Course:
         return list(lines)
 
 
-def _remounts(points: Sequence[ModulusPoint], verdict: StoppingVerdict) -> bool:
+def mounts_again(points: Sequence[ModulusPoint], verdict: StoppingVerdict) -> bool:
     ratios = ratios_of(points)
     each = max(1, verdict.sets // verdict.mountings)
     return bool(ratios) and len(ratios) < verdict.mountings and len(ratios[-1]) >= each

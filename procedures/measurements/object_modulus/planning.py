@@ -45,14 +45,14 @@ from palpate.instrument.findings.object_modulus import (
 )
 from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
 from palpate.instrument.models.ratio import RatioQuestion
-from palpate.instrument.models.validation import Validation, ValidationLine, validate
-from palpate.instrument.quantity import LARGEST_TOLERANCE, as_asked, as_typed, counted, plus_minus, show
+from palpate.instrument.models.validation import ValidationLine, validate
+from palpate.instrument.quantity import LARGEST_TOLERANCE, as_asked, as_typed, counted, plus_minus, rounded_up, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target
-from palpate.procedures.measurements.prospects import MOST, rounded_up, share
+from palpate.procedures.measurements.prospects import MOST, share
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_frequency, preload_for
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, settling_length
@@ -244,7 +244,6 @@ class Prospect:
     """A plan of mountings, sets and dwell, with what it is expected to give.
 
     Attributes:
-        load: load, peak to peak [N].
         found: what the model expects of the object.
         allocation: the plan; its `u` and `half` are those of the lines of the tolerance.
         scale, absolute: half-widths of the 95 % interval that are expected, on the model's scale and absolute; None:
@@ -254,7 +253,6 @@ class Prospect:
             few data, and a run ends at the time that 95 % of them need at most.
     """
 
-    load: float
     found: ExpectedRatio
     allocation: Allocation
     scale: float | None
@@ -267,7 +265,7 @@ class Prospect:
         """The plan under the names of JSON."""
         plan = self.allocation
         return {
-            "load_N": self.load,
+            "load_N": plan.load,
             "mountings": plan.mountings,
             "sets": plan.sets,
             "dwell_s": plan.dwell,
@@ -295,7 +293,7 @@ def most_sets(prospect: Prospect, wanted: Wanted) -> int:
     plan = prospect.allocation
     if wanted.tolerance is None:
         return min(plan.sets + MOST[1], MOST_SETS)
-    costs, each = costs_of(prospect.load, wanted.frequency, wanted.mounts), plan.sets // plan.mountings
+    costs, each = costs_of(plan.load, wanted.frequency, wanted.mounts), plan.sets // plan.mountings
     of_mounting = costs.mounting + each * (costs.set + plan.dwell)
     in_time = each * math.ceil(prospect.times.longest / of_mounting) + MOST[1]
     return min(max(MOST[0] * plan.sets + MOST[1], in_time), MOST_SETS)
@@ -336,15 +334,6 @@ def command_of(name: str, number: int) -> str:
     least, greatest = FILM_LOADS
     step = math.floor((greatest - least) / (number - 1) * 1e4) / 1e4  # rounded down: all points are taken
     return f"palpate calibrate films --loads '{least:g} N:{greatest:g} N:{step:g} N'"
-
-
-@functools.lru_cache(maxsize=16)
-def _validation(design: str, parameters: str, model: str) -> Validation | None:
-    """A model against the thesis' samples; None: these do not tell of it."""
-    try:
-        return validate(design, parameters, model)
-    except PalpateError:
-        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -473,7 +462,7 @@ class ModulusPlans:
             costs = costs_of(plan.load, wanted.frequency, wanted.mounts)
             times = run_times(both[not wanted.relative], costs, tolerance, plan, MOST_SETS, wanted.time)
         absolute, absolute_u = (None, None) if found.validation.u is None else (whole, whole_u)
-        return Prospect(plan.load, found, plan, scale, absolute, scale_u, absolute_u, times)
+        return Prospect(found, plan, scale, absolute, scale_u, absolute_u, times)
 
     def _for_bound(self) -> Prospect:
         """The plan for an object of which the model expects no more than a bound: a few sets tell it."""
@@ -483,10 +472,11 @@ class ModulusPlans:
         sets = BOUND_SETS * mountings
         seconds = costs.seconds(mountings, sets, dwell)
         plan = Allocation(mountings, sets, dwell, seconds, math.inf, math.inf, {}, "", seconds, load)
-        return Prospect(load, self.found, plan, None, None, None, None, RunTimes(seconds, seconds, mountings))
+        return Prospect(self.found, plan, None, None, None, None, RunTimes(seconds, seconds, mountings))
 
     # --- what is calibrated before a run ---------------------------------------------------------------
 
+    @cached_property
     def _more_references(self) -> Preparation | None:
         """References of the model, with those that there are; None: nothing tells how objects spread."""
         slope, made_before = self.found.sensitivity, self.found.references
@@ -500,8 +490,11 @@ class ModulusPlans:
             u = slope * math.sqrt(max(one.u**2 - more.u**2, 0.0))
             freedom = one.degrees_of_freedom
             return Preparation(VALIDATION, u, -COMPRESSION * made, REFERENCE, made + 1, slope * more.u, freedom)
-        known = _validation(self.question.design, self.question.parameters, self.found.model)
-        if known is None or known.ln_spread is None:
+        try:
+            known = validate(self.question.design, self.question.parameters, self.found.model)
+        except PalpateError:  # the thesis' samples do not tell of this model
+            return None
+        if known.ln_spread is None:
             return None
         own, spread = slope * self.design.ratio_scatter / math.sqrt(REFERENCE_SETS), slope * known.ln_spread
         freedom = len(known.percent) - 1.0
@@ -532,7 +525,7 @@ class ModulusPlans:
             return None
         if self.design.film_covariance is not None and not (found.films_cancel and not wanted.relative):
             made.append(self._film_points())
-        if not wanted.relative and (references := self._more_references()) is not None:
+        if not wanted.relative and (references := self._more_references) is not None:
             made.append(references)
         best = prepared(self.table, wanted.tolerance, made)
         if best is None or not best.numbers:
@@ -546,7 +539,7 @@ class ModulusPlans:
 
     def references_that_pay(self) -> Alternative | None:
         """What as many references as pay would leave of the model's error; None: not known."""
-        if (made := self._more_references()) is None:
+        if (made := self._more_references) is None:
             return None
         count = max(REFERENCES, made.least)
         line = made.line(count)
@@ -576,7 +569,7 @@ class ModulusPlans:
 
     def _references(self, prospect: Prospect) -> Alternative | None:
         """One more reference."""
-        more = self._more_references()
+        more = self._more_references
         if more is None or self.wanted.relative or VALIDATION not in prospect.allocation.shares:
             return None
         half = self._with(prospect, more.line(more.least))
@@ -661,10 +654,8 @@ class ModulusPlans:
     def refused(self, error: OutOfReach) -> RangeError:
         """The refusal of a tolerance that no plan reaches."""
         wanted, found, tolerance = self.wanted, self.found, self.wanted.tolerance or 0.0
-        why = f"{error.binds} leaves {plus_minus(error.floor)}, which no longer run lowers"
-        if error.floor < tolerance:
-            why = f"{error.binds} binds, and a run has {MOST_SETS:,} load sets and {MOST_MOUNTINGS} mountings at most"
-        elif error.binds == VALIDATION:
+        why = error.why
+        if error.binds == VALIDATION and error.floor >= tolerance:
             why = f"the model binds: {why} ({found.validation.source})"
         best = plus_minus(error.best)
         if error.best < LARGEST_TOLERANCE:
@@ -775,7 +766,7 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     expected = prospect.scale if wanted.relative else prospect.absolute
     person = wanted.mounts.described(plan.mountings, again=True)
     counts = f"{counted(plan.mountings, 'mounting')}, {counted(plan.sets, 'set')}"
-    each = f"{show(prospect.load, 'N')}, {show(wanted.frequency, 'Hz')}, {show(plan.dwell, 's')}"
+    each = f"{show(plan.load, 'N')}, {show(wanted.frequency, 'Hz')}, {show(plan.dwell, 's')}"
     lines = [
         f"wanted         {wanted_line(wanted, found.model)}",
         f"plan           {counts}, {each} ({person})",

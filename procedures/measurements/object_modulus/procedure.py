@@ -71,8 +71,8 @@ class Measuring(DynamicLoadWork):
         self._points: list[ModulusPoint] = record.finished(ModulusPoint)
         self._mounting = self._points[-1].mounting if self._points else 0
         self._free, self._loaded = 0.0, False
-        self._plan = self._course.prospect
-        if self._plan.allocation.mountings > 1 and (changer := lab.bench.maybe(SampleChanger)):
+        self._plan = course.prospect.allocation
+        if self._plan.mountings > 1 and (changer := lab.bench.maybe(SampleChanger)):
             other_sample(changer, touched)
         set_up = super().__init__
         self._timed(lambda: set_up(lab, record, (self._plan.load,), course.wanted.frequency, (self._object.name,)))
@@ -104,7 +104,7 @@ class Measuring(DynamicLoadWork):
 
     def _set(self, what: str) -> FilmPoint:
         """A set by the load cell after a mounting, and by the amplitude that this gave from then on."""
-        return (self.again if self._loaded else self.measured)(self._plan.load, what, self._plan.allocation.dwell)
+        return (self.again if self._loaded else self.measured)(self._plan.load, what, self._plan.dwell)
 
     def _timed(self, step: Callable[[], T]) -> T:
         began = self._bench.clock.now_ns()
@@ -273,7 +273,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         plans = self.plans_on(target)
         course = self._course(plans)
         prospect, wanted = course.prospect, course.wanted
-        plan, costs = prospect.allocation, costs_of(prospect.load, self.frequency, target.mounts)
+        plan, costs = prospect.allocation, costs_of(prospect.allocation.load, self.frequency, target.mounts)
         group = f"mount {self.object.name}"
         each = costs.set + plan.dwell
         steps = [
@@ -281,7 +281,7 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
                 plan.dwell,
                 each + (costs.start + costs.mounting if number == 1 else 0.0),
                 target.design.ratio_scatter,
-                what=f"{self.object.name}, {show(prospect.load, 'N')}, set {number}",
+                what=f"{self.object.name}, {show(prospect.allocation.load, 'N')}, set {number}",
                 group=group,
             )
             for number in range(1, most_sets(prospect, wanted) + 1)

@@ -205,7 +205,7 @@ def evaluate(
     alike = [pair for pair in itertools.pairwise(order) if not apart(means[pair[0]], means[pair[1]])]
     line = validation_of(question, model, references)
     cancelled = CALIBRATION if calibration is not None and same_films else ""
-    budgets = [budget for name, mean in means.items() for budget in _budgets(found[name], mean, line, cancelled)]
+    budgets = [budget for name, mean in means.items() for budget in budgets_of(found[name], mean, line, cancelled)]
     price = price_of(design, model)
     return SoftnessResult(list(points), list(found.values()), order, alike, model, price, line, budgets)
 
@@ -215,7 +215,7 @@ def _films(mean: Budget) -> float:
     return math.fsum(part.u for part in mean.components if part.name == CALIBRATION)
 
 
-def _budgets(each: Softness, mean: Budget, line: ValidationLine, cancelled: str = "") -> Iterator[Budget]:
+def budgets_of(each: Softness, mean: Budget, line: ValidationLine, cancelled: str = "") -> Iterator[Budget]:
     """The budget of the mean ratio, and those of the modulus if it is known. The latter contain the model's error.
 
     `cancelled` names the component that object and references share, which the absolute budget leaves out.

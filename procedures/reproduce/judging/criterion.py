@@ -34,7 +34,7 @@ STEPS = 20  # of Gauss and Newton; five would suffice
 
 def fitted_line(table: ThesisTable) -> OddsLine:
     """Line by least squares over the unrepaired force ratios of a table; `residual` is over all its cells."""
-    places, ratios, sound = _cells(table)
+    places, ratios, sound = cells_of(table)
     x, ratio = places[sound], ratios[sound]
     start, slope = 0.1, 0.1
     for _ in range(STEPS):
@@ -49,7 +49,7 @@ def fitted_line(table: ThesisTable) -> OddsLine:
 
 def distance(line: OddsLine, table: ThesisTable) -> float:
     """Greatest difference of the line's force ratio from a table's."""
-    places, ratios, _ = _cells(table)
+    places, ratios, _ = cells_of(table)
     return float(np.abs([line.force_ratio(place) for place in places] - ratios).max())
 
 
@@ -85,7 +85,7 @@ def moduli_of_experiments(design: str) -> tuple[float, float]:
     return min(shares), max(shares)
 
 
-def _cells(table: ThesisTable) -> tuple[Array, Array, NDArray[np.bool_]]:
+def cells_of(table: ThesisTable) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Ratios of moduli, force ratios, and whether each of these is as printed."""
     column = table.columns["force_ratio" if "force_ratio" in table.columns else "force_rigid_N"]
     ratios = np.array([abs(cell.value) for cell in column])
@@ -156,7 +156,7 @@ def biases(table: RowTable) -> list[MeanDifference]:
             continue
         kinds.setdefault((row.kind, row.evidence), {}).setdefault(row.row, []).append(row)
     return [
-        _mean(f"Table {table.number}", kind, evidence, list(loads.values()))
+        mean_difference(f"Table {table.number}", kind, evidence, list(loads.values()))
         for (kind, evidence), loads in kinds.items()
     ]
 
@@ -201,7 +201,7 @@ def limit(count: int) -> float:
     return float(ndtri(0.5 + 0.5 * (1 - BY_CHANCE) ** (1 / max(count, 1))))
 
 
-def _mean(of: str, kind: str, evidence: Evidence, loads: Sequence[Sequence[Row]]) -> MeanDifference:
+def mean_difference(of: str, kind: str, evidence: Evidence, loads: Sequence[Sequence[Row]]) -> MeanDifference:
     """Mean difference over the means of the loads. The part that all rows share does not average out."""
     means = [math.fsum(row.bias_distance for row in rows) / len(rows) for rows in loads]
     common = [math.fsum(row.common for row in rows) / len(rows) for rows in loads]
